@@ -40,24 +40,22 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 TESTS = {
-    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_estimates.py"
-    " tests/measuring/test_state.py",
+    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_plots.py",
     "harness/compare": "tests/compare/test_times.py tests/compare/test_gate.py"
     " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"
     " tests/compare/test_cli.py tests/compare/test_polygons.py",
     "harness/measuring/timing.py": "tests/measuring/test_timing.py",
     "harness/scaling/merging.py": "tests/scaling/test_merging.py",
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
-    "harness/study/correlations.py": "tests/study/test_correlations.py tests/study/test_spread.py",
+    "harness/study/correlations.py": "tests/study/test_correlations.py",
     "harness/study/regret.py": "tests/study/test_regret.py",
-    "harness/profile/law.py": "tests/profile/test_fitting.py tests/profile/test_law.py",
+    "harness/profile/law.py": "tests/profile/test_fitting.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
-    " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
-    " tests/triangulators/test_skeleton.py tests/triangulators/test_proof.py"
-    " tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_claims.py tests/triangulators/test_skeleton.py"
+    " tests/triangulators/test_proof.py tests/triangulators/test_holes.py",
     "triangulators/checking": "tests/triangulators/test_certify.py"
-    " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
-    " tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_claims.py tests/triangulators/test_skeleton.py"
+    " tests/triangulators/test_holes.py",
 }
 
 _OTHERS = "< <=|<= <|> >=|>= >|== !=|!= ==|+ -|- +|* /|/ *|// *|+= -=|and or|or and|not |True False"

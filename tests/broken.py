@@ -1,7 +1,5 @@
 """Triangulators that go wrong in every way a third party's may."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

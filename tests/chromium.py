@@ -1,7 +1,5 @@
 """Headless Chromium over its DevTools pipe: no driver program and no library needed."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

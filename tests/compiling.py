@@ -3,8 +3,6 @@
 Otherwise each would compile them. Where nothing is compiled yet, two processes do half each.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,19 +1,18 @@
 """Fixtures that all tests share."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
-from shapely.geometry import Polygon, box, mapping
+from shapely.geometry import Polygon, box
 
 from harness import style
 from harness.cli import main
@@ -66,15 +65,29 @@ def pytest_xdist_auto_num_workers() -> int:
     return min(len(os.sched_getaffinity(0)) + 1, 9)
 
 
+IN_METRES = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3067"}}
+BLOCK = [
+    Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)]),
+    box(20, 0, 36, 16).difference(box(24, 4, 32, 12)),
+    box(0, 20, 8, 28),
+]
+"""Three footprints: an L, a courtyard, a square."""
+
+
+def geojson(geometries: Iterable[Any], **members: Any) -> str:
+    """A collection of features, numbered: shapes, geometries as JSON has them, or None."""
+    features = [
+        {"type": "Feature", "properties": {"id": number}, "geometry": shape}
+        for number, shape in enumerate(
+            getattr(each, "__geo_interface__", each) for each in geometries
+        )
+    ]
+    return json.dumps({"type": "FeatureCollection", **members, "features": features})
+
+
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     """Write polygons in metres to a GeoJSON file."""
-    features = [
-        {"type": "Feature", "properties": {"id": number}, "geometry": mapping(polygon)}
-        for number, polygon in enumerate(polygons)
-    ]
-    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3067"}}
-    content = {"type": "FeatureCollection", "crs": crs, "features": features}
-    path.write_text(json.dumps(content))
+    path.write_text(geojson(polygons, crs=IN_METRES))
     return path
 
 
@@ -103,6 +116,30 @@ def harness(
         return code, captured.out, captured.err
 
     return call
+
+
+def ends_well(answer: tuple[int, str, str]) -> tuple[str, str]:
+    """Require of a command's (exit code, out, err) that it did what it was to do: (out, err)."""
+    code, out, err = answer
+    assert code == 0, err
+    return out, err
+
+
+def assert_one_line(err: str, *parts: str) -> None:
+    """Require one line of an error, with these parts, and no traceback."""
+    lines = [line for line in err.strip().splitlines() if line.startswith("error:")]
+    assert len(lines) == 1, err
+    assert "Traceback" not in err
+    for part in parts:
+        assert part in lines[0]
+
+
+def assert_refused(answer: tuple[int, str, str], *parts: str, code: int = 2) -> str:
+    """Require of a command's answer that it is one line of an error, with these parts; err."""
+    found, _, err = answer
+    assert found == code, err
+    assert_one_line(err, *parts)
+    return err
 
 
 @pytest.fixture
@@ -168,6 +205,4 @@ def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
 @pytest.fixture
 def block(tmp_path: Path) -> Path:
     """A GeoJSON file of three footprints: an L, a courtyard, a square."""
-    ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
-    courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
-    return write_geojson(tmp_path / "block.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+    return write_geojson(tmp_path / "block.geojson", BLOCK)

@@ -1,7 +1,5 @@
 """Tasks in this very process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -12,13 +10,7 @@ from harness.measuring.serving import failure
 class Inline:
     """In place of a `Worker`: nothing is started, and nothing interrupts a task."""
 
-    def call(
-        self,
-        function: Callable[..., Any],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
         """Return `function(*arguments)`; errors other than HarnessError become TaskFailed."""
         try:
             return function(*arguments)

@@ -3,8 +3,6 @@
 Its time is a clock of its own, which drawing alone moves; its counters follow from the triangles.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import time

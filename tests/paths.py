@@ -1,8 +1,10 @@
 """Where the repository is, and data of other people, which may not be part of it."""
 
-from __future__ import annotations
-
+import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,3 +17,10 @@ def shared_data(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"{name} is not in {path.parent}")
     return path
+
+
+def python(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python, which finds the repository, in a process of its own; what it says is text."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
+    options = {"cwd": ROOT, "capture_output": True, "text": True, "env": environment} | options
+    return subprocess.run([sys.executable, *map(str, arguments)], **options)

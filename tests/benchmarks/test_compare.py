@@ -5,8 +5,6 @@ drawing, so that times alone must tell. Inconclusive ones are counted apart: exi
 the machine was too busy, which neither blames a change nor lets it pass for good.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What drawing costs in seconds, as ratios within one process: needs a quiet machine."""
 
-from __future__ import annotations
-
 import pytest
 
 from harness.rasterisers import Options

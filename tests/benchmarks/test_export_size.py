@@ -1,8 +1,6 @@
 """A million footprints to GeoParquet: memory, and the rate beside that of earcut alone."""
 
 import json
-import subprocess
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +13,7 @@ from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
 from scenes import load
-from tests.paths import ROOT
+from tests.paths import python
 from triangulators.batch.triangulate_many import ragged
 
 MEMORY_MIB = 2048
@@ -73,13 +71,7 @@ def earcut_alone(polygons: np.ndarray) -> float:
 def test_a_million_footprints_in_two_gibibytes(million, hundred_thousand):
     out = million.with_name("out.parquet")
     earcut_s = earcut_alone(hundred_thousand) * TILES
-    done = subprocess.run(
-        [sys.executable, "-c", EXPORT, str(million), str(out)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("-c", EXPORT, million, out, check=True)
     polygons, seconds, triangulate_s, peak = json.loads(done.stdout)
     print(
         f"\n{polygons} footprints: {seconds:.1f} s in all ({polygons / seconds:.0f}/s), "

@@ -4,8 +4,6 @@ The sweep draws city, Helsinki, glyphs and 1,000 random polygons with vertices o
 256, 1024 and 4096 px; a device that differs from the reference is reported with the polygon.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How long a browser takes to open a large report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.chromium import Chromium

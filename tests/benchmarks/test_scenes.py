@@ -3,8 +3,6 @@
 Scenes of other people's data are measured where those data are installed (`make setup` does).
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -3,8 +3,6 @@
 Long, and worth nothing on a busy machine: `make bench`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -3,9 +3,6 @@
 Run with `python -m pytest tests/benchmarks/test_triangulators.py --benchmark-enable -s`.
 """
 
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,9 +12,12 @@ import numba
 import numpy as np
 import pytest
 import shapely
+from hypothesis import HealthCheck, given, settings
 
 from scenes import load
-from tests.triangulators.cases import convex, smooth, snapped, star
+from tests.paths import python
+from tests.triangulators.cases import convex, glyphs, hard_polygons, shared, smooth, snapped, star
+from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import Ragged, triangulate, triangulate_many, vertices
 from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
@@ -180,14 +180,21 @@ print(imported - start, time.perf_counter() - imported)
 
 def test_first_calls_compile_in_under_20_seconds(tmp_path):
     for label in ("compiling", "from the cache"):
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        done = subprocess.run(
-            [sys.executable, "-c", FIRST_CALLS],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        done = python("-c", FIRST_CALLS, env={"NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
         imported, called = map(float, done.stdout.split())
         print(f"\nfirst calls, {label}: import {imported:.1f} s, calls {called:.1f} s")
         assert imported + called < 20.0
+
+
+def test_every_fixture_building_and_letter():
+    done = [check(polygon, letter) for letter, polygon in glyphs(LETTERS)]
+    for name in ("earcut_fixtures.json", "poly2tri_testbed.json", "helsinki.json"):
+        done += [check(polygon, label) for label, polygon in shared(name)]
+    done += [check(polygon, index) for index, polygon in enumerate(load("city").polygons)]
+    assert sum(count > 0 for count in done) > 2000
+
+
+@settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(hard_polygons(max_vertices=40))
+def test_five_thousand_polygons(polygon):
+    assert check(polygon, polygon.wkt) > 0

@@ -3,8 +3,6 @@
 Counters do not see it, so only times can tell.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

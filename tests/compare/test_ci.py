@@ -1,7 +1,5 @@
 """The action, the workflow and the GitLab example: well formed, and naming only what exists."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

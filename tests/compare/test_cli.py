@@ -1,7 +1,5 @@
 """The command as a user and a CI job meet it: exit codes, files, settings, one clear line."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -11,7 +9,7 @@ import pytest
 
 from harness.compare.matching import environment_changes, machines_differ
 from tests.compare.runs import costlier, failed, plan, slower, write_run
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused, ends_well
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -31,26 +29,21 @@ def runs(harness):
 
 def test_a_missing_baseline_is_bad_usage_unless_allowed(harness):
     write_run(Path("head"), seed=1)
-    code, _, err = harness("compare", "base", "head")
-    assert code == 2
-    assert_one_line(err, "no baseline", "--allow-missing-baseline")
+    assert_refused(harness("compare", "base", "head"), "no baseline", "--allow-missing-baseline")
     Path("base").mkdir()  # a cache that found nothing may leave an empty folder
-    code, out, _ = harness("compare", "base", "head", "--allow-missing-baseline")
-    assert code == 0
+    out, _ = ends_well(harness("compare", "base", "head", "--allow-missing-baseline"))
     assert out.startswith("No baseline yet: base holds no run; the 5 cases")
 
 
 def test_a_missing_head_is_bad_usage(harness):
     write_run(Path("base"), seed=1)
-    code, _, err = harness("compare", "base", "head", "--allow-missing-baseline")
-    assert code == 2
-    assert_one_line(err, "head holds no run")
+    assert_refused(
+        harness("compare", "base", "head", "--allow-missing-baseline"), "head holds no run"
+    )
 
 
 def test_a_newer_schema_is_bad_usage(runs):
-    code, _, err = runs(facts={"schema_version": 999})
-    assert code == 2
-    assert_one_line(err, "999", "newer")
+    assert_refused(runs(facts={"schema_version": 999}), "999", "newer")
 
 
 @pytest.mark.parametrize(
@@ -67,31 +60,23 @@ def test_a_newer_schema_is_bad_usage(runs):
     ],
 )
 def test_bad_options_are_one_line_and_exit_code_2(runs, options, parts):
-    code, _, err = runs(*options)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(runs(*options), *parts)
 
 
 def test_other_devices_are_refused_unless_asked_for(runs, harness):
     def on_gpu(entry):
         entry["device"] = "gpu0"
 
-    code, _, err = runs(edits={"*": on_gpu})
-    assert code == 2
-    assert_one_line(err, "llvmpipe", "gpu0", "--across-devices")
-    code, out, _ = harness("compare", "base", "head", "--across-devices")
-    assert code == 0
+    assert_refused(runs(edits={"*": on_gpu}), "llvmpipe", "gpu0", "--across-devices")
+    out, _ = ends_well(harness("compare", "base", "head", "--across-devices"))
     assert "5 cases on gpu0" in out
     assert "no counter differs" in out
 
 
 def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     devices = {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H200/PCIe/SSE2"}}}
-    code, _, err = runs(facts={"devices": devices})
-    assert code == 2
-    assert_one_line(err, "NVIDIA H200", "--across-devices")
-    code, out, _ = harness("compare", "base", "head", "--across-devices", "--format", "json")
-    assert code == 0
+    assert_refused(runs(facts={"devices": devices}), "NVIDIA H200", "--across-devices")
+    out, _ = ends_well(harness("compare", "base", "head", "--across-devices", "--format", "json"))
     assert json.loads(out)["machines_differ"] is True
 
 
@@ -112,8 +97,7 @@ def test_a_package_that_changed_is_reported():
 
 def test_a_driver_update_is_reported_not_refused(runs):
     details = {"renderer": "llvmpipe (LLVM 19.1.0, 256 bits)", "version": "4.5"}
-    code, out, _ = runs(facts={"devices": {"opengl on llvmpipe": {"details": details}}})
-    assert code == 0
+    out, _ = ends_well(runs(facts={"devices": {"opengl on llvmpipe": {"details": details}}}))
     assert "LLVM 19.1.0" in out
 
 
@@ -127,8 +111,7 @@ def test_thresholds_let_growth_pass(runs, harness):
 
 
 def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
-    code, out, _ = runs("--gate", "counters", edits={"delaunay": slower(0.2)})
-    assert code == 0
+    out, _ = ends_well(runs("--gate", "counters", edits={"delaunay": slower(0.2)}))
     assert "unchanged (not gated: slower)" in out
     assert "regressed" not in out
     assert harness("compare", "base", "head")[0] == 1
@@ -156,14 +139,11 @@ def test_settings_come_from_the_project_and_options_win(runs, harness):
 )
 def test_bad_settings_name_the_file(runs, table, parts):
     Path("pyproject.toml").write_text(f"[tool.raster-harness]\n{table}\n")
-    code, _, err = runs()
-    assert code == 2
-    assert_one_line(err, "pyproject.toml", *parts)
+    assert_refused(runs(), "pyproject.toml", *parts)
 
 
 def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness):
-    code, out, _ = runs(leave_out=("fan",))
-    assert code == 0
+    out, _ = ends_well(runs(leave_out=("fan",)))
     assert "(1 case not in HEAD's plan)" in out
     code, out, _ = harness("compare", "base", "head", "--require-all")
     assert code == 1
@@ -212,8 +192,7 @@ def test_the_time_of_a_cached_triangulation_is_neither_better_nor_worse(runs, se
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": seconds}
 
-    code, out, _ = runs("--json", "found.json", edits={"*": read_back})
-    assert code == 0
+    out, _ = ends_well(runs("--json", "found.json", edits={"*": read_back}))
     found = json.loads(Path("found.json").read_text())
     judged = {change["metric"] for case in found["cases"] for change in case["counters"]}
     assert "quads" in judged
@@ -229,8 +208,7 @@ def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     code, out, _ = runs(edits={"fan": lost})
     assert code == 1
     assert "500 then, 499 now" in out
-    code, out, _ = harness("compare", "head", "base")
-    assert code == 0
+    out, _ = ends_well(harness("compare", "head", "base"))
     assert "1 case with more polygons" in out
 
 
@@ -262,11 +240,12 @@ def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, mo
             "from triangulators import triangulate\n\n"
             f"def cut(polygon):\n    return triangulate(polygon, {method!r})\n"
         )
-        code, _, err = harness(
-            *("run", "--scene", "city:buildings=20", "--quick", "--quiet", "--out", name),
-            *("--triangulators", "delaunay,mine:cut", "--rasterisers", "binning"),
+        ends_well(
+            harness(
+                *("run", "--scene", "city:buildings=20", "--quick", "--quiet", "--out", name),
+                *("--triangulators", "delaunay,mine:cut", "--rasterisers", "binning"),
+            )
         )
-        assert code == 0, err
     code, out, _ = harness("compare", "base", "head", "--format", "markdown")
     assert code == 1
     first = out.splitlines()[0]

@@ -1,7 +1,5 @@
 """Every output of every scenario is what its readers accept: Jenkins, GitHub, JSON, browsers."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re
@@ -18,8 +16,8 @@ from harness.compare.model import Settings
 from harness.compare.outputs import LIMIT, MARKER, to_json, to_junit, to_markdown
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
-from tests.compare.runs import TRIANGULATORS, costlier, failed, slower, write_run
-from tests.compare.scenarios import SCENARIOS
+from tests.chromium import LOADED
+from tests.compare.runs import SCENARIOS, TRIANGULATORS, costlier, failed, slower, write_run
 from tests.paths import ROOT
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
@@ -228,3 +226,27 @@ def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_pat
         time = times[plot.rows[mark.row].split(",")[0]]
         assert plot.series[mark.series] == time.outcome
         assert (mark.value, mark.low, mark.high) == (time.ratio, time.low, time.high)
+
+
+def test_the_page_is_quiet_and_self_contained(browser, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    SCENARIOS["real-regression"].make()
+    page = tmp_path / "page.html"
+    page.write_text(to_html(compare_runs(read_run(Path("base")), read_run(Path("head")))))
+    browser.open(page, LOADED)
+    assert browser.errors == []
+    assert browser.requests == [page.as_uri()]
+    assert browser.evaluate("document.querySelectorAll('svg').length") == 2
+    assert browser.evaluate("document.querySelector('h1').className") == "regression"
+
+
+def test_this_test_would_notice(browser, tmp_path):
+    page = tmp_path / "bad.html"
+    page.write_text('<!DOCTYPE html><title>bad</title><img alt="">')
+    browser.open(page, LOADED)
+    assert browser.errors == []
+    browser.evaluate("console.error('noticed')")
+    ask = "document.images[0].src = 'http://127.0.0.1:9/a.png'; document.images[0].decode()"
+    assert browser.evaluate(f"{ask}.catch(() => 'failed')") == "failed"
+    assert any("noticed" in line for line in browser.errors)
+    assert "http://127.0.0.1:9/a.png" in browser.requests

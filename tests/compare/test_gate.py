@@ -1,7 +1,5 @@
 """What the gate must see, and what it must not call a regression."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable
@@ -21,6 +19,7 @@ from harness.compare.wording import groups, headline
 from harness.rasterisers.reference import Binning
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import (
+    SCENARIOS,
     TRIANGULATORS,
     Edit,
     beside,
@@ -30,7 +29,6 @@ from tests.compare.runs import (
     slower,
     write_run,
 )
-from tests.compare.scenarios import SCENARIOS
 
 COUNTERS = Settings(gates=("counters",))
 

@@ -3,8 +3,6 @@
 After a wanted change: UPDATE_GOLDEN=1 python -m pytest tests/compare/test_golden.py, then look.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.compare.scenarios import SCENARIOS
+from tests.compare.runs import SCENARIOS
 
 GOLDEN = Path(__file__).parent / "golden"
 PRINTED = {"table": "txt", "markdown": "md"}

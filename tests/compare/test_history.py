@@ -1,7 +1,5 @@
 """History: runs in order, changes marked where they are, and nowhere else."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -21,7 +19,7 @@ from harness.history.series import (
     read_series,
 )
 from tests.compare.runs import costlier, slower, write_run
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused, ends_well
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -93,8 +91,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
 
 
 def test_the_command_draws_and_lists(harness, year):
-    code, out, _ = harness("history", str(year), "--out", "plots", "--all")
-    assert code == 0
+    out, _ = ends_well(harness("history", str(year), "--out", "plots", "--all"))
     files = {path.name for path in Path("plots").iterdir()}
     metrics = ("quads", "helper_lanes", "time")
     assert files == {"history.csv"} | {f"{m}.{kind}" for m in metrics for kind in ("png", "svg")}
@@ -111,8 +108,7 @@ def test_the_command_draws_and_lists(harness, year):
 
 
 def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
-    code, out, _ = harness("history", str(year), "--out", "plots")
-    assert code == 0
+    out, _ = ends_well(harness("history", str(year), "--out", "plots"))
     with Path("plots/history.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     series = {(row["metric"], row["triangulator"]) for row in rows}
@@ -123,10 +119,20 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
         ("time", "delaunay"),
     } < series
     assert "16 runs, 12 series: plots; 4 more series: --all, or choose by --scene" in out
-    code, out, _ = harness(
-        *("history", str(year), "--out", "one", "--triangulator", "delaunay", "--metric", "time")
+    out, _ = ends_well(
+        harness(
+            *(
+                "history",
+                str(year),
+                "--out",
+                "one",
+                "--triangulator",
+                "delaunay",
+                "--metric",
+                "time",
+            )
+        )
     )
-    assert code == 0
     assert "16 runs, 1 series: one" in out
     assert {file.name for file in Path("one").iterdir()} == {"history.csv", "time.png", "time.svg"}
 
@@ -141,15 +147,13 @@ def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, yea
     assert (len(found.runs), found.studies) == (16, 2)
     assert len(find_runs([year], studies=True).runs) == 18
     assert len(find_runs([year / "study"]).runs) == 1  # named, so wanted
-    code, out, _ = harness("history", str(year), "--out", "plots")
-    assert code == 0
+    out, _ = ends_well(harness("history", str(year), "--out", "plots"))
     assert out.startswith("left out: 2 studies; see --all")
 
 
 def test_what_one_run_alone_measured_has_no_history(harness):
     write_run(Path("runs/one"), seed=1)
-    code, out, _ = harness("history", "runs", "--out", "plots")
-    assert code == 0
+    out, _ = ends_well(harness("history", "runs", "--out", "plots"))
     assert "1 run, 0 series: no case was measured by two runs; 16 more series" in out
     assert not Path("plots").exists()
 
@@ -167,9 +171,7 @@ def test_what_one_run_alone_measured_has_no_history(harness):
 )
 def test_bad_usage(harness, arguments, code, parts):
     write_run(Path("runs/one"), seed=1)
-    found, _, err = harness("history", *arguments)
-    assert found == code
-    assert_one_line(err, *parts)
+    assert_refused(harness("history", *arguments), *parts, code=code)
 
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=30))

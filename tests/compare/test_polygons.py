@@ -1,7 +1,5 @@
 """Where a case got worse: the polygons that grew most are named and shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the judge of times promises, on times of which the truth is known."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace

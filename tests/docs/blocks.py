@@ -5,8 +5,6 @@ A fenced `sh` block holds commands. A comment right before a block says what is 
 `make docs-full` only; `<!-- not run: why -->` never; `<!-- exit: N -->` it must end with that code.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

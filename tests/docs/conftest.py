@@ -1,7 +1,5 @@
 """A reader's folder, and commands that run in it."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil
@@ -11,13 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from shapely import Polygon, box
 
 from harness.measuring import serving
 from harness.measuring.run import run
 from harness.measuring.worker import Limits, Worker
 from scenes.tiles.read import FILE
-from tests.conftest import BRIEF, exit_code, write_geojson
+from tests.conftest import BLOCK, BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT
 from triangulators.compute import compiled_files
@@ -80,9 +77,7 @@ class Reader:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         (folder / ".venv").symlink_to(ROOT / ".venv")
-        ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
-        courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
-        write_geojson(folder / "buildings.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+        write_geojson(folder / "buildings.geojson", BLOCK)
         (folder / "berlin.pmtiles").symlink_to(FILE)
 
     def follow(self, block: Block) -> None:

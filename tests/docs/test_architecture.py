@@ -1,7 +1,5 @@
 """Imports go one way, as the picture in docs/architecture.md shows it."""
 
-from __future__ import annotations
-
 import ast
 import re
 import xml.etree.ElementTree as ET

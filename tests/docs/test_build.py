@@ -1,12 +1,7 @@
 """The documents build without a warning, and hold what is made from the code."""
 
-from __future__ import annotations
-
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -18,21 +13,15 @@ from harness.commands.index import COMMANDS
 from harness.figures.registry import figures
 from tests.chromium import LOADED
 from tests.docs.blocks import pages
-from tests.paths import ROOT
+from tests.paths import ROOT, python
 from triangulators import registry
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("docs") / "site"
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)],
-        cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    build = ("-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", out)
+    done = python(*build, env={"NO_MKDOCS_2_WARNING": "1"})
     assert done.returncode == 0, done.stderr
     return out
 
@@ -81,15 +70,6 @@ def test_links_of_the_pages_outside_docs_lead_somewhere():
     for page in pages()[:2]:
         for target in re.findall(r"\]\(([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), (page.name, target)
-
-
-def test_workflows_use_actions_by_their_commit():
-    for file in (ROOT / ".github" / "workflows").glob("*.yml"):
-        jobs = yaml.safe_load(file.read_text())["jobs"].values()
-        used = [step["uses"] for job in jobs for step in job["steps"] if "uses" in step]
-        assert used
-        for action in used:
-            assert action == "./" or re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", action), action
 
 
 def test_files_that_others_parse_are_sound():

@@ -1,7 +1,5 @@
 """Every command in README and docs works, in the order in which a reader meets it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from harness.stored.folder import read_run
 from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
 from tests.page.conftest import result_of, saved_as
-from tests.paths import ROOT
+from tests.paths import ROOT, python
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 COUNTERS = "--gate counters"
@@ -97,3 +95,34 @@ def test_the_examples_of_the_help_work(reader: Reader):
                 # differ, and then compare says so. Counters can do neither.
                 fine = (GOOD,) if COUNTERS in line else (GOOD, REGRESSION, INCONCLUSIVE)
             assert reader.run(f".venv/bin/python -m harness {brief}") in fine, line
+
+
+STARTED = "import sys; sys.argv[0] = 'raster-harness'; from harness.cli import main; main()"
+
+
+def complete(words: str) -> list[str]:
+    """Return what bash would offer after `words`."""
+    environment = {
+        "_RASTER_HARNESS_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split(" ")) - 1),
+    }
+    return python("-c", STARTED, env=environment).stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("raster-harness re", "report"),
+        ("raster-harness run --reso", "--resolution"),
+        ("raster-harness run --fit ", "circle"),
+    ],
+)
+def test_the_shell_is_told_how_a_word_goes_on(words, expected):
+    assert expected in complete(words)
+
+
+def test_version_names_the_drivers():
+    first, *rest = python("-m", "harness", "--version", check=True).stdout.splitlines()
+    assert first.startswith("raster-harness ")
+    assert any("Mesa" in line or "NVIDIA" in line for line in rest)

@@ -1,7 +1,5 @@
 """Every figure that a document cites is what its file of results says."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

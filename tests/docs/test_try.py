@@ -1,7 +1,5 @@
 """docs/try.html: its geometry is Python's, and it does what people do to it, in Chromium."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import importlib.util

@@ -4,11 +4,9 @@ It shares no code and no idea with the product: triangles are kept apart by sepa
 the boundary is only looked at through vertices, crossings and centroids.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from fractions import Fraction
 from functools import cache
 from itertools import combinations, pairwise
@@ -16,6 +14,8 @@ from itertools import combinations, pairwise
 Point = tuple[int, int]
 Triangle = tuple[int, int, int]
 Side = tuple[int, int]
+Criterion = str | Callable[[list[tuple[float, float]]], float]
+"""A name, or the cost of a triangle by its corners."""
 
 
 def on_a_grid(rings: list[list[list[float]]]) -> tuple[list[list[Point]], Fraction]:
@@ -66,9 +66,13 @@ class Small:
                 inside ^= (side_of((3 * px, 3 * py), (3 * qx, 3 * qy), (x, y)) > 0) == (qy > py)
         return inside
 
-    def cost(self, t: Triangle, criterion: str) -> Fraction:
+    def cost(self, t: Triangle, criterion: Criterion) -> Fraction:
         """Return what a triangle costs: H and A exactly, E to 2^-60 of a step."""
         a, b, c = (self.at[v] for v in t)
+        if callable(criterion):
+            return Fraction(
+                criterion([(float(x * self.step), float(y * self.step)) for x, y in (a, b, c)])
+            )
         if criterion == "edge-length":
             squares = ((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 for p, q in ((a, b), (b, c), (c, a)))
             return self.step * Fraction(sum(math.isqrt(s << 120) for s in squares), 2**60)
@@ -97,7 +101,7 @@ class Small:
         return True
 
     def optimum(
-        self, criterion: str, without: Collection[frozenset[int]] = ()
+        self, criterion: Criterion, without: Collection[frozenset[int]] = ()
     ) -> tuple[Fraction, list[Triangle]] | None:
         """Return the least cost and a triangulation that has it, of those without some edges."""
         use = [t for t in self.triangles if not any(edge <= set(t) for edge in without)]

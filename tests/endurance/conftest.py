@@ -3,8 +3,6 @@
 `make endurance` runs everything; ENDURANCE=0.01 makes each count a hundredth.
 """
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping

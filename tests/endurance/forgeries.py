@@ -6,8 +6,6 @@ those of one edge, which every cheaper triangulation has. One to three changes f
 to one of another type or size, of fields, of points and rings, of figures, of the evidence.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ One that is asked forks, gives its output to the pipe that came with the request
 from there on: its folder, its arguments, its exit code.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

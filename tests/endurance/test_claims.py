@@ -1,7 +1,5 @@
 """False claims of optimality are accepted by neither checker; brute force finds nothing less."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 

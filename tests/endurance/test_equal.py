@@ -1,7 +1,5 @@
 """Is A equal to B? The optimum by every way to ask for it, and flips in three languages."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -16,9 +14,8 @@ from tests.paths import ROOT
 from tests.ports import languages
 from tests.ports.languages import Cases, in_python, read
 from tests.ports.polygons import Rings, is_as_before, random_polygons
-from tests.triangulators.cases import convex, shared_rings, smooth, star
-from tests.triangulators.test_batch_equal import polygons as with_holes
-from tests.triangulators.touching import touching_polygons
+from tests.triangulators.cases import convex, shared_rings, smooth, star, touching_polygons
+from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
 from triangulators.criteria import find
 from triangulators.criteria.catalogue import FLIP_TESTS

@@ -1,7 +1,5 @@
 """Bad values of every option, and inputs that are large in one way: a clear end, and soon."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

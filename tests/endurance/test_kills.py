@@ -1,7 +1,5 @@
 """Whatever is killed, and whenever: given again, a command makes what an undisturbed one makes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -26,7 +24,7 @@ from harness.stored.folder import read_run
 from scenes import load
 from scenes.tiles.read import FILE
 from tests.fuzz.targets.runs import sound
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 from tests.page.conftest import result_of, saved_as
 from tests.paths import ROOT
 
@@ -124,7 +122,7 @@ def prepare(place: Path) -> None:
     Path("SECOND/cases.jsonl").write_text(moved)
     shutil.copy(sound().with_name("block.geojson"), ".")
     Path("tiles.pmtiles").symlink_to(FILE)
-    plate().export("plate.glb")
+    solid().export("plate.glb")
     saved_as(result_of(read_run(Path("RUN"))), Path("saved.json"))
 
 

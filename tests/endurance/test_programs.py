@@ -4,166 +4,39 @@ Each input is a process of its own: `raster-harness`, loaded once and forked, fo
 polygons, started anew for plugins; Node.js for the port to JavaScript.
 """
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import csv
 import json
-import os
 import re
-import selectors
 import shutil
-import signal
 import sqlite3
-import struct
-import subprocess
 import sys
-import threading
-import time
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 
 from harness.stored.folder import read_run
 from scenes.tiles.archives import PMTiles
 from scenes.tiles.read import FILE
-from tests.endurance.forked import Program
-from tests.endurance.test_tiles_and_models import HOSTILE, spoilt, spoilt_json
+from tests.endurance.programs import (
+    HOSTILE,
+    SILENT_S,
+    Ended,
+    each,
+    problem_of,
+    run,
+    run_forked,
+    spoilt,
+    spoilt_json,
+)
+from tests.models.build import glb, parts_of
 from tests.models.various import MODELS
 from tests.paths import ROOT
 from tests.scenes.test_tiles import Compression, three_archives
-
-ALLOWED = (0, 2, 4, 5)
-"""Done; refused; nothing could be done; a part failed. Never 70 (a defect), 1 or a signal."""
-
-SILENT_S = 10.0
-"""Longest without a line, by the wall clock but for what it waits for a core that others have."""
-
-PATIENCE_S = 60.0
-"""Seconds by the wall clock after which a silent program is killed."""
-
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How a program ended, what it said, and its longest silence."""
-
-    code: int
-    said: str
-    silent_s: float
-
-
-def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Ended:
-    """Run the program, reading what it says as it says it."""
-    command = command or (sys.executable, "-m", "harness")
-    process = subprocess.Popen(
-        [*command, *arguments],
-        cwd=folder,
-        env={**ENVIRONMENT, "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        stdin=subprocess.DEVNULL,
-        bufsize=0,
-    )
-    assert process.stdout is not None
-    heard = listen(process.stdout, process.pid)
-    return Ended(process.wait(60), *heard)
-
-
-_own = threading.local()
-
-
-def run_forked(arguments: list[str], folder: Path) -> Ended:
-    """Run the program as `run` does, forked from one that each thread has loaded once."""
-    if not hasattr(_own, "program"):
-        _own.program = Program()
-    environment = {"COLUMNS": "200", "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")}
-    pid, output = _own.program.start(arguments, folder, environment)
-    heard = listen(output, pid)
-    return Ended(_own.program.wait(), *heard)
-
-
-def listen(output: IO[bytes], pid: int) -> tuple[str, float]:
-    """Return what a process says to its end, and its longest silence; kills one that hangs."""
-    said, silent = b"", 0.0
-    spoke, waited = time.monotonic(), 0.0
-    with output, selectors.DefaultSelector() as selector:
-        selector.register(output, selectors.EVENT_READ)
-        while True:
-            ready = selector.select(0.2)
-            now, waits = time.monotonic(), _waited(pid)
-            silent = max(silent, now - spoke - max(0.0, waits - waited))
-            if now - spoke > PATIENCE_S:
-                os.kill(pid, signal.SIGKILL)
-                break
-            if ready:
-                part = output.read(1 << 16)
-                if not part:
-                    break
-                said = (said + part)[-100_000:]
-                spoke, waited = now, waits
-    return said.decode(errors="replace"), silent
-
-
-def _waited(pid: int) -> float:
-    """Return the seconds that a process, its threads and its children waited for a core so far."""
-    total = 0
-    with contextlib.suppress(psutil.Error, OSError):
-        process = psutil.Process(pid)
-        for each in (process, *process.children(recursive=True)):
-            for file in Path(f"/proc/{each.pid}/task").glob("*/schedstat"):
-                with contextlib.suppress(OSError):
-                    total += int(file.read_text().split()[1])
-    return total / 1e9
-
-
-def problem_of(ended: Ended) -> str:
-    """Return what is wrong with an end, "" if nothing is."""
-    last = ended.said.strip().splitlines()[-1:] or [""]
-    if ended.code not in ALLOWED:
-        return f"exit code {ended.code}: {last[0][:200]}"
-    if "Traceback" in ended.said:
-        return f"a traceback: {last[0][:200]}"
-    if ended.silent_s > SILENT_S:
-        return f"silent for {ended.silent_s:.0f} s"
-    if ended.code and not any(
-        line.startswith("error: ") and len(line) < 2000 for line in ended.said.splitlines()
-    ):
-        return f"exit code {ended.code} without a word: {last[0][:200]}"
-    return ""
-
-
-def each(count: int, one, tell, tmp_path: Path, at_once: int = 2) -> Counter[int]:
-    """Do `one` for each number, so many `at_once`, and require that none has a problem.
-
-    one : (number, folder) -> (how it ended, problem)
-
-    Returns how many ended with which code.
-    """
-
-    def apart(number: int) -> tuple[int, int, str]:
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        ended, problem = one(number, folder)
-        if not problem:
-            shutil.rmtree(folder, ignore_errors=True)
-        return number, ended.code, problem
-
-    with ThreadPoolExecutor(at_once) as pool:
-        found = list(pool.map(apart, range(count)))
-    codes = Counter(code for _, code, _ in found)
-    problems = [f"{number}: {problem}" for number, _, problem in found if problem]
-    tell({"inputs": count, **{f"ended with {code}": n for code, n in codes.items()}})
-    assert problems == []
-    return codes
 
 
 def test_tiles(times, tell, tmp_path):
@@ -188,7 +61,7 @@ def test_tiles(times, tell, tmp_path):
         ended = run_forked(commands[number // 3 % 3], folder)
         return ended, problem_of(ended) or lost_tiles(file, ended, folder / "census/census.csv")
 
-    each(times(300), one, tell, tmp_path)
+    each(times(900), one, tell, tmp_path)
 
 
 def lost_tiles(file: Path, ended: Ended, table: Path) -> str:
@@ -215,7 +88,7 @@ def test_models(times, tell, tmp_path):
         chance = np.random.default_rng(number)
         kind, whole = number % 6, data[number // 6 % 2]
         file = folder / ("model.obj" if kind in (2, 5) else "model.glb")
-        told, rest = chunks(whole)
+        told, rest = parts_of(whole)
         if kind == 0:
             file.write_bytes(spoilt(whole, chance))
         elif kind == 1:
@@ -225,29 +98,21 @@ def test_models(times, tell, tmp_path):
         elif kind == 3:
             file.write_bytes(glb(nudged(told, chance), rest))
         elif kind == 4:
-            file.write_bytes(glb(told, one_byte(rest, chance, 8)))
+            file.write_bytes(glb(told, one_byte(rest, chance)))
         else:
-            file.write_bytes(one_byte(text, chance, 0))
-        out = ["--check"] if number % 2 else ["-o", f"out{file.suffix}"]
-        ended = run_forked(["triangulate", file.name, *out], folder)
-        return ended, problem_of(ended) or lost_triangles(file, ended)
+            file.write_bytes(one_byte(text, chance))
+        commands = (
+            ["triangulate", file.name, "--check"],
+            ["triangulate", file.name, "-o", f"out{file.suffix}"],
+            ["inspect", f"{file.name}:views=4", "--polygon", "0", "--out", "one.png"],
+        )
+        command = commands[number // 12 % 3]
+        ended = run_forked(command, folder)
+        lost = lost_triangles(file, ended) if command[0] == "triangulate" else ""
+        return ended, problem_of(ended) or lost
 
-    codes = each(times(400), one, tell, tmp_path)
+    codes = each(times(1200), one, tell, tmp_path)
     assert codes[0] >= sum(codes.values()) // 4
-
-
-def chunks(whole: bytes) -> tuple[Any, bytes]:
-    """Return the JSON of a .glb file, and what follows it."""
-    size = struct.unpack_from("<I", whole, 12)[0]
-    return json.loads(whole[20 : 20 + size]), whole[20 + size :]
-
-
-def glb(told: Any, rest: bytes) -> bytes:
-    """Return a .glb file of some JSON and what follows it."""
-    text = json.dumps(told).encode()
-    text += b" " * (-len(text) % 4)
-    head = (b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
-    return struct.pack("<4sIII4s", *head) + text + rest
 
 
 def nudged(told: Any, chance: np.random.Generator) -> Any:
@@ -279,10 +144,10 @@ def nudged(told: Any, chance: np.random.Generator) -> Any:
     return made
 
 
-def one_byte(data: bytes, chance: np.random.Generator, start: int) -> bytes:
-    """Return the bytes with one of them changed, from a place on."""
+def one_byte(data: bytes, chance: np.random.Generator) -> bytes:
+    """Return the bytes with one of them changed."""
     made = bytearray(data)
-    made[int(chance.integers(start, len(made)))] = int(chance.choice(bytearray(b" -.0123456789/")))
+    made[int(chance.integers(0, len(made)))] = int(chance.choice(bytearray(b" -.0123456789/")))
     return bytes(made)
 
 
@@ -290,7 +155,7 @@ def lost_triangles(file: Path, ended: Ended) -> str:
     """Say how many triangles of a .glb file, by its accessors, the program does not speak of."""
     if ended.code or file.suffix != ".glb":
         return ""
-    told, _ = chunks(file.read_bytes())
+    told, _ = parts_of(file.read_bytes())
     parts = [part for mesh in told.get("meshes", ()) for part in mesh["primitives"]]
     # What is drawn twice lies there once.
     each = {(p.get("indices"), p["attributes"]["POSITION"], p.get("mode", 4)) for p in parts}

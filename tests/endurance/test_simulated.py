@@ -1,7 +1,5 @@
 """Simulated designs against the CPU reference: every count, whatever is turned."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sdist makes the wheel, and the wheel works in a fresh environment without the repository."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,8 +1,5 @@
 """A user's triangulator runs in a process of its own, whichever command it is named to."""
 
-from __future__ import annotations
-
-import json
 import os
 
 import numpy as np
@@ -13,6 +10,7 @@ import triangulators
 from harness.errors import UsageError
 from harness.export import apart
 from harness.measuring.worker import TaskFailed
+from tests.conftest import write_geojson
 from triangulators.batch.triangulate_many import ragged
 
 SIZES = (1.0, 2.0, 30.0, 3.0, 4.0, 40.0, 5.0)
@@ -81,13 +79,7 @@ def test_a_module_that_is_not_there():
 
 
 def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness, tmp_path):
-    features = [
-        {"type": "Feature", "properties": {}, "geometry": each.__geo_interface__}
-        for each in squares()
-    ]
-    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3067"}}
-    collection = {"type": "FeatureCollection", "crs": crs, "features": features}
-    (tmp_path / "squares.geojson").write_text(json.dumps(collection))
+    write_geojson(tmp_path / "squares.geojson", squares())
     made = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:dies_at_large")
     code, out, err = harness(*made, "-o", "out.geojson")
     assert code == 5, err

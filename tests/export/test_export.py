@@ -19,6 +19,7 @@ from harness.export.export import FORMATS, export_file
 from harness.export.mesh import heights
 from scenes import SceneError, load
 from scenes.tiles.read import FILE
+from tests.conftest import ends_well, geojson
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")
@@ -187,13 +188,8 @@ def test_maps_keep_place_and_attributes(tmp_path, houses, suffix):
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
 def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
     ring = [[24.9384, 60.1699], [24.9391, 60.1699], [24.9391, 60.1704], [24.9384, 60.1699]]
-    feature = {
-        "type": "Feature",
-        "properties": {},
-        "geometry": {"type": "Polygon", "coordinates": [ring]},
-    }
     source = tmp_path / "in.geojson"
-    source.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    source.write_text(geojson([shapely.Polygon(ring)]))
     out = tmp_path / f"out{suffix}"
     export_file(source, out)
     if suffix == ".parquet":
@@ -403,11 +399,8 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
 
 def test_what_is_left_out_is_named(harness, tmp_path):
     points = [{"type": "Point", "coordinates": [number, 0]} for number in range(5)]
-    shapes = (shapely.geometry.mapping(shapely.box(0, 0, 4, 4)), *points)
-    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
     file = tmp_path / "mixed.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    code, _, err = harness("triangulate", str(file), "-o", "out.npz")
-    assert code == 0
+    file.write_text(geojson([shapely.box(0, 0, 4, 4), *points]))
+    _, err = ends_well(harness("triangulate", str(file), "-o", "out.npz"))
     named = "feature 1, feature 2, feature 3 and 2 more"
     assert f"dropped 5: is a Point, not a polygon ({named})" in " ".join(err.split())

@@ -1,9 +1,10 @@
 """Figures over single polygons, on columns whose ratios are known."""
 
-from __future__ import annotations
+import warnings
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from harness.figures.polygons import (
     columns_of,
@@ -35,11 +36,6 @@ def test_three_pairs_are_ranked_and_two_are_not():
     assert rank_correlation(x, np.array([1.0, np.nan, 2.0])) is None
     assert rank_correlation(x, np.ones(3)) is None
     assert rank_correlation(np.ones(3), y) is None
-
-
-def test_equal_values_share_the_mean_of_their_ranks():
-    assert ranks(np.array([3.0, 1.0, 3.0, 2.0, 3.0])).tolist() == [4, 1, 4, 2, 4]
-    assert ranks(np.array([2.0, 2.0])).tolist() == [1.5, 1.5]
 
 
 def test_a_column_of_any_width_is_ranked():
@@ -100,3 +96,18 @@ def test_columns_without_triangles_are_none(tmp_path):
     assert found[0] is None
     assert found[2] is None
     assert found[1]["quads"].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [([1, 2], [2, 3]), ([1, 1, 1], [1, 2, 3]), ([1, 2, 3], [5, 5, 5]), ([], [])]
+)
+def test_what_is_short_or_constant_has_none(x, y):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(spearman(np.array(x, float), np.array(y, float)))
+
+
+def test_it_is_that_of_scipy_with_equal_values():
+    x, y = np.array([3.0, 1, 1, 7, 2, 2, 2]), np.array([2.0, 2, 1, 9, 4, 3, 3])
+    assert ranks(x).tolist() == scipy.stats.rankdata(x).tolist()
+    assert spearman(x, y) == pytest.approx(scipy.stats.spearmanr(x, y).statistic)

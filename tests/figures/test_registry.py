@@ -1,7 +1,5 @@
 """One registry: what is added in one place shows up wherever figures are shown."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

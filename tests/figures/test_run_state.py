@@ -1,10 +1,12 @@
 """A run's state is told by one rule, and intervals hold on machines that are in use."""
 
-from __future__ import annotations
+import json
+import math
 
 import numpy as np
 import pytest
 
+from harness.figures import run_state
 from harness.figures.run_state import (
     DISTURBED,
     ENOUGH,
@@ -13,12 +15,14 @@ from harness.figures.run_state import (
     apart,
     judge,
     kept_pairs,
+    reference_draws,
     state_of,
     two_modes,
     undisturbed,
 )
 from harness.figures.verdict import COUNTED, EQUAL, SHOWN, advice, decide
 from scripts.studies.machines import ROUNDS, quiet, sliced, timed, two_speeds
+from tests.measuring.test_run import measure, plan_for
 
 
 @pytest.mark.parametrize("machine", [quiet, sliced, two_speeds], ids=lambda each: each.__name__)
@@ -154,3 +158,80 @@ def test_runs_in_different_states_are_not_compared():
     assert apart(base, waiting, machines_differ=True).startswith(
         "HEAD was disturbed (72 of 72 samples waited"
     )
+
+
+def records(reference_s: float, **changes: object) -> list[dict]:
+    """Return two cases timed together, so that they share their reference draws."""
+    draws = [reference_s * 0.9, reference_s, reference_s * 1.4]
+    record = {
+        "rasteriser": "opengl",
+        "device": "llvmpipe",
+        "resolution": 1024,
+        "options": {"samples": 1, "work": 0},
+        "time": {"timer": "cpu", "reference_s": draws},
+        **changes,
+    }
+    return [record, {**record, "triangulator": "another"}]
+
+
+def test_the_first_run_is_its_own_best(tmp_path):
+    (found,) = reference_draws(records(1e-3), tmp_path / "new" / "draws.json")
+    assert found == {
+        "rasteriser": "opengl",
+        "device": "llvmpipe",
+        "resolution": 1024,
+        "samples": 1,
+        "work": 0,
+        "timer": "cpu",
+        "reference_s": 1e-3,
+        "best_s": 1e-3,
+        "runs": 1,
+        "slower": 1.0,
+    }
+
+
+def test_a_slower_run_is_told_by_how_much(tmp_path):
+    file = tmp_path / "draws.json"
+    reference_draws(records(1e-3), file)
+    (slow,) = reference_draws(records(2e-3), file)
+    assert (slow["slower"], slow["runs"]) == (pytest.approx(2.0), 2)
+    (faster,) = reference_draws(records(0.5e-3), file)
+    assert (faster["best_s"], faster["slower"], faster["runs"]) == (0.5e-3, 1.0, 3)
+
+
+def test_each_device_view_and_machine_has_its_own(tmp_path, monkeypatch):
+    file = tmp_path / "draws.json"
+    reference_draws(records(1e-3), file)
+    for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
+        assert reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
+    monkeypatch.setattr(run_state, "processor", lambda: {"label": "another"})
+    assert reference_draws(records(5e-3), file)[0]["slower"] == 1.0
+
+
+@pytest.mark.parametrize("content", ["", "[1]", '{"a": [0, 1]}', '{"a": [1, 0]}', '{"a": 3}', "{"])
+def test_a_damaged_file_is_begun_anew(content, tmp_path):
+    file = tmp_path / "draws.json"
+    file.write_text(content)
+    assert reference_draws(records(1e-3), file)[0]["best_s"] == 1e-3
+    assert len(json.loads(file.read_text())) == 1
+
+
+def test_a_place_that_cannot_be_written_stops_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    (found,) = reference_draws(records(1e-3), tmp_path / "file" / "draws.json")
+    assert (found["slower"], found["runs"]) == (1.0, 1)
+
+
+def test_cases_without_times_have_no_state(tmp_path):
+    assert reference_draws(records(1e-3, time=None), tmp_path / "draws.json") == []
+
+
+def test_a_run_keeps_what_it_was_compared_with(block, tmp_path):
+    measure(plan_for(block), tmp_path / "out")
+    facts = json.loads((tmp_path / "out" / "run.json").read_text())
+    (entry,) = facts["state"]["draws"]
+    assert entry["device"] == "scripted"
+    assert 0 < entry["best_s"] <= entry["reference_s"]
+    assert math.isclose(entry["slower"], entry["reference_s"] / entry["best_s"])
+    assert facts["cpu"]["label"]
+    assert run_state.default_path().exists()

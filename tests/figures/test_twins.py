@@ -1,7 +1,5 @@
 """Two names for one triangulation are one; what damage took away is not guessed."""
 
-from __future__ import annotations
-
 from harness.figures.groups import SAME, without_twins
 
 

@@ -1,7 +1,5 @@
 """What is said of map tiles and views of a model: sums, with intervals over them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

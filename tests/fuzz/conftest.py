@@ -1,7 +1,5 @@
 """Says at the end how far each search came."""
 
-from __future__ import annotations
-
 import pytest
 
 

@@ -1,7 +1,5 @@
 """Damage to the files of a run: to the JSON values in them, and to their bytes."""
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The search that `make fuzz` starts; its name keeps it out of `make test`."""
 
-from __future__ import annotations
-
 import os
 
 import pytest
@@ -15,7 +13,7 @@ SHARE_S = TOTAL_S / -(-len(TARGETS) // WORKERS)
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_no_input_breaks(name: str, record_property: pytest.RecordPropertyFunction) -> None:
+def test_no_input_breaks(name: str, record_property) -> None:
     tried = search(TARGETS[name], SHARE_S)
     assert tried, "no input was tried: give more FUZZ_SECONDS"
     record_property("fuzz", f"{name}: {tried:,} inputs in {SHARE_S:.0f} s, none breaks it")

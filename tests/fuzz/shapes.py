@@ -1,7 +1,5 @@
 """Random polygons that Hypothesis can make small, as rings that JSON can hold."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

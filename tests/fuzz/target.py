@@ -1,7 +1,5 @@
 """What a target is, how one is searched under a time limit, and where its failures are kept."""
 
-from __future__ import annotations
-
 import faulthandler
 import hashlib
 import importlib

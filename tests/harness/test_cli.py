@@ -1,10 +1,7 @@
 """The command line as a user meets it: exit codes, one clear line, no traceback."""
 
-from __future__ import annotations
-
 import json
-import subprocess
-import sys
+import os
 from importlib import import_module
 from inspect import isfunction, signature
 from pathlib import Path
@@ -15,17 +12,11 @@ import pytest
 from harness.commands.index import COMMANDS, load
 from harness.frame import OWN_VIEWS
 from harness.settings import CHOSEN_FITS, Fit
-from tests.paths import ROOT
+from harness.stored import atomic
+from tests.conftest import assert_one_line, assert_refused, ends_well, geojson
+from tests.paths import ROOT, python
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
-
-
-def assert_one_line(err: str, *parts: str) -> None:
-    lines = [line for line in err.strip().splitlines() if line.startswith("error:")]
-    assert len(lines) == 1
-    assert "Traceback" not in err
-    for part in parts:
-        assert part in lines[0]
 
 
 def write(name: str, content: str) -> str:
@@ -34,19 +25,7 @@ def write(name: str, content: str) -> str:
 
 
 def features(*rings: list[list[float]]) -> str:
-    return json.dumps(
-        {
-            "type": "FeatureCollection",
-            "features": [
-                {
-                    "type": "Feature",
-                    "properties": {},
-                    "geometry": {"type": "Polygon", "coordinates": [ring]},
-                }
-                for ring in rings
-            ],
-        }
-    )
+    return geojson({"type": "Polygon", "coordinates": [ring]} for ring in rings)
 
 
 NAN = float("nan")
@@ -55,8 +34,7 @@ BOWTIE = [[3, 0], [4, 1], [4, 0], [3, 1], [3, 0]]
 
 
 def test_a_run_measures_and_prints_a_table(harness, block):
-    code, out, _ = harness("run", "--scene", str(block), "--out", "results", *MOCK)
-    assert code == 0
+    out, _ = ends_well(harness("run", "--scene", str(block), "--out", "results", *MOCK))
     assert "optimal:half-perimeter" in out
     assert "vs ear-clipping" in out
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
@@ -71,9 +49,7 @@ def test_a_run_measures_and_prints_a_table(harness, block):
 def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
     assert harness(*run, "--out", "results")[0] == 0
-    code, _, err = harness(*run, "--out", "results")
-    assert code == 2
-    assert_one_line(err, "results already holds a run", "--resume")
+    assert_refused(harness(*run, "--out", "results"), "results already holds a run", "--resume")
     before = Path("results/cases.jsonl").read_text()
     assert harness("run", "--resume", "results", "--quiet")[0] == 0
     assert Path("results/cases.jsonl").read_text() == before
@@ -99,9 +75,7 @@ def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
-    code, _, err = harness("run", *arguments)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("run", *arguments), *parts)
 
 
 @pytest.mark.parametrize(
@@ -116,24 +90,20 @@ def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
         ("not.geojson", "this is no GeoJSON", ["not.geojson"]),
         (
             "point.geojson",
-            '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {},'
-            ' "geometry": {"type": "Point", "coordinates": [1, 2]}}]}',
+            geojson([{"type": "Point", "coordinates": [1, 2]}]),
             ["point.geojson"],
         ),
     ],
 )
 def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content, parts):
     write(name, content)
-    code, _, err = harness("run", "--scene", name, *MOCK)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("run", "--scene", name, *MOCK), *parts)
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_one_bad_polygon_among_many_is_counted_and_named(harness):
     write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
-    code, _, err = harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK)
-    assert code == 0
+    _, err = ends_well(harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK))
     assert "warning: mixed" in err
     facts = json.loads(Path("results/run.json").read_text())
     noted = facts["scene"]["dropped"] + facts["scene"]["repaired"]
@@ -159,42 +129,15 @@ def test_where_no_pixel_is_covered_nothing_is_measured(harness):
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_nothing_measured_is_exit_code_4(harness):
     hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
-    geometry = {"type": "Polygon", "coordinates": hole}
-    feature = {"type": "Feature", "properties": {}, "geometry": geometry}
-    write("hole.geojson", json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    write("hole.geojson", geojson([{"type": "Polygon", "coordinates": hole}]))
     code, out, err = harness("run", "--scene", "hole.geojson", "--triangulators", "fan", *MOCK)
     assert code == 4
     assert "skipped" in out
     assert_one_line(err, "nothing was measured", "cases.jsonl")
 
 
-@pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])
-def test_lists_name_what_there_is(harness, kind):
-    code, out, _ = harness("list", kind)
-    assert code == 0
-    expected = {
-        "scenes": "city",
-        "triangulators": "ear-clipping",
-        "rasterisers": "opengl",
-        "criteria": "half-perimeter",
-        "metrics": "helper_lanes",
-    }
-    assert expected[kind] in out
-
-
 def test_an_unknown_kind_of_list_suggests_the_nearest(harness):
-    code, _, err = harness("list", "scene")
-    assert code == 2
-    assert_one_line(err, "scenes")
-
-
-def test_help_and_version_work_as_a_module():
-    for option, part in (("--help", "run"), ("--version", "raster-harness")):
-        done = subprocess.run(
-            [sys.executable, "-m", "harness", option], cwd=ROOT, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stderr
-        assert part in done.stdout
+    assert_refused(harness("list", "scene"), "scenes")
 
 
 def test_the_table_of_commands_says_what_their_modules_say():
@@ -263,7 +206,7 @@ with contextlib.suppress(SystemExit):
     main()
 print([name for name in heavy if name in sys.modules])
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    done = python("-c", program)
     assert done.stdout.splitlines() == ["report", "[]"]
 
 
@@ -286,23 +229,21 @@ print([name for name in heavy if name in sys.modules])
 )
 def test_a_value_that_cannot_be_is_refused_where_it_is_declared(harness, command, option, value):
     needed = {"census": ["x", "-o", "y"], "merge": ["a"], "study gains": ["a", "--out", "b"]}
-    code, _, err = harness(*command.split(), *needed.get(command, []), option, value)
-    assert code == 2
-    assert_one_line(err, f"Invalid value for '{option}'")
+    assert_refused(
+        harness(*command.split(), *needed.get(command, []), option, value),
+        f"Invalid value for '{option}'",
+    )
     assert not list(Path().iterdir())
 
 
 def test_an_option_that_is_not_used_is_refused(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
-    code, _, err = harness(*run, "--triangulators", "fan", "--profile", "c.json")
-    assert code == 2
-    assert_one_line(err, "--profile is for optimal:calibrated")
-    code, _, err = harness("run", "--scene", "city", "--layer", "x")
-    assert code == 2
-    assert_one_line(err, "layer")
-    code, _, err = harness("inspect", str(block), "--out", "a.foo")
-    assert code == 2
-    assert_one_line(err, ".png")
+    assert_refused(
+        harness(*run, "--triangulators", "fan", "--profile", "c.json"),
+        "--profile is for optimal:calibrated",
+    )
+    assert_refused(harness("run", "--scene", "city", "--layer", "x"), "layer")
+    assert_refused(harness("inspect", str(block), "--out", "a.foo"), ".png")
 
 
 def test_help_groups_at_most_16_commands_and_cuts_no_default_off():
@@ -313,46 +254,38 @@ def test_help_groups_at_most_16_commands_and_cuts_no_default_off():
         assert "…" not in text
 
 
-def test_list_alone_lists_everything(harness):
-    code, out, _ = harness("list")
-    assert code == 0
-    for name in ("city", "ear-clipping", "reference", "half-perimeter", "helper_lanes"):
-        assert name in out
-    told = json.loads(harness("list", "--json")[1])
-    assert set(told) == {"scenes", "triangulators", "rasterisers", "criteria", "metrics"}
+def test_lists_name_what_there_is(harness):
+    expected = {
+        "scenes": "city",
+        "triangulators": "ear-clipping",
+        "rasterisers": "reference",
+        "criteria": "half-perimeter",
+        "metrics": "helper_lanes",
+    }
+    whole, _ = ends_well(harness("list"))
+    for kind, name in expected.items():
+        assert name in ends_well(harness("list", kind))[0]
+        assert name in whole
+    assert set(json.loads(harness("list", "--json")[1])) == set(expected)
 
 
 def test_options_do_what_hidden_commands_did(harness):
-    code, out, _ = harness("inspect", "paper", "--every", "paper", "--out", "all")
-    assert code == 0
+    out, _ = ends_well(harness("inspect", "paper", "--every", "paper", "--out", "all"))
     assert "triangulations; all in all/triangulations.csv" in out
-    code, _, err = harness("compare", "all", "all", "--repeat")
-    assert code == 2
-    assert_one_line(err, "holds no run")
+    assert_refused(harness("compare", "all", "all", "--repeat"), "holds no run")
 
 
 def test_a_file_that_is_no_run_is_bad_input(harness):
     Path("README.md").write_text("# nothing\n")
-    code, _, err = harness("compare", "README.md", "README.md")
-    assert code == 2
-    assert_one_line(err, "README.md", "no record of a run")
+    assert_refused(harness("compare", "README.md", "README.md"), "README.md", "no record of a run")
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_a_triangulator_that_fails_is_told_by_exit_code_and_place(harness, block, monkeypatch):
     write("mine.py", "def cut(polygon):\n    table = {}\n    return table['x' * 100_000]\n")
     monkeypatch.syspath_prepend(Path.cwd())
-    run = (
-        "run",
-        "--scene",
-        str(block),
-        *MOCK,
-        "--triangulators",
-        "delaunay,mine:cut",
-        "--out",
-        "o",
-    )
-    code, out, err = harness(*run, "--verbose")
+    asked = ("--triangulators", "delaunay,mine:cut", "--out", "o", "--verbose")
+    code, out, err = harness("run", "--scene", str(block), *MOCK, *asked)
     assert code == 5
     assert "delaunay" in out
     errors = [line for line in err.splitlines() if line.startswith("error:")]
@@ -381,17 +314,12 @@ def test_the_installed_program_finds_modules_beside_it(tmp_path):
     (tmp_path / "mine.py").write_text("")
     program = "import sys; sys.path.pop(0); sys.path.append(sys.argv.pop()); sys.argv.append('-h')"
     program += "\nfrom harness.__main__ import main\ntry: main()\nexcept SystemExit: import mine"
-    command = [sys.executable, "-c", program, str(ROOT)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = python("-c", program, ROOT, cwd=tmp_path, env={"PYTHONPATH": ""})
     assert done.returncode == 0, done.stderr
     assert "raster-harness [OPTIONS] COMMAND" in done.stdout
 
 
 def test_files_have_the_permissions_that_the_user_gives(tmp_path):
-    import os
-
-    from harness.stored import atomic
-
     before = os.umask(0o077)
     try:
         atomic.write(tmp_path / "file", b"")

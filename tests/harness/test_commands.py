@@ -1,7 +1,5 @@
 """The smaller commands: triangulate, cache, inspect, doctor, gains."""
 
-from __future__ import annotations
-
 import json
 import re
 import time
@@ -16,7 +14,8 @@ from harness.commands.export import COMPILING
 from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
-from tests.harness.test_cli import MOCK, assert_one_line
+from tests.conftest import assert_one_line, assert_refused, ends_well
+from tests.harness.test_cli import MOCK
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
@@ -27,8 +26,7 @@ def own_cache(monkeypatch, tmp_path):
 
 
 def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
-    code, out, _ = harness("triangulate", str(block), "-o", "block.glb", "--extrude", "3")
-    assert code == 0
+    out, _ = ends_well(harness("triangulate", str(block), "-o", "block.glb", "--extrude", "3"))
     assert "3 polygons" in out
     mesh = trimesh.load("block.glb", force="mesh")
     # glTF's up is y.
@@ -53,9 +51,7 @@ def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
     ],
 )
 def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
-    code, _, err = harness("triangulate", *arguments)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("triangulate", *arguments), *parts)
     assert not Path("x.glb").exists()
 
 
@@ -78,15 +74,12 @@ def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, ar
 def test_the_cache_can_be_looked_at_and_emptied(harness):
     with ModelDatabase() as database:
         database.keep("delaunay", [(b"key", Timed(np.zeros((1, 3), np.int32), 1.0))])
-    code, out, _ = harness("cache", "info")
-    assert code == 0
+    out, _ = ends_well(harness("cache", "info"))
     assert "cache.sqlite" in out
     assert "delaunay" in out
     assert harness("cache", "clear")[0] == 0
     assert "0 triangulations" in harness("cache", "info")[1]
-    code, _, err = harness("cache", "burn")
-    assert code == 2
-    assert_one_line(err, "info or clear")
+    assert_refused(harness("cache", "burn"), "info or clear")
 
 
 @pytest.mark.parametrize("many", [False, True])
@@ -105,12 +98,9 @@ def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harnes
 
 
 def test_inspect_draws_a_picture(harness, block):
-    code, _, _ = harness("inspect", str(block), "--out", "picture.png")
-    assert code == 0
+    ends_well(harness("inspect", str(block), "--out", "picture.png"))
     assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
-    code, _, err = harness("inspect", str(block), "--polygon", "9")
-    assert code == 2
-    assert_one_line(err, "polygons 0 to 2")
+    assert_refused(harness("inspect", str(block), "--polygon", "9"), "polygons 0 to 2")
 
 
 def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
@@ -130,8 +120,7 @@ def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch
 def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
     monkeypatch.setattr("harness.commands.export.SAID_AFTER_S", 0.0)
     monkeypatch.setattr("harness.export.export.triangulate_many", _slowly(triangulate_many))
-    code, _, err = harness("triangulate", str(block), "-o", "block.obj")
-    assert code == 0
+    _, err = ends_well(harness("triangulate", str(block), "-o", "block.obj"))
     assert COMPILING in err
 
 
@@ -144,36 +133,37 @@ def _slowly(function):
 
 
 def test_enumerate_refuses_what_has_too_many_triangulations(harness):
-    code, _, err = harness("inspect", "stress", "--every", "conforming", "--polygon", "0")
-    assert code == 2
-    assert_one_line(err, "triangulations", "optimal")
+    assert_refused(
+        harness("inspect", "stress", "--every", "conforming", "--polygon", "0"),
+        "triangulations",
+        "optimal",
+    )
 
 
 def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     """The mock's times go with its counters, so who is ahead is known beforehand."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
-    code, _, _ = harness("study", "gains", "run", "--out", "gains")
-    assert code == 0
+    ends_well(harness("study", "gains", "run", "--out", "gains"))
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"ear-clipping", "delaunay"}
     assert set(table["resolution"]) == {64, 128}
     assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
     names = [path.name for path in Path("gains/plots").iterdir()]
     assert any(name.startswith("gain-resolution-") for name in names)
-    code, out, _ = harness(
-        "study", "gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping"
+    out, _ = ends_well(
+        harness("study", "gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping")
     )
-    assert code == 0
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"optimal:overdraw", "ear-clipping"}
     for base in ("optimal:overdraw", "ear-clipping"):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
         assert f"{base}: no other was shown to be faster in {2 - beaten} of 2 views" in out
-    code, _, err = harness("study", "gains", "run", "--out", "gains", "--bases", "nothing")
-    assert code == 2
-    assert_one_line(err, "unknown triangulator")
+    assert_refused(
+        harness("study", "gains", "run", "--out", "gains", "--bases", "nothing"),
+        "unknown triangulator",
+    )
 
 
 def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch):
@@ -217,10 +207,9 @@ def test_gains_pair_no_times_of_different_runs(harness, block):
         run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
         fit = ("--fit", "circle" if out == "round" else "box")
         assert harness(*run, *fit, "--triangulators", triangulators)[0] == 0
-    code, out, _ = harness(
-        "study", "gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay"
+    out, _ = ends_well(
+        harness("study", "gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay")
     )
-    assert code == 0
     table = pd.read_csv("gains/gains.csv")
     box = table[table["fit"] == "box"]
     assert set(box["triangulator"]) == {"ear-clipping", "delaunay"}
@@ -233,8 +222,7 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     plan = ("run", "--scene", str(block), "--resolution", "64", *MOCK)
     for out in ("one", "two"):
         assert harness(*plan, "--triangulators", "ear-clipping,optimal,worst", "--out", out)[0] == 0
-    code, out, _ = harness("compare", "one", "two", "--repeat")
-    assert code == 0
+    out, _ = ends_well(harness("compare", "one", "two", "--repeat"))
     assert "counters: equal in 3 of 3 cases" in out
     found = re.search(r"(\d) pairs: both runs say which is faster for (\d)", out)
     assert found is not None
@@ -245,16 +233,12 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     assert code == 1
     assert "counters: equal in 2 of 3 cases" in out
     assert harness(*plan[:3], "--resolution", "128", *MOCK, "--out", "other")[0] == 0
-    code, _, err = harness("compare", "one", "other", "--repeat")
-    assert code == 2
-    assert_one_line(err, "no case in common")
+    assert_refused(harness("compare", "one", "other", "--repeat"), "no case in common")
 
 
 def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):
     run = ("run", "--scene", str(block), "--triangulators", "optimal:calibrated", *MOCK)
-    code, _, err = harness(*run, "--device", "scripted")
-    assert code == 2
-    assert_one_line(err, "--profile FILE")
+    assert_refused(harness(*run, "--device", "scripted"), "--profile FILE")
     terms = dict.fromkeys(COSTS, 0.0) | {"draw": 1e-6, "half_perimeter": 1e-8}
     Path("c.json").write_text(json.dumps({"coefficients": terms}))
     assert harness(*run, "--profile", "c.json", "--out", "run")[0] == 0
@@ -288,8 +272,7 @@ def test_lists_are_json_for_other_programs(harness, kind):
 def test_a_run_tells_its_cases_as_json_and_nothing_else(harness, no_plots):
     run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
     run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
-    code, out, _ = harness(*run, "--triangulators", "delaunay,greedy")
-    assert code == 0
+    out, _ = ends_well(harness(*run, "--triangulators", "delaunay,greedy"))
     told = json.loads(out)
     assert told["results"] == "out"
     assert not told["interrupted"]
@@ -311,6 +294,4 @@ def test_proofs_that_are_written_are_accepted_and_others_refused(harness):
     assert out.splitlines()[1].startswith("2: refused: the gap is 0.0")
     assert_one_line(err, "forged.jsonl", "1 of 2 proofs refused")
     Path("empty.jsonl").write_text("")
-    code, _, err = harness("check-evidence", "empty.jsonl")
-    assert code == 2
-    assert_one_line(err, "empty.jsonl", "--evidence")
+    assert_refused(harness("check-evidence", "empty.jsonl"), "empty.jsonl", "--evidence")

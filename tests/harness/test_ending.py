@@ -1,7 +1,5 @@
 """However a command ends, it is one line and the right exit code, never 1 but for a regression."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -18,8 +16,8 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
 from harness.stored import drawings
 from harness.stored.folder import Run, Store, read_run
-from tests.conftest import write_geojson
-from tests.harness.test_cli import MOCK, assert_one_line
+from tests.conftest import assert_one_line, assert_refused, write_geojson
+from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import measure, plan_for
 from tests.paths import ROOT
 
@@ -101,9 +99,7 @@ def _hang_up(run: Run, *_: object) -> Path:
 
 
 def test_a_wrong_option_is_one_line(harness):
-    code, _, err = harness("run", "--sceene", "city")
-    assert code == 2
-    assert_one_line(err, "--sceene", "--scene", "run --help")
+    assert_refused(harness("run", "--sceene", "city"), "--sceene", "--scene", "run --help")
 
 
 def test_without_arguments_the_help_is_shown(harness):
@@ -131,9 +127,7 @@ def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
 def test_a_folder_that_cannot_be_written_is_one_line(harness, stored, command, place):
     Path("file").write_text("")
     shutil.copytree("run", "again")
-    code, _, err = harness(*command, "--out", f"{place}/new")
-    assert code == 2
-    assert_one_line(err, place)
+    assert_refused(harness(*command, "--out", f"{place}/new"), place)
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut off", "changed"])

@@ -1,15 +1,28 @@
-"""A run tells the commit of the user's repository, and the harness's beside it."""
+"""A run tells whose commit it is of and on which processor; times of different ones stay apart."""
 
-from __future__ import annotations
-
+import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from harness.compare.comparison import compare_runs
+from harness.errors import UsageError
+from harness.figures.groups import (
+    by_processor,
+    machine_words,
+    of_cpu,
+    processor_words,
+    several_processors,
+)
+from harness.history.series import read_series
 from harness.machine import environment
 from harness.machine.environment import COMMITS, commit_of
-from harness.stored.folder import read_run
+from harness.scaling import merging
+from harness.stored.folder import Run, read_run
+from tests.compare.runs import write_run
+from tests.conftest import ends_well
 
 
 @pytest.fixture(autouse=True)
@@ -87,3 +100,168 @@ def test_comparison_and_history_tell_the_users_commit(tmp_path):
     line = run_lines(compare_runs(*runs))[1]
     assert f"commit {'b' * 12}, raster-harness 0.1.0 at {'a' * 12}" in line
     assert run_label(runs[0]).startswith("b" * 8)
+
+
+INTEL = """processor\t: 0
+vendor_id\t: GenuineIntel
+cpu family\t: 6
+model\t\t: 143
+model name\t: Intel(R) Xeon(R) Processor @ 2.10GHz
+stepping\t: 8
+flags\t\t: fpu sse2 avx avx2 avx512f
+
+processor\t: 1
+model\t\t: 0
+"""
+ARM = "processor\t: 0\nFeatures\t: fp asimd\nCPU implementer\t: 0x41\nCPU architecture: 8\n"
+ARM += "CPU part\t: 0xd0c\nCPU revision\t: 1\n"
+XEON = "Intel(R) Xeon(R) Processor @ 2.10GHz 6/143, 512-bit"
+EPYC = "AMD EPYC 25/17, 512-bit"
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "stepping"),
+    [
+        (INTEL, XEON, "8"),
+        (INTEL.replace(" avx512f", ""), XEON.replace("512", "256"), "8"),
+        (ARM, "0x41 8/0xd0c, 128-bit", "1"),
+        ("", "unknown processor", None),
+    ],
+)
+def test_a_processor_is_named_by_what_its_code_depends_on(
+    text, label, stepping, tmp_path, monkeypatch
+):
+    file = tmp_path / "cpuinfo"
+    file.write_text(text)
+    monkeypatch.setattr(environment, "CPUINFO", file)
+    monkeypatch.setattr("platform.processor", lambda: "")
+    found = environment.processor.__wrapped__()
+    assert (found["label"], found["stepping"]) == (label, stepping)
+
+
+def test_caches_are_told_in_bytes(tmp_path):
+    for number, (level, kind, size) in enumerate([(1, "Data", "48K"), (2, "Unified", "2048K")]):
+        place = tmp_path / f"index{number}"
+        place.mkdir()
+        for name, value in (("level", level), ("type", kind), ("size", size)):
+            (place / name).write_text(f"{value}\n")
+    assert dict(environment._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
+
+
+def test_a_run_that_tells_less_is_of_the_same_processor():
+    assert environment.same("AMD EPYC", EPYC)
+    assert environment.same("", EPYC)
+    assert not environment.same(XEON, EPYC)
+    assert environment.differ(["AMD EPYC", EPYC]) == []
+    assert environment.differ(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert environment.label_of({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
+    assert environment.label_of({"cpu": "damaged", "environment": 3}) == ""
+
+
+@pytest.fixture
+def two(tmp_path) -> list[Run]:
+    """One scene's runs on llvmpipe, of two processors."""
+    found = []
+    for number, label in enumerate((EPYC, XEON)):
+        run = read_run(write_run(tmp_path / str(number), seed=number))
+        scene = {"hash": run.records[0]["scene_hash"]}
+        facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
+        found.append(replace(run, facts=facts))
+    return found
+
+
+def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):
+    with pytest.raises(UsageError, match="keep the runs apart with --hosts") as caught:
+        merging.merge(two, tmp_path / "merged")
+    assert EPYC in str(caught.value)
+    assert XEON in str(caught.value)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_gains_and_comparisons_say_so(two, harness):
+    for run in two:
+        file = run.path / "run.json"
+        file.write_text(json.dumps(run.facts))
+    folders = [str(run.path) for run in two]
+    out, _ = ends_well(harness("study", "gains", *folders, "--out", "gains"))
+    assert f"several processors, whose times stay apart: llvmpipe on {EPYC}, {XEON}" in out
+    table = Path("gains/gains.csv").read_text()
+    assert f'"llvmpipe ({EPYC})"' in table
+    assert ",llvmpipe," not in table
+    notes = compare_runs(*two).notes
+    assert any("llvmpipe draws on the processor" in line and XEON in line for line in notes)
+    assert not any("draws on the processor" in line for line in compare_runs(two[0], two[0]).notes)
+
+
+def test_a_history_sees_no_change_of_code_in_a_change_of_processor(tmp_path):
+    """Ten runs, the second five on another processor that draws delaunay 12 % slower."""
+    from tests.compare.runs import slower
+
+    runs = []
+    for number in range(10):
+        edits = {"delaunay": slower(0.12)} if number >= 5 else {}
+        run = read_run(write_run(tmp_path / str(number), seed=number, edits=edits))
+        label = EPYC if number < 5 else XEON
+        runs.append(replace(run, facts={**run.facts, "cpu": {"label": label}}))
+    changed = {s.metric for s in read_series(runs) if s.changes}
+    assert changed == set()
+    one = [replace(run, facts=runs[0].facts) for run in runs]
+    assert {s.metric for s in read_series(one) if s.changes} == {"time"}
+
+
+@pytest.mark.parametrize(
+    ("device", "renderer", "drawn"),
+    [
+        ("llvmpipe", None, True),
+        ("cpu", None, True),
+        ("zink@host", None, True),
+        ("gpu0", "llvmpipe (LLVM 15.0.6, 256 bits)", True),
+        ("gpu0", "NVIDIA H100", False),
+        ("gpu0", "", False),
+        ("gpu0", None, False),
+        (None, None, False),
+    ],
+)
+def test_the_renderer_says_who_draws_and_else_the_name(device, renderer, drawn):
+    details = {} if renderer is None else {"details": {"renderer": renderer}}
+    for facts in ({}, {"devices": None}, {"devices": {f"opengl on {device}": details}}):
+        if "details" in details and not facts.get("devices"):
+            continue
+        run = Run(Path("run"), facts, [])
+        assert of_cpu(run, {"rasteriser": "opengl", "device": device}) is drawn
+
+
+def runs_of(*labels: str) -> list[Run]:
+    """A run a processor, of a device that it draws on, once untimed, and of a GPU."""
+    records = [
+        {"rasteriser": "opengl", "device": device, "time": time}
+        for device, time in (("llvmpipe", {"timer": "wall"}), ("gpu0", {"timer": "gpu"}))
+    ]
+    untimed = {"rasteriser": "reference", "device": "cpu", "time": None}
+    return [Run(Path("run"), {"cpu": {"label": each}}, [*records, untimed]) for each in labels]
+
+
+def test_only_what_processors_were_timed_on_is_kept_apart():
+    runs = runs_of("Xeon", "EPYC")
+    mixed = several_processors(runs)
+    assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
+    assert processor_words(mixed) == "llvmpipe on EPYC, Xeon"
+    assert several_processors(runs[:1]) == {}
+    found = [[record["device"] for record in run.records] for run in by_processor(runs)]
+    assert found == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
+
+
+def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
+    runs = runs_of("Xeon", "EPYC")
+    facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
+    real = Run(Path("run"), facts, runs[0].records)
+    assert by_processor([*runs, real])[2].records == real.records
+
+
+def test_a_run_says_which_processor_its_times_are_of():
+    (run,) = runs_of("Xeon")
+    assert machine_words(run) == ["times of llvmpipe are of this processor: Xeon"]
+    assert machine_words(replace(run, records=run.records[1:])) == []
+    assert machine_words(replace(run, facts={})) == []
+    slow = {"state": "disturbed", "why": ["it was slow"], "draws": []}
+    assert len(machine_words(replace(run, facts={**run.facts, "state": slow}))) == 2

@@ -1,7 +1,5 @@
 """Frames: inside the viewport, on the grid, and nothing lost silently."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Which changes of code are tried, and which no result can tell."""
 
-from __future__ import annotations
-
 import pytest
 
 from scripts.mutate import EQUIVALENT, ROOT, changes, equivalent, files

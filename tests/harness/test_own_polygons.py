@@ -1,7 +1,5 @@
 """A user's own polygons on the command line: which part of a file, and what was done to it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -11,8 +9,8 @@ import shapely
 from pyarrow import parquet
 
 from scenes.cleaning.projection import system
-from tests.conftest import write_geojson
-from tests.harness.test_cli import MOCK, assert_one_line
+from tests.conftest import assert_refused, ends_well, geojson, write_geojson
+from tests.harness.test_cli import MOCK
 from tests.models.various import MODELS
 from tests.scenes.test_files import without_utf8, write
 
@@ -39,8 +37,7 @@ def records_of(folder: str) -> list[dict]:
 def test_a_part_of_a_file(harness, town):
     where = "height/2 > 1 AND name IN ('house 2', 'house 3')"
     arguments = ("--layer", "houses", "--where", where, "--limit", "1", "--triangulators", "fan")
-    code, _, err = harness("run", "--scene", town, *arguments, "--out", "out", *LOUD)
-    assert code == 0, err
+    ends_well(harness("run", "--scene", town, *arguments, "--out", "out", *LOUD))
     scene = scene_of("out")
     assert scene["polygons"] == 1
     assert scene["parameters"] == {"layer": "houses", "where": where, "limit": "1"}
@@ -62,9 +59,10 @@ def test_one_line_says_what_was_read(harness, town):
 
 
 def test_options_that_a_scene_does_not_have(harness):
-    code, _, err = harness("run", "--scene", "paper", "--layer", "x", *MOCK)
-    assert code == 2
-    assert "scene paper has no parameter 'layer'" in err
+    assert_refused(
+        harness("run", "--scene", "paper", "--layer", "x", *MOCK),
+        "scene paper has no parameter 'layer'",
+    )
 
 
 def test_a_function_of_the_users(harness, tmp_path, monkeypatch):
@@ -76,8 +74,7 @@ def test_a_function_of_the_users(harness, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     arguments = ("--triangulators", "fan", "--out", "out", *MOCK)
-    code, _, err = harness("run", "--scene", "rows:squares:count=3", *arguments)
-    assert code == 0, err
+    ends_well(harness("run", "--scene", "rows:squares:count=3", *arguments))
     assert scene_of("out")["polygons"] == 3
     code, _, err = harness("run", "--scene", "rows:square", *MOCK)
     assert code == 2
@@ -85,8 +82,7 @@ def test_a_function_of_the_users(harness, tmp_path, monkeypatch):
 
 
 def test_triangulate_says_what_was_done(harness, town):
-    code, out, err = harness("triangulate", town, "-o", "out.parquet")
-    assert code == 0
+    out, err = ends_well(harness("triangulate", town, "-o", "out.parquet"))
     assert "4 polygons" in out
     assert f"{town}: layer houses (others: parks); coordinates in" in err
 
@@ -94,8 +90,7 @@ def test_triangulate_says_what_was_done(harness, town):
 def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):
     source = without_utf8(tmp_path / "old.gpkg")
     for out in ("out.geojson", "out.parquet", "out.glb"):
-        code, _, err = harness("triangulate", str(source), "-o", out)
-        assert code == 0, err
+        _, err = ends_well(harness("triangulate", str(source), "-o", out))
         assert "text of name is not UTF-8" in err
     names = pyogrio.raw.read("out.geojson")[3][0]
     assert any("\ufffd" in name for name in names)
@@ -128,10 +123,9 @@ def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
 
 def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the_run(harness):
     shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6]
-    Path("own.geojson").write_text(plain_geojson(shapes))
+    Path("own.geojson").write_text(geojson(shapes))
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
-    code, _, err = harness("run", *arguments)
-    assert code == 0, err
+    _, err = ends_well(harness("run", *arguments))
     dropped = dict(scene_of("out")["dropped"])
     assert dropped == {
         **{f"feature {number}": "is a Point, not a polygon" for number in range(1, 7)},
@@ -156,20 +150,18 @@ def test_what_is_read_is_never_written_over(harness):
         ("inspect", "own.svg", "--sizes", "16", "--out", "own.svg"),
     ):
         before = Path(command[1]).read_bytes()
-        code, _, err = harness(*command)
-        assert code == 2
-        assert_one_line(err, "is the file that is read: give another name")
+        assert_refused(harness(*command), "is the file that is read: give another name")
         assert Path(command[1]).read_bytes() == before
 
 
 def test_many_features_off_the_globe_are_no_degrees(harness):
     """Metres without a reference system; one bad feature among ten leaves the others degrees."""
     metres = [shapely.box(40 * n, 40 * n, 40 * n + 9, 40 * n + 9) for n in range(6)]
-    Path("metres.geojson").write_text(plain_geojson(metres))
+    Path("metres.geojson").write_text(geojson(metres))
     err = harness("inspect", "metres.geojson", "--out", "a.png")[2]
     assert "coordinates are not degrees as in WGS 84, used as they are" in " ".join(err.split())
     degrees = [shapely.box(n, 50, n + 0.5, 50.5) for n in range(9)]
-    Path("degrees.geojson").write_text(plain_geojson([*degrees, shapely.box(3, 90, 4, 91)]))
+    Path("degrees.geojson").write_text(geojson([*degrees, shapely.box(3, 90, 4, 91)]))
     err = harness("inspect", "degrees.geojson", "--out", "b.png")[2]
     assert "dropped feature 9: has a vertex off the globe" in " ".join(err.split())
     write(Path("bare.gpkg"), degrees, "bare", crs=None)
@@ -177,21 +169,11 @@ def test_many_features_off_the_globe_are_no_degrees(harness):
     assert "no reference system, coordinates used as they are" in " ".join(err.split())
 
 
-def plain_geojson(shapes: list[shapely.Geometry | None]) -> str:
-    """Features without a reference system, which GeoJSON takes for longitude and latitude."""
-    features = [
-        {"type": "Feature", "properties": {}, "geometry": each and shapely.geometry.mapping(each)}
-        for each in shapes
-    ]
-    return json.dumps({"type": "FeatureCollection", "features": features})
-
-
 def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
     Path("folder").mkdir()
     write(Path("folder/houses.shp"), HOUSES, "houses")
     two = ("--triangulators", "ear-clipping,delaunay")
-    code, out, err = harness("census", "folder", "-o", "census", *two)
-    assert code == 0, err
+    out, _ = ends_well(harness("census", "folder", "-o", "census", *two))
     assert "4 footprints" in out
     code, _, err = harness("census", "folder", "-o", "nothing", *two, "--units-per-pixel", "1000")
     assert code == 4
@@ -200,6 +182,6 @@ def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
 
 def test_a_model_without_triangles_is_not_judged(harness):
     Path("lines.obj").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
-    code, _, err = harness("triangulate", "lines.obj", "--check")
-    assert code == 4
-    assert_one_line(err, "there is no triangle in it")
+    assert_refused(
+        harness("triangulate", "lines.obj", "--check"), "there is no triangle in it", code=4
+    )

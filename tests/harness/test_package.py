@@ -1,7 +1,5 @@
 """The wheel holds everything the packages need, and nothing tells where it was built."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import shutil

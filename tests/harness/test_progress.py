@@ -1,7 +1,5 @@
 """What is said of a run: bars on a terminal, lines now and then elsewhere."""
 
-from __future__ import annotations
-
 import io
 from itertools import pairwise
 

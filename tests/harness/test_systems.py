@@ -1,7 +1,5 @@
 """The path of a run where EGL, GLU, OSMesa and what only POSIX has are missing."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -12,7 +10,7 @@ import psutil
 import pytest
 
 from harness.machine import system
-from tests.paths import ROOT
+from tests.paths import ROOT, python
 
 BARE = Path(__file__).parents[1] / "bare"
 
@@ -20,15 +18,8 @@ BARE = Path(__file__).parents[1] / "bare"
 def call(*arguments: str, cwd: Path) -> str:
     """Run the command line in a process that has none of these; returns what it printed."""
     path = os.pathsep.join([str(BARE), str(ROOT)])
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "harness", *arguments],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    environment = {"PYTHONPATH": path, "COLUMNS": "200"}
+    done = python("-P", "-m", "harness", *arguments, cwd=cwd, env=environment, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -43,13 +34,7 @@ def test_they_are_hidden():
         "try: ctypes.CDLL('libEGL.so.1')\n"
         "except OSError as error: print(error)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", check],
-        env={**os.environ, "PYTHONPATH": str(BARE)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("-c", check, env={"PYTHONPATH": str(BARE)}, check=True)
     assert done.stdout.splitlines() == [
         "no fcntl",
         "no resource",

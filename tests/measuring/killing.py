@@ -4,14 +4,11 @@ Run as a program, it measures a scene on the scripted rasteriser and nothing mor
 plots.
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from harness.frame import View
@@ -21,28 +18,19 @@ from tests.measuring.test_run import measure, plan_for
 from tests.paths import ROOT
 
 RESOLUTIONS = (64, 96, 128, 256, 512, 1024)
-TRIANGULATORS = "ear-clipping,delaunay,optimal:overdraw,optimal:half-perimeter"
 CASES = 24
 
 ALONE = (sys.executable, "-m", "tests.measuring.killing")
 """The measuring alone; SCENE and --out or --resume DIR follow."""
 
-WHOLE = (
-    *(sys.executable, "-m", "harness", "run", "--quiet", "--quick"),
-    *("--rasterisers", "tests.mock:MockRasteriser", "--triangulators", TRIANGULATORS),
-    *("--resolution", ",".join(map(str, RESOLUTIONS)), "--scene"),
-)
-"""The whole command, with its worker processes."""
-
 
 def plan_of(scene: Path) -> Plan:
     """Return the plan of many short cases."""
     views = tuple(View(size) for size in RESOLUTIONS)
-    return plan_for(scene, triangulators=TRIANGULATORS.split(","), views=views)
+    return plan_for(scene, views=views)
 
 
 def kill_and_resume(
-    program: Sequence[str],
     scene: Path,
     out: Path,
     cases: int,
@@ -54,7 +42,7 @@ def kill_and_resume(
     Returns how many cases were finished when it died.
     """
     process = subprocess.Popen(
-        [*program, str(scene), "--out", str(out)],
+        [*ALONE, str(scene), "--out", str(out)],
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -69,7 +57,7 @@ def kill_and_resume(
     finished = read_run(out).records
     lines = (out / "cases.jsonl").read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
-    again = [*program, str(scene), "--resume", str(out)]
+    again = [*ALONE, str(scene), "--resume", str(out)]
     subprocess.run(again, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []

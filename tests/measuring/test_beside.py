@@ -1,7 +1,5 @@
 """Two versions of a user's code measured in the same rounds: what is paired, kept and refused."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import subprocess
@@ -28,7 +26,7 @@ from harness.stored import drawings
 from harness.stored.folder import read_run
 from harness.triangulating.recipes import Recipe
 from scenes import load
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused
 from tests.harness.test_environment import git
 from tests.inline import Inline
 from tests.mock import MockRasteriser
@@ -219,9 +217,7 @@ def test_an_editable_install_that_hides_base_is_said(measured):
     ],
 )
 def test_bad_usage_is_one_line(harness, options, parts):
-    code, _, err = harness("run", "--scene", "city:buildings=2", "--out", "out", *options)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("run", "--scene", "city:buildings=2", "--out", "out", *options), *parts)
     assert not Path("out").exists()
 
 

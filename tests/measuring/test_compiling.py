@@ -1,7 +1,5 @@
 """Compiling is no triangulator's time: it has a budget and a line of its own."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from itertools import count
@@ -29,13 +27,7 @@ class Slow(Inline):
         self._log = log
         self._fails = fails
 
-    def call(
-        self,
-        function: Callable[..., Any],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> Any:
+    def call(self, function, *arguments, timeout_s=None, tick=None):
         self._log.append((function.__name__, timeout_s))
         if function.__name__ == self._fails:
             raise TaskTimedOut("it ran past its time and was stopped")

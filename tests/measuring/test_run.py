@@ -1,7 +1,5 @@
 """Whole runs on a scripted rasteriser: what is measured, stored, resumed and refused."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -208,39 +206,31 @@ def test_resume_measures_only_what_is_missing(block, tmp_path):
     }
 
 
-def test_resume_refuses_another_plan_unless_forced(block, tmp_path):
-    out = tmp_path / "out"
-    measure(plan_for(block), out)
-    other = plan_for(block, seed=7)
-    with pytest.raises(UsageError, match=r"cannot resume .*plan \(seed: 0 then, 7 now\)"):
-        measure(other, out, resume=True)
-    assert measure(other, out, resume=True, force=True).records
-
-
-def test_resume_refuses_a_scene_that_changed(block, tmp_path):
-    out = tmp_path / "out"
-    measure(plan_for(block), out)
-    write_geojson(block, [box(0, 0, 5, 7)])
-    with pytest.raises(UsageError, match="the scene's content"):
-        measure(plan_for(block), out, resume=True)
-
-
-def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    measure(plan_for(block), out)
-    monkeypatch.setattr("harness.machine.environment.code_version", lambda: "other")
-    with pytest.raises(UsageError, match="since then changed: the code;"):
-        measure(plan_for(block), out, resume=True)
-
-
-def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    measure(plan_for(block), out)
-    other = {**processor(), "label": "another processor"}
-    monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
-    with pytest.raises(UsageError, match="since then changed: the machine;"):
-        measure(plan_for(block), out, resume=True)
-    assert measure(plan_for(block), out, resume=True, force=True).records
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ("plan", r"cannot resume .*plan \(seed: 0 then, 7 now\)"),
+        ("scene", "the scene's content"),
+        ("code", "since then changed: the code;"),
+        ("machine", "since then changed: the machine;"),
+    ],
+)
+def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch, changed, reason):
+    plan, out = plan_for(block), tmp_path / "out"
+    measure(plan, out)
+    if changed == "plan":
+        plan = plan_for(block, seed=7)
+    elif changed == "scene":
+        write_geojson(block, [box(0, 0, 5, 7)])
+    elif changed == "code":
+        monkeypatch.setattr("harness.machine.environment.code_version", lambda: "other")
+    else:
+        other = {**processor(), "label": "another processor"}
+        monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
+    with pytest.raises(UsageError, match=reason):
+        measure(plan, out, resume=True)
+    if changed in ("plan", "machine"):
+        assert measure(plan, out, resume=True, force=True).records
 
 
 def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_path, monkeypatch):

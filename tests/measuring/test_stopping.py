@@ -1,7 +1,5 @@
 """A run that is stopped keeps what it has, counters too, and says how to go on."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -11,6 +9,7 @@ import pytest
 
 from harness.measuring.processes import Bench
 from harness.stored.folder import Store, read_arrays, read_run
+from tests.measuring.killing import CASES, kill_and_resume, plan_of
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
 
@@ -111,3 +110,11 @@ def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
     assert "stopped early; continue with: raster-harness run --resume out" in out
     assert "Traceback" not in err
     assert Path("out/cases.jsonl").read_text().count("\n") == 1
+
+
+def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
+    expected = measure(plan_of(block), tmp_path / "whole").records
+    assert len(expected) == CASES
+    # `make endurance` kills whole commands at 30 moments each.
+    finished = kill_and_resume(block, tmp_path / "killed", 9, 0.01, expected)
+    assert 9 <= finished < CASES

@@ -1,7 +1,5 @@
 """A third party's code may do anything: it costs its own cases, at once, and nothing else."""
 
-from __future__ import annotations
-
 import json
 import os
 import time
@@ -11,6 +9,7 @@ import pytest
 
 from harness.measuring.run import run
 from harness.measuring.worker import Worker
+from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import MOCK, measure, plan_for, quiet
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -153,8 +152,7 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
     module("theirs", RASTERISER)
     arguments = ("--scene", str(block), "--triangulators", "delaunay,theirs:cut", "--quick")
     rasterisers = ("--rasterisers", "theirs:Dying,theirs:Theirs", "--out", "out")
-    code, _, err = harness("run", *arguments, *rasterisers)
-    assert code == 0
+    _, err = ends_well(harness("run", *arguments, *rasterisers))
     assert "rasteriser 'theirs:Dying' is left out" in err
     assert "died: exit code 0" in err
     lines = Path("out/cases.jsonl").read_text().splitlines()
@@ -194,8 +192,9 @@ def test_a_scene_that_exits_is_one_line(harness, module, tmp_path):
         "def build(*, seed):\n    sys.exit(0)\n"
         "def square(*, seed):\n    return [box(0, 0, 1, 1)]\n",
     )
-    code, _, err = harness("run", "--scene", "exiting", "-q")
-    assert code == 2
-    assert "error: scene exiting failed: it raised SystemExit(0)" in err
+    assert_refused(
+        harness("run", "--scene", "exiting", "-q"),
+        "error: scene exiting failed: it raised SystemExit(0)",
+    )
     good = ("run", "--scene", "square", "--triangulators", "fan", "--rasterisers", MOCK, "-q")
     assert harness(*good, "--quick")[0] == 0

@@ -1,7 +1,5 @@
 """The rounds: interleaved, long enough, stopped in time; and the timer that is believed."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace

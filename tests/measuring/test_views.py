@@ -1,33 +1,35 @@
-"""Runs on views of a model: faces are triangulated in their planes, figures are sums over views."""
-
-from __future__ import annotations
+"""Runs on views of a model and on map tiles: each a view of its own, figures are sums over them."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from harness.errors import NothingMeasured, UsageError
 from harness.figures.views import over_views, said
-from harness.frame import View, frame_of, view_of
-from harness.measuring.lower_limits import limits
+from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
+from harness.measuring.lower_limits import fewest, limits
 from harness.measuring.plan import Plan
 from harness.models.seen import read
 from harness.page.page_data import content_of
-from harness.rasterisers.reference import outlines, quads_of
+from harness.rasterisers import Options
+from harness.rasterisers.reference import Reference, outlines, quads_of
 from harness.settings import MODEL_TRIANGULATORS
 from harness.stored.folder import read_arrays, read_run
 from harness.stored.schema import wrong_field
-from harness.triangulating.frames import original
-from harness.triangulating.recipes import parse_all
+from harness.triangulating.frames import original, triangulate_polygons
+from harness.triangulating.recipes import parse, parse_all
+from scenes import Scene, load
+from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import FAST, measure
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 
 
 @pytest.fixture
 def model(tmp_path) -> str:
-    plate().export(tmp_path / "plate.glb")
+    solid().export(tmp_path / "plate.glb")
     return str(tmp_path / "plate.glb")
 
 
@@ -128,7 +130,7 @@ def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
     again = measure(stored, out, resume=True)
     assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
     # the same faces, turned in space
-    plate(0.3).export(model)
+    solid(0.3).export(model)
     with pytest.raises(UsageError, match="the scene's content"):
         measure(stored, out, resume=True)
     with pytest.raises(UsageError, match="is of a model's views, which a page cannot cut"):
@@ -139,21 +141,23 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
         measure(plan(model, views=(View(512),)), tmp_path / "other")
     for option in ("--resolution=1024", "--rotation=30", "--fit=circle"):
-        code, _, told = harness("run", "--scene", f"{model}:views=4", option, "--quick")
-        assert code == 2
-        assert "pixels= is the resolution of a model's views: leave --sizes, --resolution" in told
+        assert_refused(
+            harness("run", "--scene", f"{model}:views=4", option, "--quick"),
+            "pixels= is the resolution of a model's views: leave --sizes, --resolution",
+        )
 
 
 def test_an_option_that_is_misspelt_is_told_with_those_of_views(model, tmp_path, harness):
     for wrong, meant in (("view=4", "views"), ("pixel=64", "pixels"), ("dept=file", "depth")):
-        code, _, told = harness("run", "--scene", f"{model}:{wrong}", "--quick")
-        assert code == 2
-        assert f"no parameter {wrong.partition('=')[0]!r}; did you mean {meant}?" in told
-    code, _, told = harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png")
-    assert code == 2
-    assert "pixels= is the resolution of a model's views: leave --sizes" in told
-    code, out, _ = harness("inspect", f"{model}:views=4", "--out", "a.png")
-    assert code == 0
+        assert_refused(
+            harness("run", "--scene", f"{model}:{wrong}", "--quick"),
+            f"no parameter {wrong.partition('=')[0]!r}; did you mean {meant}?",
+        )
+    assert_refused(
+        harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
+        "pixels= is the resolution of a model's views: leave --sizes",
+    )
+    out, _ = ends_well(harness("inspect", f"{model}:views=4", "--out", "a.png"))
     assert "picture: a.png" in out
 
 
@@ -179,9 +183,7 @@ def test_faces_side_by_side_have_no_original(model, tmp_path):
     ],
 )
 def test_what_views_cannot_be(model, harness, text, reason):
-    code, _, told = harness("run", "--scene", f"{model}:{text}", "--quick")
-    assert code == 2
-    assert reason in told
+    assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)
 
 
 @pytest.mark.parametrize(
@@ -196,9 +198,83 @@ def test_damaged_views_are_refused(damage):
 
 def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, harness, tmp_path):
     words = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
-    code, told, err = harness("run", "--scene", f"{model}:views=4,pixels=64", *words)
-    assert code == 0, err
+    told, err = ends_well(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
     names = [each["triangulator"] for each in read_run(tmp_path / "out").records]
     assert names == list(MODEL_TRIANGULATORS)
     assert "helper lanes in ratio to original's, over 4 views, too few" in told
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
+
+
+TILES = "helsinki-tiles:zoom=16,tiles=3,layers=building"
+
+
+def plan_of_tiles(**changes: object) -> Plan:
+    names = parse_all(["ear-clipping", "delaunay"])
+    known = Plan(TILES, triangulators=names, rasterisers=("reference",), timing=FAST)
+    return replace(known, **changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load(TILES)
+
+
+def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
+    out = tmp_path / "out"
+    (record, _) = measure(plan_of_tiles(), out).records
+    assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
+    assert record["coverage_error"] == 0
+    polygons = read_arrays(read_run(out), record["key"])
+    alone = []
+    for name, start, stop in zip(
+        scene.tiling.names, scene.tiling.first, scene.tiling.first[1:], strict=False
+    ):
+        one = replace(
+            scene,
+            polygons=scene.polygons[start:stop],
+            tiling=replace(scene.tiling, names=(name,), first=np.array([0, stop - start])),
+        )
+        frame = frame_of(one, view_of(one))
+        parts = triangulate_polygons(parse(record["triangulator"]), frame.polygons).parts
+        counted = Reference().count(frame, frame.join(parts), Options())
+        assert counted["quads"].tolist() == polygons["quads"][start:stop].tolist()
+        alone.append({each: int(counted[each].sum()) for each in counted})
+    assert len(alone) == 3
+    for name in ("fragments", "quads", "helper_lanes", "bbox_tests"):
+        assert record["counters"][name] == sum(each[name] for each in alone)
+
+
+def test_the_view_is_the_tiles_own_and_a_run_is_resumed(tmp_path):
+    out = tmp_path / "out"
+    first = measure(plan_of_tiles(), out)
+    stored = Plan.from_json(read_run(out).facts["plan"])
+    assert stored.views == (View(512, 0.0, "tile"),)
+    again = measure(stored, out, resume=True)
+    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
+    with pytest.raises(UsageError, match="pixels= is the resolution of map tiles: leave"):
+        measure(plan_of_tiles(views=(View(512),)), tmp_path / "other")
+    with pytest.raises(UsageError, match="is of map tiles, which a page cannot cut"):
+        content_of(read_run(out))
+
+
+def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):
+    frame = frame_of(scene, view_of(scene))
+    found = fewest(frame, None)
+    tile = shapely.box(64, 64, 64 + 512, 64 + 512)
+    inside = shapely.covers(tile, np.asarray(frame.polygons))
+    assert 0 < inside.sum() < len(inside)
+    assert (found[~inside] == -1).all()
+    assert (found[inside] > 0).sum() > 0.9 * inside.sum()
+
+
+@pytest.mark.parametrize("option", ["--resolution=512", "--resolution=1024", "--fit=box"])
+def test_a_view_beside_pixels_is_refused(harness, option):
+    code, _, told = harness("run", "--scene", TILES, option, "--quick")
+    assert code == 2
+    assert told.strip() == f"error: {ITS_OWN_VIEW.format('map tiles')}"
+
+
+def test_a_tile_is_upright_and_of_even_pixels():
+    for wrong in ((511, 0.0), (512, 30.0)):
+        with pytest.raises(UsageError, match="a tile is drawn upright, and its side is an even"):
+            View(*wrong, fit="tile")

@@ -1,12 +1,9 @@
 """A worker's crash, hang or error costs one task, and says what happened."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,7 +13,7 @@ import pytest
 
 from harness.errors import NoRasteriser
 from harness.measuring.worker import Limits, TaskFailed, Worker
-from tests.paths import ROOT
+from tests.paths import python
 from triangulators.errors import MOST_TRACED
 
 
@@ -345,11 +342,5 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
 def test_ctrl_c_while_the_server_is_loaded_is_the_commands_alone(tmp_path):
     (tmp_path / "own.py").write_text(CTRL_C)
-    done = subprocess.run(
-        [sys.executable, tmp_path / "own.py"],
-        capture_output=True,
-        text=True,
-        start_new_session=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
+    done = python(tmp_path / "own.py", start_new_session=True)
     assert (done.stdout, done.stderr) == ("heard\n2\n", "")

@@ -1,7 +1,5 @@
 """Small models, written byte by byte, so that a test says all that is in them."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path
@@ -19,10 +17,26 @@ LONG = np.array([(0, 1, 2), (0, 2, 3)])
 """Cuts `KITE` along the long diagonal."""
 
 
-class Builder:
-    """Collects accessors, each in a buffer view of its own."""
+def glb(told: Any, data: bytes) -> bytes:
+    """Return a .glb file of its JSON and the bytes of its buffer."""
+    text = json.dumps(told).encode()
+    text += b" " * (-len(text) % 4)
+    data += b"\0" * (-len(data) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
-    def __init__(self) -> None:
+
+def parts_of(whole: bytes) -> tuple[Any, bytes]:
+    """Return the JSON of a .glb file, and the bytes of its buffer."""
+    size = struct.unpack_from("<I", whole, 12)[0]
+    return json.loads(whole[20 : 20 + size]), whole[28 + size :]
+
+
+class Builder:
+    """Collects accessors, each in a buffer view of its own; begins with a primitive, if given."""
+
+    def __init__(self, *positions_and_indices: Any, **more: Any) -> None:
         self.json: dict[str, Any] = {
             "asset": {"version": "2.0"},
             "meshes": [{"primitives": []}],
@@ -30,6 +44,8 @@ class Builder:
             "bufferViews": [],
         }
         self._data = b""
+        if positions_and_indices:
+            self.first = self.primitive(*positions_and_indices, **more)
 
     def view(self, data: bytes) -> int:
         self._data += b"\0" * (-len(self._data) % 4)
@@ -62,10 +78,5 @@ class Builder:
 
     def write(self, path: Path) -> Path:
         self.json["buffers"] = [{"byteLength": len(self._data)}]
-        text = json.dumps(self.json).encode()
-        text += b" " * (-len(text) % 4)
-        data = self._data + b"\0" * (-len(self._data) % 4)
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text
-        chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+        path.write_bytes(glb(self.json, self._data))
         return path

@@ -1,7 +1,5 @@
 """OBJ: triangles change in place, everything else stays."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.models.in_place import retriangulate
 from scenes import SceneError
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 
 OBJ = """# a kite
 mtllib paint.mtl
@@ -141,7 +139,7 @@ class Obj:
 @pytest.mark.parametrize("parts", [1, 3])
 def test_obj_in_place_compared_by_another_parser(tmp_path, parts):
     source, out = tmp_path / "a.obj", tmp_path / "b.obj"
-    moved = [plate(0.0).apply_translation([0, 0, 9 * number]) for number in range(parts)]
+    moved = [solid(0.0).apply_translation([0, 0, 9 * number]) for number in range(parts)]
     lines, first = [], 1
     for number, mesh in enumerate(moved):
         lines += [f"o part{number}", *(f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices)]

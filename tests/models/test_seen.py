@@ -1,7 +1,5 @@
 """A model in space as a scene: faces in their planes, and what each view shows of them."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import re
@@ -28,7 +26,7 @@ from harness.triangulating.frames import (
 from harness.triangulating.recipes import parse
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 
 
 def framed(scene: Scene) -> Frame:
@@ -38,7 +36,7 @@ def framed(scene: Scene) -> Frame:
 @pytest.fixture(scope="module")
 def plate_file(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("models") / "plate.glb"
-    plate().export(path)
+    solid().export(path)
     return str(path)
 
 
@@ -72,7 +70,7 @@ def perforated() -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(shape, 2.0, engine="earcut")
 
 
-@pytest.mark.parametrize("pieces", [perforated, plate])
+@pytest.mark.parametrize("pieces", [perforated, solid])
 def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
     """Also where a face's outline touches itself, so that it is no polygon."""
     path = tmp_path / "model.glb"
@@ -144,8 +142,7 @@ def test_pieces_are_the_faces_that_turn_their_front_to_the_camera(plate_file):
 
 
 def test_a_mirror_image_shows_its_own_front(tmp_path):
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "scale": [1, 1, -1]}]
     builder.json["scenes"] = [{"nodes": [0]}]
     plain = read(built(builder, tmp_path)).viewing
@@ -158,8 +155,7 @@ def test_a_mirror_image_shows_its_own_front(tmp_path):
 
 
 def test_an_instance_is_a_piece_of_its_own_and_the_face_one(tmp_path):
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}]
     builder.json["scenes"] = [{"nodes": [0, 1]}]
     scene = read(built(builder, tmp_path), views=4)
@@ -170,9 +166,8 @@ def test_an_instance_is_a_piece_of_its_own_and_the_face_one(tmp_path):
 
 
 def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
-    builder = Builder()
     bent = np.array([(20, 0, 0), (22, -1, 0), (29, 0, 0), (22, 1, 3)], "<f4")
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     builder.primitive(bent, LONG)
     scene = read(built(builder, tmp_path), views=8, pixels=256)
     viewing = scene.viewing
@@ -193,10 +188,9 @@ def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
 
 @pytest.mark.parametrize("depth", ["none", "file", "front"])
 def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, depth):
-    builder = Builder()
     points = np.vstack([KITE, KITE + [0, 0, 4], KITE + [0, 0, 8]]).astype("<f4")
     order = np.array([(4, 5, 6), (0, 1, 2), (8, 9, 10), (0, 2, 3), (8, 10, 11), (4, 6, 7)])
-    builder.primitive(points, order)
+    builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
     rows = submission(frame, frame.join(original(frame).parts), Options())
@@ -240,8 +234,7 @@ def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
 
 
 def test_another_distance_is_another_scene(tmp_path):
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     path = built(builder, tmp_path)
     hashes = {read(path, distance=distance).content_hash for distance in (3.0, 3.0, 3.001)}
     assert len(hashes) == 2
@@ -249,8 +242,7 @@ def test_another_distance_is_another_scene(tmp_path):
 
 def test_views_are_the_same_on_every_machine(tmp_path):
     """Whole numbers of one model, written down once."""
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     viewing = read(built(builder, tmp_path), pixels=1024, distance=3.0, depth="file").viewing
     assert viewing.names[:2] == ("1 2 3", "1 -2 -3")
     assert viewing.points[:4].tolist() == PLACES
@@ -296,16 +288,14 @@ def test_models_that_cannot_be_seen(tmp_path):
         read(str(tmp_path / "a.txt"))
     with pytest.raises(SceneError, match=r"b\.glb"):
         read(str(tmp_path / "b.glb"))
-    builder = Builder()
-    builder.primitive(np.zeros((3, 3), "<f4"), [(0, 1, 2)])
+    builder = Builder(np.zeros((3, 3), "<f4"), [(0, 1, 2)])
     with pytest.raises(SceneError, match="shows nothing: no triangle of it has an extent"):
         read(built(builder, tmp_path))
 
 
 def test_places_that_are_no_number_are_not_drawn(tmp_path):
-    builder = Builder()
     points = np.vstack([KITE, [(np.nan, 0, 0)]]).astype("<f4")
-    builder.primitive(points, [*LONG, (3, 2, 4)])
+    builder = Builder(points, [*LONG, (3, 2, 4)])
     viewing = read(built(builder, tmp_path)).viewing
     assert viewing.rest == {}
     assert viewing.first[-1] == 12

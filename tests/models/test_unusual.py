@@ -1,10 +1,7 @@
 """Files that are unusual, but legal, are read; what is damaged is refused in a line."""
 
-from __future__ import annotations
-
 import base64
 import json
-import struct
 import time
 import warnings
 from pathlib import Path
@@ -17,7 +14,7 @@ from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from harness.models.seen import read
 from scenes import SceneError
-from tests.models.build import KITE, LONG, Builder
+from tests.models.build import KITE, LONG, Builder, parts_of
 
 DATA = "data:application/octet-stream;base64,"
 
@@ -28,9 +25,7 @@ def kite_text(folder: Path, *, shared: bool = False, uri: str = "", **more: Any)
     indices = builder.primitive(KITE, LONG)["indices"]
     if shared:
         builder.json["accessors"].append(dict(builder.json["accessors"][indices]))
-    binary = builder.write(folder / "kite.glb").read_bytes()
-    size = struct.unpack_from("<I", binary, 12)[0]
-    data = binary[28 + size :]
+    _, data = parts_of(builder.write(folder / "kite.glb").read_bytes())
     if uri:
         (folder / uri).write_bytes(data)
     about = {"byteLength": len(data), "uri": uri or DATA + base64.b64encode(data).decode()}
@@ -90,12 +85,11 @@ def test_only_what_the_output_names_has_to_be_beside_it(tmp_path):
 def test_normalized_positions_are_placed_as_they_are_drawn(tmp_path, far):
     seen = []
     for normalized in (False, True):
-        builder = Builder()
         points = np.rint(KITE / 9 * 32767)
         values = points.astype("<i2") if normalized else (points / 32767).astype("<f4")
-        primitive = builder.primitive(values, LONG)
+        builder = Builder(values, LONG)
         if normalized:
-            builder.json["accessors"][primitive["attributes"]["POSITION"]]["normalized"] = True
+            builder.json["accessors"][builder.first["attributes"]["POSITION"]]["normalized"] = True
         builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [far, 0, 0]}]
         builder.json["scenes"] = [{"nodes": [0, 1]}]
         seen.append(retriangulate(builder.write(tmp_path / "a.glb"), None, sizes=[64]).seen)
@@ -103,8 +97,7 @@ def test_normalized_positions_are_placed_as_they_are_drawn(tmp_path, far):
 
 
 def test_a_primitive_without_positions_is_passed_over(tmp_path):
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     builder.json["meshes"].append({"primitives": [{"attributes": {}}]})
     assert retriangulate(builder.write(tmp_path / "a.glb"), tmp_path / "b.glb").changed == 1
     assert [len(parts) for parts in GltfModel(tmp_path / "b.glb").groups()] == [1, 0]
@@ -145,8 +138,7 @@ def test_values_beyond_single_precision_are_no_warning(tmp_path, value):
 
 
 def test_positions_of_two_numbers_are_refused(tmp_path):
-    builder = Builder()
-    builder.primitive(KITE[:, :2].copy(), LONG)
+    builder = Builder(KITE[:, :2].copy(), LONG)
     source = builder.write(tmp_path / "flat.glb")
     with pytest.raises(SceneError, match="POSITION has 2 numbers a vertex, not 3"):
         retriangulate(source, None)
@@ -164,8 +156,7 @@ def test_positions_of_two_numbers_are_refused(tmp_path):
     ],
 )
 def test_an_index_of_minus_one_is_not_the_last(tmp_path, told):
-    builder = Builder()
-    builder.primitive(KITE, LONG)
+    builder = Builder(KITE, LONG)
     builder.json |= told
     with pytest.raises(SceneError, match="-1 is no index"):
         retriangulate(builder.write(tmp_path / "kite.glb"), None)

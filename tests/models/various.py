@@ -3,8 +3,6 @@
 Each has flat faces that ear clipping cut into slivers. All are closed but where a comment says so.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -17,7 +15,7 @@ import shapely
 import trimesh
 from PIL import Image
 
-from tests.models.build import Builder
+from tests.models.build import Builder, parts_of
 
 GLTF = (".glb", ".gltf")
 TARGETS = {"indices": 34963, "attributes": 34962}
@@ -397,18 +395,11 @@ def with_buffer_beside(path: Path) -> Path:
 
 def _as_gltf(path: Path, place: Callable[[str], str]) -> Path:
     binary = coloured(path.with_suffix(".glb"))
-    data = binary.read_bytes()
-    size = int.from_bytes(data[12:16], "little")
-    told = json.loads(data[20 : 20 + size])
-    content = data[28 + size :][: told["buffers"][0]["byteLength"]]
+    told, data = parts_of(binary.read_bytes())
+    content = data[: told["buffers"][0]["byteLength"]]
     told["buffers"][0]["uri"] = place(base64.b64encode(content).decode())
     path.write_text(json.dumps(told, indent=1))
     binary.unlink()
-    return path
-
-
-def obj(path: Path) -> Path:
-    solid().export(path)
     return path
 
 
@@ -469,7 +460,7 @@ MODELS: dict[str, Callable[[Path], Path]] = {
     "variants.glb": with_variants,
     "plain.gltf": with_data_uri,
     "beside.gltf": with_buffer_beside,
-    "plain.obj": obj,
+    "plain.obj": plain,
     "textured.obj": textured_obj,
     "grouped.obj": grouped_obj,
 }

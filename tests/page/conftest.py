@@ -1,10 +1,8 @@
 """A small run, its page, and what the page would save."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +22,11 @@ from harness.page.saved import VERSION, checked, read_saved
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
-from tests.chromium import Chromium
+from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.inline import Inline
 from tests.measuring.test_run import inline
-from tests.page.world import measured, opened, told
+from tests.paths import ROOT
+from tests.profile.charging import COSTS
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12
@@ -163,3 +162,34 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     shown["coefficients"] = browser.evaluate("state.profile.coefficients")
     browser.send("Emulation.clearDeviceMetricsOverride")
     return {"result": result, **shown}
+
+
+@pytest.fixture(scope="session")
+def gpu_browser() -> Iterator[Chromium]:
+    chromium = Chromium(WEBGPU_FLAGS)
+    yield chromium
+    chromium.close()
+
+
+WORLD = (ROOT / "tests/page/world.js").read_text()
+
+
+def opened(browser: Chromium, page: Path, world: str = "") -> None:
+    """Open the page without having it begin by itself; `world`: fields for `makeWorld`."""
+    browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate(
+        f"{WORLD}; PACE.quick = 0.02; $('pace').value = 'quick';"
+        f"makeWorld({{ costs: {json.dumps(COSTS)}, {world} }}); null"
+    )
+
+
+def measured(browser: Chromium) -> dict[str, Any]:
+    """Start, wait for the end, and return the result."""
+    browser.evaluate("start(); null")
+    browser.wait(MEASURED)
+    return json.loads(browser.evaluate("JSON.stringify(state.result)"))
+
+
+def told(browser: Chromium, part: str) -> str:
+    """Return the text of a part of the page."""
+    return browser.evaluate(f"$('{part}').textContent")

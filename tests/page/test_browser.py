@@ -1,9 +1,6 @@
 """The page in Chromium, on SwiftShader: a rasteriser that shares no code with Mesa."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,16 +11,10 @@ from harness.page.page_data import TOLD, write_page
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.stored.folder import read_run
-from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.chromium import MEASURED, REPORT_READY, Chromium
+from tests.conftest import ends_well
 from tests.page.conftest import read_result
 from tests.rasterisers.conftest import random_triangles
-
-
-@pytest.fixture(scope="module")
-def gpu_browser() -> Iterator[Chromium]:
-    chromium = Chromium(WEBGPU_FLAGS)
-    yield chromium
-    chromium.close()
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +80,7 @@ def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run
     file.write_text(whole.saved)
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
-    code, _, err = harness("import", str(file), "--out", "browser", "--run", run)
-    assert code == 0, err
+    ends_well(harness("import", str(file), "--out", "browser", "--run", run))
     records = read_run(Path("browser")).records
     assert len(records) == 6
     assert all(record["coverage_error"] == 0 for record in records)

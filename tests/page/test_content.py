@@ -1,7 +1,5 @@
 """What a page holds is what the run drew."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import replace
 
@@ -13,6 +11,7 @@ from harness.page.page_data import TOLD, content_of, write_page
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of
+from tests.conftest import assert_refused, ends_well
 
 
 def decoded(text: str, kind: str) -> np.ndarray:
@@ -58,9 +57,6 @@ def test_one_triangulation_is_nothing_to_compare(small_run, tmp_path):
 
 
 def test_the_command_writes_one_file(harness, small_run):
-    code, out, err = harness("page", str(small_run.path), "-o", "page.html")
-    assert code == 0, err
+    out, _ = ends_well(harness("page", str(small_run.path), "-o", "page.html"))
     assert "page: page.html" in out
-    code, _, err = harness("page", "nowhere")
-    assert code == 2
-    assert "nowhere" in err
+    assert_refused(harness("page", "nowhere"), "nowhere")

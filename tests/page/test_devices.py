@@ -1,7 +1,5 @@
 """Small summaries of devices, and the table of those in results/devices."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +8,12 @@ import pytest
 
 from harness.errors import UsageError
 from harness.page import device_summaries
+from tests.conftest import assert_refused, ends_well
 from tests.paths import ROOT
 
 
 def test_an_imported_run_has_a_summary(harness, saved):
-    code, _, err = harness("import", str(saved()), "--out", "phone", "--summary", "phone.json")
-    assert code == 0, err
+    ends_well(harness("import", str(saved()), "--out", "phone", "--summary", "phone.json"))
     summary = json.loads(Path("phone.json").read_text())
     assert summary["device"] == "apple-metal-3-safari"
     assert summary["timer"] == "gpu"
@@ -30,16 +28,11 @@ def test_an_imported_run_has_a_summary(harness, saved):
 
 
 def test_a_run_of_ours_has_one_too(harness, small_run):
-    code, _, err = harness("import", str(small_run.path))
-    assert code == 2
-    assert "give --summary FILE" in err
-    code, _, err = harness("import", str(small_run.path), "--summary", "cpu.json")
-    assert code == 0, err
+    assert_refused(harness("import", str(small_run.path)), "give --summary FILE")
+    ends_well(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
     arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")
-    code, _, err = harness(*arguments)
-    assert code == 2
-    assert "one rasteriser on one device that was timed, not of 0" in err
+    assert_refused(harness(*arguments), "one rasteriser on one device that was timed, not of 0")
 
 
 def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, small_run):

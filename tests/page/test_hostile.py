@@ -1,7 +1,5 @@
 """Names that are markup, in every field of a run and of an imported result: no script runs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,10 +1,7 @@
 """The page that profiles a device, on a GPU that charges known costs, and on SwiftShader."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +19,11 @@ from harness.profile.law import COSTS as OF_CRITERIA
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import amount
-from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
-from tests.harness.test_cli import assert_one_line
+from tests.chromium import MEASURED, REPORT_READY, Chromium
+from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import inline
+from tests.page.conftest import WORLD, measured, opened, told
 from tests.page.test_hostile import MARKUP
-from tests.page.world import WORLD, measured, opened, told
 from tests.profile.charging import COSTS
 
 
@@ -35,27 +32,32 @@ def page(profile_page) -> Path:
     return profile_page
 
 
+@pytest.fixture
+def waiting(browser, page) -> Chromium:
+    """The page, which does not begin by itself."""
+    browser.open(page, REPORT_READY, fragment="wait")
+    return browser
+
+
 @pytest.fixture(scope="module")
 def whole(profiled) -> dict[str, Any]:
     return profiled
 
 
-def test_the_page_is_small_and_its_draws_are_those_of_python(browser, page):
+def test_the_page_is_small_and_its_draws_are_those_of_python(waiting, page):
     assert page.stat().st_size < 500_000
-    browser.open(page, REPORT_READY, fragment="wait")
-    browser.evaluate(f"{WORLD}; null")
+    waiting.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
-        browser.evaluate(f"globalThis.made = designOf({seed}); null")
+        waiting.evaluate(f"globalThis.made = designOf({seed}); null")
         draws = design.draws(seed)
         for step in (1, 16):
-            sums = browser.evaluate(f"sumsOf(made, {step})")
+            sums = waiting.evaluate(f"sumsOf(made, {step})")
             assert sums == [design.snapped(draw, step).checksum for draw in draws]
-    assert browser.requests == [f"{page.resolve().as_uri()}"]
+    assert waiting.requests == [f"{page.resolve().as_uri()}"]
 
 
-def test_what_it_holds_is_counted_by_the_exact_reference(browser, page):
-    browser.open(page, REPORT_READY, fragment="wait")
-    grids = browser.evaluate("state.page.grids")
+def test_what_it_holds_is_counted_by_the_exact_reference(waiting):
+    grids = waiting.evaluate("state.page.grids")
     assert list(grids) == [str(step) for step in STEPS]
     for step, place in ((1, 20), (4, 80), (16, 100)):
         draw = design.snapped(design.draws()[place], step)
@@ -76,16 +78,15 @@ def synthetic() -> dict[str, Any]:
     return {"draws": draws, "rows": rows, "epochs": epochs}
 
 
-def test_its_law_is_that_of_python(browser, page, synthetic):
-    browser.open(page, REPORT_READY, fragment="wait")
-    fitted = browser.evaluate("state.page.fitted")
+def test_its_law_is_that_of_python(waiting, synthetic):
+    fitted = waiting.evaluate("state.page.fitted")
     places = fitted["places"]
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draws[place].group for place in places]
     ours = law.fit(rows[places], epochs[:, places], groups)
     few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
     given = json.dumps({"epochs": epochs.tolist()})
-    theirs = browser.evaluate(f"{WORLD}; fitAs({given})")
+    theirs = waiting.evaluate(f"{WORLD}; fitAs({given})")
     assert theirs["rows"] == rows.tolist()
     assert theirs["seconds"] == pytest.approx(ours.costs.tolist(), rel=1e-6)
     for place, end in enumerate(("low", "high")):
@@ -101,8 +102,14 @@ def test_its_law_is_that_of_python(browser, page, synthetic):
     assert [list(TERMS)[place] for place in theirs["fewest"]] == list(few)
 
 
-def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synthetic):
-    browser.open(page, REPORT_READY, fragment="wait")
+ASPECTS = """(() => {
+    const given = %s, page = state.page;
+    const rows = designRows(page, page.grids[1].counters, page.draws.length);
+    return aspectsOf(page, rows, given, given.law);
+})()"""
+
+
+def test_what_it_says_of_thin_triangles_is_what_python_says(waiting, synthetic):
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draw.group for draw in draws]
     ours = law.fit(rows, epochs, groups)
@@ -110,11 +117,7 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
     low, high = ours.intervals.T.tolist()
     shown = {"seconds": ours.costs.tolist(), "low": low, "high": high}
     given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
-    theirs = browser.evaluate(
-        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
-        "state.page.grids[1].counters, state.page.draws.length);"
-        "return aspectsOf(state.page, rows, given, given.law); })()"
-    )
+    theirs = waiting.evaluate(ASPECTS % given)
     for own, other in zip(aspects(draws, rows, times, ours), theirs, strict=True):
         for name in ("area", "aspects"):
             assert other[name] == own[name]
@@ -128,9 +131,8 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
             assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
 
 
-def test_rounds_tell_it_what_they_tell_python(browser, page):
+def test_rounds_tell_it_what_they_tell_python(waiting):
     """Of a machine whose speed changes, draws that are noisy, and a control a little apart."""
-    browser.open(page, REPORT_READY, fragment="wait")
     random = np.random.default_rng(1)
     epochs, size = [2, 3, 2, 2], 6
     speed = np.exp(0.1 * random.standard_normal(sum(epochs)))
@@ -143,7 +145,7 @@ def test_rounds_tell_it_what_they_tell_python(browser, page):
     ours = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
     told = {name: {"samples_s": values} for name, values in samples.items()}
     given = json.dumps({"times": told, "epochs": [2, 0, 3, 2, 2]})
-    theirs = browser.evaluate(f"measuredOf({given}, {size})")
+    theirs = waiting.evaluate(f"measuredOf({given}, {size})")
     assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
     assert theirs["drift"] == pytest.approx(ours.drift)
     assert theirs["empty_s"] == pytest.approx(ours.empty)
@@ -163,10 +165,9 @@ def test_rounds_tell_it_what_they_tell_python(browser, page):
         (0.9, 0.96, 1.0, "One draw under two names"),
     ],
 )
-def test_what_makes_times_untrustworthy_is_told(browser, page, low, high, drift, trouble):
-    browser.open(page, REPORT_READY, fragment="wait")
+def test_what_makes_times_untrustworthy_is_told(waiting, low, high, drift, trouble):
     control = json.dumps({"value": (low + high) / 2, "low": low, "high": high})
-    found = browser.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
+    found = waiting.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
     assert trouble in found
     assert bool(found) == bool(trouble)
 
@@ -175,9 +176,8 @@ SAME_CHANCE = "(() => { let s = 1; return () => (s = s * 16807 % 2147483647) / 2
 """Random numbers that are the same at every call (Park and Miller, 1988)."""
 
 
-def test_its_advice_is_the_least_of_the_criteria(browser, page):
-    browser.open(page, REPORT_READY, fragment="wait")
-    scenes = browser.evaluate("state.page.scenes")
+def test_its_advice_is_the_least_of_the_criteria(waiting):
+    scenes = waiting.evaluate("state.page.scenes")
     assert list(scenes) == ["city"]
     rows = {name: np.array(each) for name, each in scenes["city"].items()}
     assert list(rows) == ["ear-clipping", *CRITERIA]
@@ -185,7 +185,7 @@ def test_its_advice_is_the_least_of_the_criteria(browser, page):
     for place, term in enumerate(OF_CRITERIA[1:]):
         coefficients = [0.0] * len(OF_CRITERIA)
         coefficients[1 + place] = 1e-9
-        found = browser.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
+        found = waiting.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
         sums = {name: each[:, place].sum() for name, each in rows.items()}
         least = min(CRITERIA, key=lambda name: sums[name])
         assert found["triangulator"] == least, term
@@ -199,13 +199,12 @@ def test_its_advice_is_the_least_of_the_criteria(browser, page):
             reach = ends[0] - ends[1]
             assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
             assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
-    assert browser.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
+    assert waiting.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
 
 
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
-def test_it_writes_seconds_as_python_does(browser, page, value):
-    browser.open(page, REPORT_READY, fragment="wait")
-    assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
+def test_it_writes_seconds_as_python_does(waiting, value):
+    assert waiting.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
 
 
 def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
@@ -234,10 +233,9 @@ def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
     assert whole["widths"] == [360, 360]
 
 
-def test_its_coefficients_are_those_that_python_fits(whole, page, browser):
-    browser.open(page, REPORT_READY, fragment="wait")
-    plain = browser.evaluate("state.page.plain")
-    rows = np.array(browser.evaluate("state.page.grids[1].predicted"))[plain["places"]]
+def test_its_coefficients_are_those_that_python_fits(whole, waiting):
+    plain = waiting.evaluate("state.page.plain")
+    rows = np.array(waiting.evaluate("state.page.grids[1].predicted"))[plain["places"]]
     truth = rows @ np.array(whole["coefficients"])
     found = solve(rows, truth, plain["labels"])
     assert found == pytest.approx(whole["coefficients"], rel=1e-3, abs=1e-14)
@@ -354,45 +352,31 @@ def test_names_that_are_markup_run_no_script(browser, page):
 
 def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
     for arguments in ((), ("somewhere", "--profile")):
-        code, _, err = harness("page", *arguments)
-        assert code == BAD_INPUT
-        assert_one_line(err, "give its folder, or --profile alone")
+        assert_refused(
+            harness("page", *arguments), "give its folder, or --profile alone", code=BAD_INPUT
+        )
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
     monkeypatch.setattr("harness.page.page_data.SCENES", {})
-    code, out, _ = harness("page", "--profile", "--out", "p.html")
-    assert code == 0
+    out, _ = ends_well(harness("page", "--profile", "--out", "p.html"))
     assert re.search(r"p\.html \(0\.[12] MB\); open it in a browser", out)
     assert "What a triangle costs on this device" in Path("p.html").read_text()
 
 
 @pytest.mark.parametrize("work", [0, 64])
-def test_a_draws_arithmetic_reaches_its_shader(browser, page, work):
-    browser.open(page, REPORT_READY, fragment="wait")
-    browser.evaluate("globalThis.GPUBufferUsage = {}; null")
+def test_a_draws_arithmetic_reaches_its_shader(waiting, work):
+    waiting.evaluate("globalThis.GPUBufferUsage = {}; null")
     painter = "{ buffer: (content) => content, group() {}, hasTimer: false }"
     frame = f"{{ size: 8, points: [], owner: [], work: {work} }}"
     drawing = f"new Drawing({painter}, {frame}, [])"
-    assert browser.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
+    assert waiting.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
 
 
-def test_noise_makes_no_draw_shorter_than_nothing(browser, page, synthetic):
-    browser.open(page, REPORT_READY, fragment="wait")
+def test_noise_makes_no_draw_shorter_than_nothing(waiting, synthetic):
     epochs = synthetic["epochs"].tolist()
     nothing = {ends: [0.0] * len(TERMS) for ends in ("seconds", "low", "high")}
     given = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
-    found = browser.evaluate(
-        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
-        "state.page.grids[1].counters, state.page.draws.length);"
-        "return aspectsOf(state.page, rows, given, given.law); })()"
-    )
+    found = waiting.evaluate(ASPECTS % given)
     assert all(ratio > 0 for each in found for ratio in each["ratios"])
-
-
-@pytest.fixture(scope="module")
-def gpu_browser() -> Iterator[Chromium]:
-    chromium = Chromium(WEBGPU_FLAGS)
-    yield chromium
-    chromium.close()
 
 
 def test_swiftshader_counts_what_the_page_expects(gpu_browser, page):

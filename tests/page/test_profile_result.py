@@ -1,7 +1,5 @@
 """What a profiling page saved becomes a profile; what contradicts itself is refused in one line."""
 
-from __future__ import annotations
-
 import functools
 import json
 from collections.abc import Callable
@@ -18,7 +16,7 @@ from harness.profile import advice, design, words
 from harness.profile.advice import OWN
 from harness.profile.counted import counters
 from harness.profile.profile import read_coefficients
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_one_line, assert_refused, ends_well
 from tests.measuring.test_run import inline
 from tests.page.conftest import saved_as
 from tests.page.test_hostile import MARKUP, hostile
@@ -60,8 +58,7 @@ def saved(profiled, tmp_path) -> Callable[..., str]:
 
 def test_the_pages_file_is_a_profile(harness, profiled):
     Path("saved.json").write_text(profiled["saved"])
-    code, out, err = harness("import", "saved.json", "--out", "p.json", "--device", "my phone")
-    assert code == 0, err
+    out, err = ends_well(harness("import", "saved.json", "--out", "p.json", "--device", "my phone"))
     assert err == ""
     assert out.startswith("On my-phone:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     content = json.loads(Path("p.json").read_text())
@@ -158,15 +155,15 @@ def test_what_contradicts_itself_is_refused_in_one_line(harness, saved, name):
 )
 def test_a_damaged_file_is_refused(harness, profiled, change, message):
     Path("saved.json").write_text(change(profiled["saved"]))
-    code, _, err = harness("import", "saved.json")
-    assert code == BAD_INPUT
-    assert_one_line(err, message)
+    assert_refused(harness("import", "saved.json"), message, code=BAD_INPUT)
 
 
 def test_options_of_runs_are_refused(harness, saved):
-    code, _, err = harness("import", saved(), "--summary", "s.json")
-    assert code == BAD_INPUT
-    assert_one_line(err, "neither --run nor --summary")
+    assert_refused(
+        harness("import", saved(), "--summary", "s.json"),
+        "neither --run nor --summary",
+        code=BAD_INPUT,
+    )
 
 
 def test_what_went_wrong_on_the_page_is_said(harness, saved):
@@ -175,8 +172,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
         result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
         result["limited"], result["law"] = True, None
 
-    code, _, err = harness("import", saved(change))
-    assert code == 0
+    _, err = ends_well(harness("import", saved(change)))
     for told in ("a problem: The browser lost the GPU.", "was stopped", "hidden", "time limit"):
         assert told in err
     assert Path("results/profiles/webgpu-a-test-s-gpu-chrome.json").exists()
@@ -187,9 +183,11 @@ def test_a_device_that_became_slower_is_kept_apart(harness, saved):
         slower(result, sum(result["epochs"]) // 2)
         result["law"] = None
 
-    code, _, err = harness("import", saved(change), "--out", "p.json")
-    assert code == INCONCLUSIVE
-    assert_one_line(err, "speed changed by a factor of 2")
+    assert_refused(
+        harness("import", saved(change), "--out", "p.json"),
+        "speed changed by a factor of 2",
+        code=INCONCLUSIVE,
+    )
     assert Path("p.refused.json").exists()
 
 
@@ -198,8 +196,7 @@ def test_names_that_are_markup_are_names(harness, saved):
         for part in ("device", "browser", "started", "ended", "timer"):
             result[part] = hostile(result[part], "")
 
-    code, out, err = harness("import", saved(change), "--out", "profiles/p.json")
-    assert code == 0, err
+    out, _ = ends_well(harness("import", saved(change), "--out", "profiles/p.json"))
     assert MARKUP not in out
     assert MARKUP not in Path("profiles/p.svg").read_text()
     rows = words.devices_table(Path("profiles"))[1]

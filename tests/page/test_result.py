@@ -1,7 +1,5 @@
 """What a page saved becomes a run like any other; what it did not save is refused."""
 
-from __future__ import annotations
-
 import json
 import random
 from dataclasses import replace
@@ -17,12 +15,14 @@ from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.stored import drawings
 from harness.stored.folder import read_run
+from tests.conftest import assert_refused, ends_well
 from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
 
 
 def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
-    code, out, err = harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
-    assert code == 0, err
+    out, _ = ends_well(
+        harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
+    )
     assert "apple-metal-3-safari" in out
     records = read_run(Path("phone")).records
     assert {record["rasteriser"] for record in records} == {"webgpu"}
@@ -40,17 +40,14 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
         assert record["time"]["epochs"] == [2] * 6
     assert Path("phone/report.html").is_file()
     assert harness("report", "phone")[0] == 0
-    code, _, err = harness("study", "gains", "phone", "--out", "gains")
-    assert code == 0, err
-    code, out, _ = harness("compare", "phone", "phone")
-    assert code == 0
+    ends_well(harness("study", "gains", "phone", "--out", "gains"))
+    out, _ = ends_well(harness("compare", "phone", "phone"))
     assert "No regression: 6 cases" in out
     assert harness("history", "phone")[0] in (0, 5)
 
 
 def test_without_the_run_it_has_totals_alone(harness, saved):
-    code, _, err = harness("import", str(saved()), "--out", "phone", "--device", "my phone")
-    assert code == 0, err
+    ends_well(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
     assert {record["device"] for record in read_run(Path("phone")).records} == {"my-phone"}
     assert not Path("phone/polygons").exists()
     assert harness("report", "phone")[0] == 0
@@ -63,8 +60,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
         result["device"]["step"] = 16
         result["views"][1] |= {"times": None, "epochs": []}
 
-    code, _, err = harness("import", str(saved(change)), "--out", "phone")
-    assert code == 0
+    _, err = ends_well(harness("import", str(saved(change)), "--out", "phone"))
     assert "warning: the page told of a problem: The browser lost the GPU." in err
     assert "stopped before" in err
     assert "snaps to 1/16 px" in err
@@ -81,9 +77,7 @@ def test_another_scenes_run_is_refused(harness, saved, small_run):
                 case["record"]["scene_hash"] = "0" * 64
 
     arguments = ("import", str(saved(change)), "--out", "phone", "--run", str(small_run.path))
-    code, _, err = harness(*arguments)
-    assert code == 2
-    assert "is of other polygons than the page's city:buildings=20" in err
+    assert_refused(harness(*arguments), "is of other polygons than the page's city:buildings=20")
 
 
 @pytest.mark.parametrize(
@@ -104,17 +98,12 @@ def test_another_scenes_run_is_refused(harness, saved, small_run):
 def test_what_is_no_result_is_one_line(harness, tmp_path, content, message):
     file = tmp_path / "saved.json"
     file.write_bytes(content)
-    code, _, err = harness("import", str(file), "--out", "phone")
-    assert code == 2
-    assert message in err
-    assert len(err.splitlines()) == 1
+    assert_refused(harness("import", str(file), "--out", "phone"), message)
     assert not Path("phone").exists()
 
 
 def test_a_file_that_is_not_there(harness):
-    code, _, err = harness("import", "nowhere.json")
-    assert code == 2
-    assert "nowhere.json: No such file" in err
+    assert_refused(harness("import", "nowhere.json"), "nowhere.json: No such file")
 
 
 MADE_UP = [
@@ -141,10 +130,7 @@ MADE_UP = [
 
 @pytest.mark.parametrize(("change", "message"), MADE_UP)
 def test_a_made_up_result_is_refused(harness, saved, change, message):
-    code, _, err = harness("import", str(saved(change)), "--out", "phone")
-    assert code == 2
-    assert message in err
-    assert len(err.splitlines()) == 1
+    assert_refused(harness("import", str(saved(change)), "--out", "phone"), message)
     assert not Path("phone").exists()
 
 
@@ -350,8 +336,7 @@ def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
 
 
 def test_a_device_on_our_grid_moves_nothing(harness, saved):
-    code, _, err = harness("import", str(saved()), "--out", "phone")
-    assert code == 0
+    _, err = ends_well(harness("import", str(saved()), "--out", "phone"))
     assert "snaps" not in err
 
 

@@ -1,14 +1,12 @@
 """Flips of the same triangles in Python, JavaScript and C++: one process a language for all."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import mapbox_earcut
 import numpy as np
@@ -32,7 +30,7 @@ class Cases(NamedTuple):
     bounds: np.ndarray
 
     @classmethod
-    def of(cls, polygons: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cases:
+    def of(cls, polygons: Sequence[tuple[np.ndarray, np.ndarray]]) -> Self:
         """Return the triangles of ear clipping, of polygons as (points, ring ends)."""
         points = [np.ascontiguousarray(xy, dtype=np.float64) for xy, _ in polygons]
         corners = [

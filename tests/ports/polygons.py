@@ -1,7 +1,5 @@
 """Random polygons with holes, whole and real, with collinear and touching vertices; and checks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -6,8 +6,6 @@ writes ports/vectors.txt anew. Four lines a polygon: coordinates, triangles of e
 lines for each test: its name with the number of flips, and the triangles that come out.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.paths import ROOT

@@ -1,7 +1,5 @@
 """A rasteriser that charges known costs for what the reference counts, and waits for nothing."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

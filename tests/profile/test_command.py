@@ -1,7 +1,5 @@
 """`harness profile` on a rasteriser that charges known costs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +13,7 @@ from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.profile import advice, design, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
 from harness.profile.profile import read_coefficients
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_one_line, assert_refused, ends_well
 from tests.measuring.test_run import inline
 from tests.profile.charging import COSTS
 
@@ -37,8 +35,7 @@ def profiled(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
 
 
 def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
-    code, out, err = profiled(harness, "Charging")
-    assert code == 0, err
+    out, _ = ends_well(profiled(harness, "Charging"))
     assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     assert "Each pixel of its box's width and height costs 7 ns." in out
     assert "Nothing is shown for triangles set up, triangles that cover a pixel, vertices" in out
@@ -70,8 +67,7 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
 
 
 def test_a_device_whose_time_is_a_count_has_its_costs_in_cycles(harness):
-    code, out, err = profiled(harness, "Counting")
-    assert code == 0, err
+    out, _ = ends_well(profiled(harness, "Counting"))
     assert "A draw by itself costs 20 cycles." in out
     assert "A triangle costs 3 cycles, however small it is." in out
     assert "A pixel that a triangle covers costs 1 cycle." in out
@@ -82,21 +78,17 @@ def test_a_device_whose_time_is_a_count_has_its_costs_in_cycles(harness):
     for each in content["times"]:
         counted = each["counters"]
         assert each["epochs"] == [20 + 3 * counted["triangles"] + counted["fragments"]]
-    code, out, err = harness("inspect", "paper", "--sizes", "64", "--profile", "p.json")
-    assert code == 0, err
+    out, _ = ends_well(harness("inspect", "paper", "--sizes", "64", "--profile", "p.json"))
     assert "cycles of a draw on scripted" in out
     assert "which pays after" not in out
 
 
 def test_cycles_that_differ_when_a_draw_is_repeated_are_no_count(harness):
-    code, _, err = profiled(harness, "Slowing")
-    assert code == INCONCLUSIVE
-    assert_one_line(err, "so its cycles are no count")
+    assert_refused(profiled(harness, "Slowing"), "so its cycles are no count", code=INCONCLUSIVE)
 
 
 def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
-    code, _, err = profiled(harness, "Coarse")
-    assert code == 0, err
+    ends_well(profiled(harness, "Coarse"))
     content = json.loads(Path("p.json").read_text())
     there = {each["checksum"] for each in content["times"]}
     assert there == {design.snapped(draw, 16).checksum for draw in design.draws(0)}
@@ -117,9 +109,11 @@ def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
 def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatch):
     settings = measured.settings
     monkeypatch.setattr(measured, "settings", lambda *given: replace(settings(*given), limit_s=0))
-    code, _, err = profiled(harness, "Charging")
-    assert code == INCONCLUSIVE
-    assert_one_line(err, "is too slow: 0 s were over after 1 of 6 parts")
+    err = assert_refused(
+        profiled(harness, "Charging"),
+        "is too slow: 0 s were over after 1 of 6 parts",
+        code=INCONCLUSIVE,
+    )
     assert "a draw of nothing took 0.02 ms" in err
     assert "most of all" in err
     assert not list(Path().iterdir())
@@ -140,21 +134,14 @@ def test_fewer_parts_are_told(harness, monkeypatch):
         return replace(found, rounds=found.rounds[:5])
 
     monkeypatch.setattr(measured, "measure", brief)
-    code, _, err = profiled(harness, "Charging")
-    assert code == 0
+    _, err = ends_well(profiled(harness, "Charging"))
     assert "warning: the device is slow: 100 s were over after 5 of 6 parts, so" in err
 
 
 def test_what_cannot_be_profiled_is_said_in_one_line(harness):
-    code, _, err = profiled(harness, "Nowhere")
-    assert code == NO_RASTERISER
-    assert_one_line(err, "no device works here")
-    code, _, err = profiled(harness, "Charging", "--device", "none")
-    assert code == 2
-    assert_one_line(err, "none")
-    code, _, err = profiled(harness, "Failing")
-    assert code == NOTHING_MEASURED
-    assert_one_line(err, "the device is gone")
+    assert_refused(profiled(harness, "Nowhere"), "no device works here", code=NO_RASTERISER)
+    assert_refused(profiled(harness, "Charging", "--device", "none"), "none")
+    assert_refused(profiled(harness, "Failing"), "the device is gone", code=NOTHING_MEASURED)
     assert not list(Path().iterdir())
 
 

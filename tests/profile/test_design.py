@@ -1,7 +1,5 @@
 """Each kind of the design isolates what it says, and its counters are the reference's."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

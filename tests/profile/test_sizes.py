@@ -1,7 +1,5 @@
 """Whether a triangulator matters for a file: the counts are a run's, and the sentence is theirs."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -16,8 +14,7 @@ from harness.profile.counted import TERMS
 from harness.stored.folder import read_run
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.conftest import write_geojson
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused, ends_well, write_geojson
 
 NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
 
@@ -39,10 +36,9 @@ def test_counts_and_sentence_are_those_of_runs(harness):
         "-q",
     )
     assert harness(*run, "--budget", "0.01")[0] == 0
-    code, out, err = harness(
-        "inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json"
+    out, _ = ends_well(
+        harness("inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json")
     )
-    assert code == 0, err
     told = json.loads(out)
     by_size = {each["resolution"]: each["costs"] for each in told["sizes"]}
     assert list(by_size) == [32, 64, 128, 256, 512]
@@ -65,8 +61,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
 def test_it_says_that_it_does_not_matter(harness):
     """A triangle has one triangulation, and it is written in one sentence."""
     write_geojson(Path("one.geojson"), [Polygon([(0, 0), (9, 0), (0, 9)])])
-    code, out, _ = harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png")
-    assert code == 0
+    out, _ = ends_well(harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png"))
     assert "It does not matter for you: from 16 to 64 px no triangulator saves 1% of" in out
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
 
@@ -119,8 +114,7 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
     ring, plain = box(0, 0, 9, 9) - box(3, 3, 6, 6), box(10, 0, 12, 5)
     write_geojson(Path("two.geojson"), [ring, plain])
     given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
-    code, _, err = harness(*given)
-    assert code == 0
+    _, err = ends_well(harness(*given))
     assert "polygons counted at 64 px: 1; left out, as they vanish on the grid or not" in err
     assert "not all triangulators do them: 1" in err
     told = json.loads(harness(*given, "--json")[1])
@@ -130,18 +124,17 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
 def test_a_contributed_profile_is_known_by_its_name(harness):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8) - box(4, 4, 9, 9)])
     given = ("inspect", "l.geojson", "--sizes", "64")
-    code, out, err = harness(*given, "--profile", "opengl-llvmpipe")
-    assert code == 0, err
+    out, _ = ends_well(harness(*given, "--profile", "opengl-llvmpipe"))
     assert "ms of a draw on llvmpipe" in out
     assert re.search(r"of ear-clipping's draw time on llvmpipe", out)
     assert Path("l-sizes.svg").read_text().startswith("<?xml")
-    code, _, err = harness(*given, "--profile", "opengl-lvmpipe")
-    assert code == 2
-    assert_one_line(err, "no profile opengl-lvmpipe", "did you mean 'opengl-llvmpipe'?")
+    assert_refused(
+        harness(*given, "--profile", "opengl-lvmpipe"),
+        "no profile opengl-lvmpipe",
+        "did you mean 'opengl-llvmpipe'?",
+    )
     Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')
-    code, _, err = harness(*given, "--profile", "none.json")
-    assert code == 2
-    assert_one_line(err, "none.json is not a profile")
+    assert_refused(harness(*given, "--profile", "none.json"), "none.json is not a profile")
 
 
 @pytest.mark.parametrize(
@@ -159,9 +152,7 @@ def test_a_contributed_profile_is_known_by_its_name(harness):
 )
 def test_what_cannot_be_meant_is_one_line(harness, arguments, parts):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8)])
-    code, _, err = harness("inspect", "l.geojson", *arguments)
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("inspect", "l.geojson", *arguments), *parts)
 
 
 def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
@@ -169,8 +160,7 @@ def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
     squares = [box(0, 0, 1, 1), *(box(n, 0, n + 1e-4, 1e-4) for n in range(2, 9))]
     write_geojson(Path("few.geojson"), squares)
     given = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
-    code, out, err = harness(*given)
-    assert code == 0
+    out, err = ends_well(harness(*given))
     assert "It cannot be told: 4 pixels or fewer are covered" in " ".join(out.split())
     assert "counted at 16 px: 1; left out, as they vanish on the grid" in err
     assert json.loads(harness(*given, "--json")[1])["sizes"][0]["left_out"] == 7

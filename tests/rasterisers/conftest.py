@@ -1,14 +1,14 @@
 """Frames made by hand, and the real devices the rasterisers are tested on."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
 
+from harness.errors import NoRasteriser
 from harness.frame import Frame, bare_frame
 from harness.measuring.worker import Worker
 from harness.rasterisers import Options, Rasteriser, find_device, get
@@ -29,18 +29,26 @@ DEVICES = [
 ]
 
 
-@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
-def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
-    """Run a task on a device in a process of its own; skipped where it is not installed."""
-    rasteriser, name = request.param
+@contextmanager
+def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
+    """Run tasks on a device in a process of its own.
+
+    Where it is not installed, what says how to install it is tested, and the test skipped.
+    """
     device = next((each for each in get(rasteriser).devices() if each.name == name), None)
     if device is None:
-        pytest.skip(f"{rasteriser} on {name} is not installed")
+        with pytest.raises(NoRasteriser, match="apt-get install -y") as error:
+            find_device(rasteriser, name)
+        pytest.skip(str(error.value))
     with Worker(name, device.environment) as worker:
-        yield (
-            rasteriser,
-            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
-        )
+        yield lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120)
+
+
+@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
+def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
+    """Return a rasteriser's name, and what runs a task on a device in a process of its own."""
+    with worker_on(*request.param) as call:
+        yield request.param[0], call
 
 
 def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:

@@ -1,6 +1,4 @@
-"""What the drawings that are timed leave behind, of every rasteriser: (height, width, 4) RGBA."""
-
-from __future__ import annotations
+"""Pictures that drawings leave behind, (height, width, 4) RGBA; and coverage anew, in Python."""
 
 from typing import Any
 
@@ -9,6 +7,7 @@ import numpy as np
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Image, Options, Rasteriser, Triangles
+from harness.rasterisers.reference import predict
 
 
 def image(name: str, device: Device, frame: Frame, triangles: Triangles, options: Options) -> Image:
@@ -48,3 +47,46 @@ def _of_compute(drawing: Any, frame: Frame) -> Image:
     drawing.sample(1)
     pixels = np.frombuffer(texture.read(), np.uint8)
     return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
+
+
+SIZE = 16
+
+
+def covered(corners) -> np.ndarray:
+    """Evaluate the edge functions of one triangle at every pixel centre, (SIZE, SIZE) bool."""
+    a, b, c = [(int(x), int(y)) for x, y in corners]
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if area == 0:
+        return np.zeros((SIZE, SIZE), bool)
+    ring = [a, b, c] if area > 0 else [a, c, b]
+
+    def inside(x, y):
+        for k in range(3):
+            (x0, y0), (x1, y1) = ring[k], ring[(k + 1) % 3]
+            dx, dy = x1 - x0, y1 - y0
+            side = dx * (256 * y + 128 - y0) - dy * (256 * x + 128 - x0)
+            if side < 0 or (side == 0 and not (dy < 0 or (dy == 0 and dx > 0))):
+                return False
+        return True
+
+    return np.array([[inside(x, y) for x in range(SIZE)] for y in range(SIZE)])
+
+
+def blocks_touched(mask: np.ndarray, side: int) -> int:
+    return int(mask.reshape(SIZE // side, side, SIZE // side, side).any(axis=(1, 3)).sum())
+
+
+def require_exact_counts(corners) -> None:
+    """Of a triangle, all that the reference counts is what an evaluation of every pixel says."""
+    mask = covered(corners)
+    points = np.array(corners, np.int32)
+    counts = predict(points, np.array([[0, 1, 2]], np.int32))
+    assert counts["fragments"][0] == mask.sum()
+    assert counts["quads"][0] == blocks_touched(mask, 2)
+    whole = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
+    assert counts["partial_quads"][0] == counts["quads"][0] - whole
+    assert counts["blocks"][0] == blocks_touched(mask, 4)
+    assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
+    centres = 256 * np.arange(SIZE) + 128
+    within = (points.min(axis=0) <= centres[:, None]) & (centres[:, None] <= points.max(axis=0))
+    assert counts["bbox_tests"][0] == within.sum(axis=0).prod()

@@ -1,7 +1,5 @@
 """Compute-shader rasterisers on llvmpipe: tests as predicted, pixels as the reference's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
-from tests.rasterisers import pictures
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
@@ -21,27 +18,6 @@ def walker(request, opened) -> Rasteriser:
 @pytest.fixture
 def bounding_box(opened) -> Rasteriser:
     return opened("bounding-box")
-
-
-def centres_in_boxes(frame, triangles) -> np.ndarray:
-    """Count pixel centres in each bounding box from the coordinates in px, (m,)."""
-    corners = frame.points[triangles] / 256
-    low = np.ceil(corners.min(axis=1) - 0.5)
-    high = np.floor(corners.max(axis=1) - 0.5)
-    return np.maximum(high - low + 1, 0).prod(axis=1).astype(np.int64)
-
-
-@pytest.mark.parametrize("size", [64, 250, 1024])
-@pytest.mark.parametrize("grid", [1, 128])
-def test_it_tests_each_pixel_of_the_bounding_box_once(
-    bounding_box, reference, native, scattered, size, grid
-):
-    frame, triangles = scattered(seed=size, size=size, number=120, grid=grid)
-    counters = bounding_box.count(frame, triangles, native)
-    assert np.array_equal(counters["bbox_tests"], centres_in_boxes(frame, triangles))
-    exact = reference.count(frame, triangles, native)
-    assert np.array_equal(counters["bbox_tests"], exact["bbox_tests"])
-    assert np.array_equal(counters["hits"], exact["fragments"])
 
 
 def test_a_box_of_4096_px_is_tested_in_full(bounding_box, native, loose):
@@ -70,37 +46,9 @@ def test_any_triangle_is_hit_as_by_the_reference(walker, reference, native, loos
     assert drawn.tolist() == reference.count(frame, triangles, native)["fragments"].tolist()
 
 
-@pytest.mark.parametrize("grid", [1, 128])
-def test_image_covers_the_references_pixels(walker, reference, native, scattered, grid):
-    frame, triangles = scattered(seed=9, size=300, number=60, grid=grid)
-    drawn = pictures.image_of(walker, frame, triangles, native)
-    expected = reference.image(frame, triangles, native)
-    assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
-
-
-def test_image_of_one_layer_equals_the_references(walker, reference, native, loose):
-    tiles = [
-        [[x + 300, y + 300], [x + 7600, y + 1100], [x + 900, y + 7800]]
-        for x in range(0, 32 * 256, 8192)
-        for y in range(0, 32 * 256, 8192)
-    ]
-    frame, triangles = loose(np.array(tiles), 64)
-    assert np.array_equal(
-        pictures.image_of(walker, frame, triangles, native),
-        reference.image(frame, triangles, native),
-    )
-
-
 def test_scanline_counts_the_rows_of_the_box(opened, native, loose):
     frame, triangles = loose([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
     assert opened("scanline").count(frame, triangles, native)["rows"].tolist() == [19]
-
-
-def test_no_triangles_cost_nothing(walker, native, loose):
-    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], 16)
-    nothing = np.empty((0, 3), np.int32)
-    assert all(not values.any() for values in walker.count(frame, nothing, native).values())
-    assert not pictures.image_of(walker, frame, nothing, native).any()
 
 
 def test_multisampling_and_work_are_refused(walker, scattered):

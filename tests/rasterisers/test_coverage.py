@@ -1,12 +1,16 @@
 """Coverage: equal for every conforming triangulation, wrong in places with a T-junction."""
 
-from __future__ import annotations
+import json
 
 import numpy as np
 import pytest
-from shapely import Polygon
+from shapely import Polygon, make_valid
 
 from harness.frame import View, make_frame
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse
+from scenes import load
+from tests.paths import shared_data
 from triangulators import triangulate
 
 # A long roof with vertex 1 in the middle of its side 0-2.
@@ -63,3 +67,45 @@ def test_triangulators_agree_on_every_polygons_fragments(llvmpipe, native):
     ]
     for other in counts[1:]:
         assert np.array_equal(counts[0], other)
+
+
+TRIANGULATORS = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
+
+
+def helsinki() -> list[Polygon]:
+    rings = [entry["rings"] for entry in json.loads(shared_data("helsinki.json").read_text())]
+    polygons = [Polygon(each[0], each[1:]) for each in rings]
+    mended = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
+    return [polygon for polygon in mended if isinstance(polygon, Polygon)]
+
+
+def city() -> list[Polygon]:
+    return load("city").polygons
+
+
+@pytest.mark.parametrize("polygons", [city, helsinki])
+@pytest.mark.parametrize("resolution", [256, 1024])
+def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
+    llvmpipe, native, polygons, resolution
+):
+    frame = make_frame(polygons(), View(resolution))
+    expected = None
+    for name in TRIANGULATORS:
+        result = triangulate_polygons(parse(name), frame.polygons)
+        assert result.failed == []
+        counted = llvmpipe.count(frame, frame.join(result.parts), native)
+        fragments, quads = counted["fragments"], counted["quads"]
+        assert (4 * quads == fragments + counted["helper_lanes"]).all()
+        conforming = np.array(
+            [p is not None and not t for p, t in zip(result.parts, result.t_junctions, strict=True)]
+        )
+        if name != "fan":
+            assert conforming.sum() > 0.98 * len(frame.polygons)
+        if expected is None:
+            expected = np.full(len(fragments), -1)
+        known = conforming & (expected >= 0)
+        assert (fragments[known] == expected[known]).all(), name
+        expected = np.where(conforming & (expected < 0), fragments, expected)
+    assert expected is not None
+    assert (expected >= 0).all()
+    assert expected.sum() > 0.05 * resolution**2

@@ -1,7 +1,5 @@
 """The doctor: what works is measured, what is missing gets its fix."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

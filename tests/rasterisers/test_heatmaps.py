@@ -1,7 +1,5 @@
 """Heatmaps: their numbers are the counters', and the picture holds what it should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

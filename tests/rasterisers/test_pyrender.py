@@ -1,7 +1,5 @@
 """Roofs through pyrender, in a process of its own."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np
@@ -18,7 +16,7 @@ from harness.rasterisers.base import Triangles, submission
 from harness.rasterisers.pyrender import extrude, next_in_ring
 from harness.rasterisers.reference import Reference
 from harness.triangulating.frames import original
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 from tests.rasterisers import pictures
 from triangulators import triangulate
 
@@ -112,7 +110,7 @@ def test_options_it_has_no_say_in_are_refused(frame):
 
 
 def test_views_of_a_model_are_drawn_as_they_are_projected(tmp_path):
-    plate().export(tmp_path / "plate.glb")
+    solid().export(tmp_path / "plate.glb")
     found = {}
     for depth in ("none", "file"):
         scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)

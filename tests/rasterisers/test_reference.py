@@ -1,16 +1,17 @@
-"""The reference rasteriser against a second implementation, pixel by pixel in Python integers."""
-
-from __future__ import annotations
+"""The rasterisers on the CPU against second implementations: pixel by pixel, and by polygons."""
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.rasterisers import Options, spans
-from harness.rasterisers.reference import colours, predict
-from tests.rasterisers.pixels import SIZE, blocks_touched, covered
+from harness.frame import WHOLE
+from harness.rasterisers import Options, find_device, get, spans
+from harness.rasterisers.reference import TILES, colours, count_tiles, predict
+from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
 from triangulators import criteria
 
 corner = st.tuples(*[st.integers(0, SIZE * 256)] * 2)
@@ -20,18 +21,7 @@ half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
 @settings(deadline=None)  # the first call compiles
 @given(st.lists(corner | half_pixel, min_size=3, max_size=3))
 def test_every_count_equals_a_pixel_by_pixel_evaluation(corners):
-    mask = covered(corners)
-    points = np.array(corners, np.int32)
-    counts = predict(points, np.array([[0, 1, 2]], np.int32))
-    assert counts["fragments"][0] == mask.sum()
-    assert counts["quads"][0] == blocks_touched(mask, 2)
-    whole = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
-    assert counts["partial_quads"][0] == counts["quads"][0] - whole
-    assert counts["blocks"][0] == blocks_touched(mask, 4)
-    assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
-    centres = 256 * np.arange(SIZE) + 128
-    within = (points.min(axis=0) <= centres[:, None]) & (centres[:, None] <= points.max(axis=0))
-    assert counts["bbox_tests"][0] == within.sum(axis=0).prod()
+    require_exact_counts(corners)
 
 
 small = st.tuples(*[st.integers(0, 4 * 256)] * 2)
@@ -133,3 +123,42 @@ def test_what_is_not_a_triangulation_of_the_frame_is_refused(
     frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
     with pytest.raises(ValueError, match=message):
         reference.count(frame, triangles, native)
+
+
+of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
+    *[st.integers(0, 4).map(lambda v: v * 16)] * 2
+)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.lists(of_tiles, min_size=3, max_size=3))
+def test_tiles_are_those_whose_inside_meets_the_triangles(corners):
+    """Tiles of 16 units in a field of 64; the exact count is checked by clipping."""
+    points = np.array(corners, np.int32)
+    by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16, WHOLE)[0]
+    triangle = Polygon(corners)
+    if triangle.area == 0:
+        assert (by_box, exact) == (0, 0)
+        return
+    tiles = [box(x, y, x + 16, y + 16) for x in range(0, 64, 16) for y in range(0, 64, 16)]
+    # Coordinates are small integers: a real overlap has more area than clipping's rounding.
+    assert exact == sum(shapely.intersection(tile, triangle).area > 1e-9 for tile in tiles)
+    bounds = box(*triangle.bounds)
+    assert by_box == sum(shapely.intersection(tile, bounds).area > 1e-9 for tile in tiles)
+
+
+def test_counts_are_per_polygon_and_larger_tiles_are_fewer(scattered):
+    frame, triangles = scattered(seed=2, size=512, number=40, grid=1)
+    counters = get("binning")(find_device("binning")).count(frame, triangles, Options())
+    for side in TILES:
+        assert counters[f"tiles_{side}"].shape == (40,)
+        assert (counters[f"tiles_{side}_exact"] <= counters[f"tiles_{side}"]).all()
+    assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()
+
+
+def test_it_has_no_time(scattered):
+    frame, triangles = scattered(seed=2, size=64, number=2, grid=1)
+    binning = get("binning")(find_device("binning"))
+    assert not binning.timed
+    with pytest.raises(UsageError, match="no time to measure"):
+        binning.prepare(frame, triangles, Options())

@@ -1,7 +1,5 @@
 """Rasterisers and devices by name, and what is said when one is missing."""
 
-from __future__ import annotations
-
 import json
 import os
 from importlib.metadata import EntryPoint

@@ -1,7 +1,5 @@
 """Map tiles on every device: cut at the tile's edge, each a call of its own; equal everywhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -15,14 +13,14 @@ from harness.frame import Frame
 from harness.heatmaps import lane_maps
 from harness.measuring import tasks
 from harness.measuring.records import _views_of
-from harness.measuring.worker import Worker
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
 from harness.rasterisers.context import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
 from harness.rasterisers.reference import SHADED, Reference, disagreements, outlines
 from tests.rasterisers import pictures
-from tests.rasterisers.pixels import covered
+from tests.rasterisers.conftest import worker_on
+from tests.rasterisers.pictures import covered
 
 NATIVE = Options()
 SHUFFLED = Options(order="shuffled", seed=1)
@@ -55,11 +53,8 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
 
 
 def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
-    device = next((each for each in get("opengl").devices() if each.name == "softpipe"), None)
-    if device is None:
-        pytest.skip("softpipe is not installed")
-    with Worker(device.name, device.environment) as worker:
-        drawn = worker.call(tasks.count, "opengl", device, *tiles, NATIVE, timeout_s=120)
+    with worker_on("opengl", "softpipe") as call:
+        drawn = call(tasks.count, *tiles, NATIVE)
     exact = reference.count(*tiles, NATIVE)
     assert disagreements(tiles[0], drawn, exact)
     for name in SHADED:

@@ -1,7 +1,5 @@
 """Views of a model on every device: equal to the reference, each view a call of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from harness.rasterisers.reference import disagreements
 from harness.triangulating.frames import in_views, original, triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes.scene import Viewing
-from tests.models.test_in_place import plate
+from tests.models.various import solid
 from tests.rasterisers import pictures
 
 NATIVE = Options()
@@ -45,7 +43,7 @@ def triangulations(frame: Frame, *names: str) -> list[np.ndarray]:
 def seen(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
     """Views of a plate and three triangulations of its faces."""
     path: Path = tmp_path_factory.mktemp("models") / "plate.glb"
-    plate().export(path)
+    solid().export(path)
     frame = framed(str(path), views=4, pixels=128)
     return frame, triangulations(frame, "delaunay", "optimal:edge-length")
 
@@ -67,7 +65,7 @@ def test_counters_of_each_piece_equal_the_reference(on_device, seen, reference):
 @pytest.fixture(scope="session", params=["file", "front"])
 def deep(request: pytest.FixtureRequest, tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
     """Views of plates that hide each other and cut into each other, and of a ball, with depths."""
-    parts = [plate(turn) for turn in (0.3, 1.9)]
+    parts = [solid(turn) for turn in (0.3, 1.9)]
     parts[1].apply_translation([3, -2, 1])
     ball = trimesh.creation.icosphere(2, radius=5.0)
     path: Path = tmp_path_factory.mktemp("models") / "heap.glb"

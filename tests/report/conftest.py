@@ -1,7 +1,5 @@
 """The reports that a browser is shown."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

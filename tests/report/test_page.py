@@ -1,7 +1,5 @@
 """The report in a browser: it renders, its parts follow what is chosen, it asks nobody."""
 
-from __future__ import annotations
-
 import csv
 import io
 import time

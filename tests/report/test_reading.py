@@ -1,7 +1,5 @@
 """The report for every reader: dark or light, small or printed, with eyes or a screen reader."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

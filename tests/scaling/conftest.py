@@ -1,7 +1,5 @@
 """Small data sets of many parts, cut finely, and a cluster that a module shares."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tasks for crews: some fail, some end their process."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import time

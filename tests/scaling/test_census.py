@@ -1,9 +1,6 @@
 """A census: counters of the reference, gains by footprint, sums over parts, and what is written."""
 
-from __future__ import annotations
-
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -17,6 +14,7 @@ from harness.scaling.census_report import at_least, below, quantile_of
 from harness.scaling.dataset import Dataset
 from harness.scaling.sums import GAINED, MEASURES, total, whole
 from harness.scaling.task_queue import Crew
+from tests.conftest import assert_refused, ends_well, geojson
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
 
@@ -114,10 +112,11 @@ def test_gains_are_relative_to_the_base():
 
 def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path):
     names = ",".join(NAMES)
-    code, out, error = harness(
-        "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+    out, _ = ends_well(
+        harness(
+            "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+        )
     )
-    assert code == 0
     assert "240 footprints: helper lanes, compared with ear-clipping" in out
     with (tmp_path / "out" / "census.csv").open() as file:
         table = list(csv.DictReader(file))
@@ -133,15 +132,16 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     before = (tmp_path / "out" / "census.csv").read_bytes()
     (tmp_path / "out" / "census.csv").unlink()
     next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
-    code, _, error = harness(
-        "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+    _, error = ends_well(
+        harness(
+            "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+        )
     )
-    assert code == 0
     assert "5 of 6 parts are there already" in error
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
-    code, _, error = harness("census", f"{parts}", "-o", "other", "--triangulators", "fan")
-    assert code == 2
-    assert "give two or more" in error
+    assert_refused(
+        harness("census", f"{parts}", "-o", "other", "--triangulators", "fan"), "give two or more"
+    )
 
 
 def test_a_file_that_is_there_twice_is_told(harness, parts, tmp_path, no_plots):
@@ -150,8 +150,7 @@ def test_a_file_that_is_there_twice_is_told(harness, parts, tmp_path, no_plots):
     for name in ("a.parquet", "b.parquet"):
         (folder / name).write_bytes((parts / "0.parquet").read_bytes())
     names = "fan,ear-clipping"
-    code, _, error = harness("census", str(folder), "-o", "out", "--triangulators", names)
-    assert code == 0
+    _, error = ends_well(harness("census", str(folder), "-o", "out", "--triangulators", names))
     assert f"b.parquet has the content of {folder}/a.parquet: its polygons count twice" in error
 
 
@@ -166,17 +165,13 @@ SQUARE = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
 POINT = {"type": "Point", "coordinates": [5, 5]}
 
 
-def features(*geometries: dict) -> str:
-    members = [{"type": "Feature", "properties": {"n": 1}, "geometry": each} for each in geometries]
-    return json.dumps({"type": "FeatureCollection", "features": members})
-
-
 def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
     bent = [[0, 0], [9, 0], [9, 3], [3, 3], [3, 9], [9, 9], [9, 12], [0, 12], [0, 0]]
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in (SQUARE, bent)]
-    (tmp_path / "a.geojson").write_text(features(shapes[0], POINT, shapes[1]))
-    code, _, error = harness("census", "a.geojson", "--triangulators", "fan,strip", "-o", "out")
-    assert code == 0
+    (tmp_path / "a.geojson").write_text(geojson([shapes[0], POINT, shapes[1]]))
+    _, error = ends_well(
+        harness("census", "a.geojson", "--triangulators", "fan,strip", "-o", "out")
+    )
     assert "dropped 1: is a Point, not a polygon (feature 1)" in error
     assert "failed 1: fan: no vertex sees the whole polygon (feature 2)" in error
     with (tmp_path / "out" / "parts" / "left_out.csv").open() as file:
@@ -190,16 +185,14 @@ def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (features(POINT, POINT), "a.geojson holds no usable polygon"),
-        (features(POINT)[:60], "a.geojson cannot be read as a file of geometries"),
-        (features(), "a.geojson holds no usable polygon"),
-        (features({"type": "Polygon", "coordinates": [SQUARE]}), "for where=n > 7: widen"),
+        (geojson([POINT, POINT]), "a.geojson holds no usable polygon"),
+        (geojson([POINT])[:60], "a.geojson cannot be read as a file of geometries"),
+        (geojson([]), "a.geojson holds no usable polygon"),
+        (geojson([{"type": "Polygon", "coordinates": [SQUARE]}]), "for where=id > 7: widen"),
     ],
     ids=["points", "cut", "empty", "filtered"],
 )
 def test_a_file_without_a_polygon_is_bad_input(harness, tmp_path, no_plots, text, message):
     (tmp_path / "a.geojson").write_text(text)
-    where = ["--where", "n > 7"] if "widen" in message else []
-    code, _, error = harness("census", "a.geojson", "-o", "out", *where)
-    assert code == 2, error
-    assert message in error
+    where = ["--where", "id > 7"] if "widen" in message else []
+    assert_refused(harness("census", "a.geojson", "-o", "out", *where), message)

@@ -1,24 +1,31 @@
 """Two workers on this machine: what dies, what fails, and what that costs the others."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
-import subprocess
 import sys
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import replace
 
 import psutil
 import pytest
 import shapely
 
+from harness.errors import UsageError
 from harness.progress import Reporter
 from harness.scaling.dataset import Dataset
-from harness.scaling.task_queue import ATTEMPTS, Crew, work_through
+from harness.scaling.task_queue import (
+    ATTEMPTS,
+    LOSSES,
+    Answer,
+    Crew,
+    SchedulerLost,
+    Task,
+    work_through,
+)
 from harness.scaling.triangulated import TRIANGLES, Options
-from tests.paths import ROOT
+from tests.paths import python
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
 
@@ -127,14 +134,7 @@ def test_a_cluster_that_is_stopped_as_it_starts_ends_in_order(tmp_path):
         text = f"POLYGON ((0 0, {size} 0, {size} 4, 0 4, 0 0))\n"
         (tmp_path / "in" / f"{name}.wkt").write_text(text)
     (tmp_path / "stopped.py").write_text(STOPPED_AT_ONCE)
-    done = subprocess.run(
-        [sys.executable, "stopped.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("stopped.py", cwd=tmp_path)
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.splitlines()[-1].startswith("stopped")
@@ -151,3 +151,127 @@ def test_no_other_machine_reaches_the_cluster(two_workers):
         if connection.status == psutil.CONN_LISTEN
     }
     assert open_at == {"127.0.0.1"}
+
+
+MANY = [f"task {number}" for number in range(20)]
+
+
+class Scripted:
+    """Answers as it is told to; notes how many scripted_tasks it ever had at a time."""
+
+    room = 4
+    threads_each = 1
+
+    def __init__(self, answer: Callable[[str, int], Answer | None]) -> None:
+        self._answer = answer
+        self._has: deque[str] = deque()
+        self.begun: Counter[str] = Counter()
+        self.reconnected = 0
+        self.most = 0
+
+    def start(self, name: str, task: Task) -> None:
+        self.begun[name] += 1
+        self._has.append(name)
+        self.most = max(self.most, len(self._has))
+
+    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
+        name = self._has.popleft()
+        answer = self._answer(name, self.begun[name])
+        if answer is None:
+            raise SchedulerLost
+        return [(name, answer)]
+
+    def reconnect(self) -> None:
+        self.reconnected += 1
+        self._has.clear()
+
+    def close(self) -> None:
+        pass
+
+
+def scripted_tasks() -> dict[str, Task]:
+    return {name: (str, (name,)) for name in MANY}
+
+
+def carried_out(answer: Callable[[str, int], Answer | None]):
+    crew, done = Scripted(answer), Counter()
+    aside = work_through(scripted_tasks(), crew, lambda name, value: done.update([name]))
+    return crew, done, aside
+
+
+def test_every_task_ends_once_and_few_wait_at_a_time():
+    crew, done, aside = carried_out(lambda name, time: Answer(name))
+    assert done == Counter(MANY)
+    assert aside == {}
+    assert crew.most == Scripted.room
+    assert crew.begun == Counter(MANY)
+
+
+def test_a_task_that_fails_is_set_aside_after_three_attempts_of_its_own():
+    bad = Answer(failed="died: SIGSEGV")
+    crew, done, aside = carried_out(lambda name, time: bad if name == MANY[3] else Answer())
+    assert aside == {MANY[3]: "died: SIGSEGV"}
+    assert crew.begun[MANY[3]] == ATTEMPTS
+    assert done == Counter(set(MANY) - {MANY[3]})
+    assert all(crew.begun[name] == 1 for name in done)
+
+
+def test_a_task_that_fails_twice_and_then_works_is_done():
+    bad = Answer(failed="no space")
+    _, done, aside = carried_out(lambda name, time: bad if time < ATTEMPTS else Answer())
+    assert aside == {}
+    assert done == Counter(MANY)
+
+
+def test_workers_that_die_under_a_task_do_not_count_as_its_failures():
+    lost = Answer(failed="the workers died", lost=True)
+    crew, done, aside = carried_out(lambda name, time: lost if time < LOSSES else Answer())
+    assert aside == {}
+    assert done == Counter(MANY)
+    crew, done, aside = carried_out(lambda name, time: lost if name == MANY[0] else Answer())
+    assert aside == {MANY[0]: "the workers died"}
+    assert crew.begun[MANY[0]] == LOSSES
+
+
+def test_a_scheduler_that_is_lost_costs_what_it_had_and_no_more():
+    lost_at = {MANY[5]: 1, MANY[11]: 1, MANY[12]: 2}
+    crew, done, aside = carried_out(
+        lambda name, time: None if lost_at.get(name) == time else Answer()
+    )
+    assert aside == {}
+    assert done == Counter(MANY)
+    assert crew.reconnected == 3
+    assert crew.begun[MANY[4]] == 1
+
+
+def test_an_answer_that_nobody_waits_for_counts_for_nothing(monkeypatch):
+    """As it comes twice, or from a queue that was given up while tasks of it were running."""
+    ended = Scripted.ended
+    others = [(name, Answer()) for name in ("of another queue", MANY[0])]
+    monkeypatch.setattr(Scripted, "ended", lambda *given: ended(*given) * 2 + others)
+    _, done, aside = carried_out(lambda name, time: Answer())
+    assert aside == {}
+    assert done == Counter(MANY)
+
+
+def test_a_scheduler_that_does_not_come_back_ends_it(monkeypatch):
+    crew = Scripted(lambda name, time: None)
+
+    def gone() -> None:
+        raise UsageError("no scheduler")
+
+    monkeypatch.setattr(crew, "reconnect", gone)
+    with pytest.raises(UsageError, match="no scheduler"):
+        work_through(scripted_tasks(), crew, lambda name, value: None)
+
+
+def test_alone_a_failure_is_an_answer_and_a_defect_is_not():
+    def bad(name: str) -> None:
+        raise UsageError(name)
+
+    def worse(name: str) -> None:
+        raise ZeroDivisionError
+
+    assert work_through({"a": (bad, ("why",))}, Crew(), lambda *_: None) == {"a": "why"}
+    with pytest.raises(ZeroDivisionError):
+        work_through({"a": (worse, ("why",))}, Crew(), lambda *_: None)

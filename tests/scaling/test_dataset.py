@@ -1,14 +1,15 @@
 """Many files into a folder: exactly once, resumed, faults named, and what is never mixed."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
+import pyogrio
 import pytest
 import shapely
 
@@ -19,7 +20,11 @@ from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.task_queue import Crew
 from harness.scaling.triangulated import TRIANGLES, Options
 from harness.stored import atomic
-from tests.scaling.conftest import EVERY, contents, ids, parts_in, rows, write_parquet
+from scenes import SceneError
+from scenes.files import read_chunks
+from scenes.slices import comparisons, cut
+from tests.conftest import ends_well
+from tests.scaling.conftest import EVERY, PER_FILE, contents, ids, parts_in, rows, write_parquet
 
 OPTIONS = Options("optimal:half-perimeter")
 
@@ -172,12 +177,12 @@ def test_what_is_dropped_is_counted_by_reason(tmp_path, footprints, finely):
 def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tmp_path, footprints):
     edge = float(shapely.bounds(footprints)[100, 0])
     where = f"bbox.xmin < {edge!r} AND storeys < 0"
-    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
-    assert code == 0
+    _, error = ends_well(
+        harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
+    )
     assert "left out 240 rows unread" in error
     where = "id < 50 AND storeys IS NULL"
-    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where)
-    assert code == 0
+    ends_well(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where))
     assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
     assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
 
@@ -207,8 +212,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
     assert code == 130
     assert "stopped; 3 of 6 parts are in out; to go on, give the same command again" in error
     assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
-    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
-    assert code == 0
+    _, error = ends_well(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
     assert "3 of 6 parts are there already" in error
     assert ids(tmp_path / "out") == list(range(EVERY))
 
@@ -223,3 +227,84 @@ def test_wrong_uses_are_one_line(harness, parts):
         code, _, error = harness("triangulate", *arguments)
         assert code == (2 if message else 5)
         assert (message or "no such column: colour") in error
+
+
+def polygons_of(path, rows, **options):
+    chunks = read_chunks(str(path), rows=rows, **options)
+    return np.concatenate([chunk.cleaned.polygons for chunk in chunks])
+
+
+def test_row_groups_are_slices_and_give_the_file(parts, footprints):
+    found = cut(str(parts / "0.parquet"))
+    assert found.rows == [(0, 40), (40, 80), (80, 120)]
+    assert found.sizes == [40, 40, 40]
+    read = np.concatenate([polygons_of(parts / "0.parquet", rows) for rows in found.rows])
+    assert shapely.equals_exact(shapely.normalize(read), shapely.normalize(footprints[:120])).all()
+
+
+def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
+    monkeypatch.setattr("scenes.slices.LEAST", 60)
+    monkeypatch.setattr("scenes.slices.MOST", 80)
+    assert cut(str(parts / "0.parquet")).rows == [(0, 80), (80, 120)]
+    monkeypatch.setattr("scenes.slices.LEAST", 5)
+    monkeypatch.setattr("scenes.slices.MOST", 15)
+    rows = cut(str(parts / "0.parquet")).rows
+    assert rows == [*pairwise([0, 13, 26, 40, 53, 66, 80, 93, 106, 120])]
+    read = [polygons_of(parts / "0.parquet", each) for each in rows]
+    assert [len(each) for each in read] == [end - start for start, end in rows]
+    whole = polygons_of(parts / "0.parquet", (0, PER_FILE))
+    assert (np.concatenate(read) == whole).all()
+
+
+def test_statistics_prune_and_the_rest_is_filtered(parts, footprints):
+    edge = float(np.sort(shapely.bounds(footprints[:PER_FILE])[:, 0])[50])
+    where = f"bbox.xmin < {edge!r}"
+    found = cut(str(parts / "0.parquet"), where=where)
+    assert found.rows == [(0, 40), (40, 80)]
+    assert found.pruned == 40
+    read = [polygons_of(parts / "0.parquet", rows, where=where) for rows in found.rows]
+    assert [len(each) for each in read] == [40, 10]
+
+
+@pytest.mark.parametrize(
+    "where",
+    ["bbox.xmin > 1e9 OR id = 1", "NOT bbox.xmin > 1e9", "id IN (1, 2)", "storeys = '3'", None],
+)
+def test_what_is_no_plain_comparison_prunes_nothing(parts, where):
+    assert comparisons(where) == []
+    assert len(cut(str(parts / "0.parquet"), where=where).rows) == 3
+
+
+def test_a_change_of_the_file_changes_its_identity(parts, footprints):
+    before = cut(str(parts / "0.parquet")).identity
+    assert cut(str(parts / "0.parquet")).identity == before
+    assert cut(str(parts / "1.parquet")).identity != before
+    os.utime(parts / "0.parquet", (1, 1))
+    assert cut(str(parts / "0.parquet")).identity != before
+
+
+def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
+    file = tmp_path / "town.gpkg"
+    pyogrio.raw.write(
+        file,
+        shapely.to_wkb(footprints[:100]),
+        [np.arange(100)],
+        ["id"],
+        geometry_type="Polygon",
+        crs="EPSG:3067",
+    )
+    found = cut(str(file))
+    assert found.rows == [(0, 40), (40, 80), (80, 100)]
+    tables = [next(read_chunks(str(file), rows=rows)).attributes for rows in found.rows]
+    assert pd.concat(tables)["id"].tolist() == list(range(100))
+    assert cut(str(file), where="id > 3").rows == [None]
+
+
+def test_a_truncated_file_and_one_without_geometry_are_refused_in_one_line(parts, footprints):
+    file = parts / "0.parquet"
+    file.write_bytes(file.read_bytes()[:-1000])
+    with pytest.raises(SceneError, match=r"0\.parquet cannot be read as GeoParquet"):
+        cut(str(file))
+    write_parquet(file, footprints[:10], 0, geo=None)
+    with pytest.raises(SceneError, match="no geometry column"):
+        cut(str(file))

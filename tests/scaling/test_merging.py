@@ -1,7 +1,5 @@
 """Runs merged by case: whatever the order, conflicts named, counters of hosts compared."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -14,6 +12,7 @@ from harness.errors import UsageError
 from harness.frame import View
 from harness.scaling.merging import NAMED, merge, on_host
 from harness.stored.folder import Store, read_arrays, read_facts, read_run
+from tests.conftest import assert_refused, ends_well, geojson
 from tests.measuring.test_run import measure, plan_for
 
 TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
@@ -29,8 +28,7 @@ def runs(tmp_path_factory):
         "type": "MultiPolygon",
         "coordinates": [[square], [[[x + 20, y] for x, y in square]]],
     }
-    feature = {"type": "Feature", "properties": {}, "geometry": geometry}
-    scene.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": [feature]}))
+    scene.write_text(geojson([geometry], crs=None))
     both = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
     other = plan_for(scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),))
     plans = {"first": both, "second": other, "third": both}
@@ -151,19 +149,15 @@ def test_runs_of_other_polygons_are_refused(runs, tmp_path):
 
 def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plots):
     first, third = str(runs["first"]), str(runs["third"])
-    code, out, _ = harness("merge", first, third, "--hosts", "here,there", "-o", "merged")
-    assert code == 0
+    out, _ = ends_well(harness("merge", first, third, "--hosts", "here,there", "-o", "merged"))
     assert "scripted@here" in out
     assert "scripted@there" in out
     assert "scripted@here" in (tmp_path / "merged" / "report.html").read_text()
-    code, out, _ = harness("compare", "merged", "merged", "--gate", "counters")
-    assert code == 0
-    code, _, error = harness("merge", first, third, "--hosts", "here", "-o", "other")
-    assert code == 2
-    assert "names 1 hosts for 2 runs" in error
-    code, _, error = harness("merge", first, third, "--hosts", "a,b/c", "-o", "other")
-    assert code == 2
-    assert "host 'b/c'" in error
+    ends_well(harness("compare", "merged", "merged", "--gate", "counters"))
+    assert_refused(
+        harness("merge", first, third, "--hosts", "here", "-o", "other"), "names 1 hosts for 2 runs"
+    )
+    assert_refused(harness("merge", first, third, "--hosts", "a,b/c", "-o", "other"), "host 'b/c'")
 
 
 def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
@@ -233,9 +227,7 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     assert harness(*command)[0] == 0
     assert len(read_run(Path("merged")).records) == 8
     assert not left.parent.exists()
-    code, _, err = harness(*command)
-    assert code == 2
-    assert "merged is there already" in err
+    assert_refused(harness(*command), "merged is there already")
 
 
 def test_a_run_without_records_adds_none(runs, tmp_path):

@@ -1,12 +1,7 @@
 """A census of map tiles counts what the scene of the same tiles does, in parts, in any archive."""
 
-from __future__ import annotations
-
 import csv
 import gzip
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +13,6 @@ from pmtiles.tile import (
     Entry,
     TileType,
     serialize_directory,
-    serialize_header,
     zxy_to_tileid,
 )
 from pmtiles.writer import write
@@ -36,8 +30,9 @@ from scenes import SceneError, load
 from scenes.slices import MOST_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened
 from scenes.tiles.read import FILE
-from tests.paths import ROOT
-from tests.scenes.test_tiles import COURT, encoded, three_archives
+from tests.conftest import ends_well
+from tests.paths import python
+from tests.scenes.test_tiles import COURT, encoded, pmtiles, three_archives
 
 NAMES = ("ear-clipping", "flips:l1")
 EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "triangles")
@@ -175,16 +170,8 @@ def test_entries_beside_leaves_are_in_order(tmp_path):
     leaf = serialize_directory([Entry(first_of(3) + 1, 0, 4, 1), Entry(first_of(3) + 2, 4, 4, 1)])
     ends = [Entry(first_of(3), 8, 4, 1), Entry(first_of(3) + 1, 0, len(leaf), 0)]
     root = serialize_directory([*ends, Entry(first_of(3) + 9, 12, 4, 2)])
-    places = {"metadata_offset": 127, "root_offset": 127, "leaf_directory_offset": 127 + len(root)}
-    places |= {"tile_data_offset": 127 + len(root) + len(leaf), "root_length": len(root)}
-    lengths = {"metadata_length": 0, "leaf_directory_length": len(leaf), "tile_data_length": 16}
-    about = {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
-    about |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
-    path = tmp_path / "a.pmtiles"
-    path.write_bytes(
-        serialize_header({**places, **lengths, **about}) + root + leaf + b"aaaabbbbccccdddd"
-    )
-    tiles = PMTiles(path)
+    zooms = {"min_zoom": 3, "max_zoom": 3}
+    tiles = PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", root, leaf, b"aaaabbbbccccdddd", **zooms)))
     assert [tiles.packed(name) for name in tiles.names(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
@@ -197,13 +184,7 @@ def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
     """Damage may give one number to two entries: a tile is there once."""
     numbers = [first_of(3) + each for each in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
-    places = {"metadata_offset": 127, "root_offset": 127, "leaf_directory_offset": 127}
-    places |= {"tile_data_offset": 127 + len(root), "root_length": len(root)}
-    lengths = {"metadata_length": 0, "leaf_directory_length": 0, "tile_data_length": 4}
-    about = {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
-    about |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
-    path = tmp_path / "a.pmtiles"
-    path.write_bytes(serialize_header({**places, **lengths, **about}) + root + b"aaaa")
+    path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
     found = [run.number - first_of(3) for run in PMTiles(path).runs(3)]
     assert found == [0, 2, 5]
     assert len(PMTiles(path).names(3)) == 3
@@ -248,8 +229,7 @@ def table_of(folder: Path) -> list[dict[str, str]]:
 
 def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
     arguments = ("census", f"{FILE}:zoom=12-13", "-o", "out", "--triangulators", ",".join(NAMES))
-    code, out, error = harness(*arguments)
-    assert code == 0
+    out, error = ends_well(harness(*arguments))
     lines = [line.split() for line in out.splitlines() if line.startswith(("12", "13"))]
     assert [line[:2] for line in lines] == [
         [zoom, layer] for zoom in ("12", "13") for layer in ("area", "building")
@@ -294,12 +274,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
     arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
     arguments += ["--triangulators", ",".join(NAMES)]
     script = KILLED.format(arguments=arguments)
-    killed = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=False,
-    )
+    killed = python("-c", script, cwd=tmp_path)
     assert killed.returncode == -9
     assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
     assert harness(*arguments)[0] == 0

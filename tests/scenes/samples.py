@@ -1,16 +1,22 @@
 """A sound file of each format, ways to damage one, and what its reader owes the user then."""
 
-from __future__ import annotations
-
 import base64
+import gzip
+import json
 import tempfile
+import warnings
 import zlib
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+import pyogrio
+import shapely
 from hypothesis import strategies as st
+from pmtiles.tile import Compression
 
 from scenes import Scene, SceneError, load
+from scenes.tiles.archives import Place
 from tests.scenes.conftest import assert_sound
 
 NAMES = (
@@ -87,3 +93,155 @@ def sound_or_refused(path: Path) -> Scene | None:
         # some libraries look at the bytes of a text only when they are asked for it
         assert scene.attributes.to_csv()
     return scene
+
+
+COUNT = 24
+BOXES = [shapely.box(20 * i, 0, 20 * i + 10, 9 + i / 8) for i in range(COUNT)]
+_OPTIONS = {
+    "csv": {"driver": "CSV", "layer_options": {"GEOMETRY": "AS_WKT"}},
+    "dxf": {"driver": "DXF", "crs": None},
+    "kml": {"driver": "KML", "crs": "EPSG:4326"},
+    "geojsonl": {"crs": "EPSG:4326"},
+}
+_BY_GDAL = (
+    *("geojson", "geojsonl", "gpkg", "sqlite", "fgb", "gml", "kml", "jml", "csv", "dxf", "gmt"),
+    *("shp", "shx", "dbf", "mif", "mid", "tab", "map", "dat", "id"),
+)
+_MODELS = ("obj", "ply", "off", "stl", "glb", "gltf")
+_OTHERS = ("parquet", "wkt", "wkb", "svg", "city.json", "city.jsonl")
+_TILES = ("mvt", "mvt.gz", "pmtiles", "mbtiles")
+KINDS = (*_BY_GDAL, *_MODELS, *_OTHERS, *_TILES)
+
+_MAIN = {"shx": "shp", "dbf": "shp", "mid": "mif", "map": "tab", "dat": "tab", "id": "tab"}
+"""Of files that belong to another one, which."""
+
+_SILENT = ("gmt", "obj", "mif")
+"""Formats that say neither how long they are nor where they end."""
+
+
+def cut_shows(kind: str, data: bytes, length: int) -> bool:
+    """Whether the first `length` bytes of a file show that it was longer."""
+    kept = data[:length]
+    if kind in _SILENT or data[length:].strip() == b"":
+        return False
+    if kind == "csv":
+        return kept.count(b'"') % 2 == 1
+    if kind in ("geojsonl", "wkt", "city.jsonl"):
+        return not kept.endswith(b"\n") and not data[length:].startswith((b"\n", b"\r"))
+    return True
+
+
+@cache
+def whole(kind: str) -> dict[str, bytes]:
+    """The files of a sound data set by their names; `a.<kind>` is among them."""
+    with tempfile.TemporaryDirectory() as folder:
+        _write(Path(folder, f"a.{_MAIN.get(kind, kind)}"))
+        return {each.name: each.read_bytes() for each in Path(folder).iterdir()}
+
+
+def _write(path: Path) -> None:
+    from tests.scenes.test_readers import PLANAR, cityjson_sequence, geoparquet
+
+    kind = path.name.partition(".")[2]
+    corners = "".join(f'<path d="M{20 * i} 0h9v9h-9z"/>' for i in range(COUNT))
+    lines = cityjson_sequence(COUNT // 2)
+    if kind in _BY_GDAL:
+        options = {"crs": "EPSG:3067"} | _OPTIONS.get(kind, {})
+        fields = [] if kind == "dxf" else [np.array([f"house {i}" for i in range(COUNT)], object)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            names = ["name"] * len(fields)
+            wkb = shapely.to_wkb(BOXES)
+            pyogrio.raw.write(path, wkb, fields, names, geometry_type="Polygon", **options)
+    elif kind in _MODELS:
+        _write_model(path, kind)
+    elif kind in _TILES:
+        _write_tiles(path, kind)
+    elif kind == "parquet":
+        geoparquet(path, BOXES, crs=PLANAR)
+    elif kind == "wkb":
+        path.write_bytes(shapely.to_wkb(shapely.MultiPolygon(BOXES)))
+    else:
+        path.write_text(
+            {
+                "wkt": "".join(f"{box.wkt}\n" for box in BOXES),
+                "svg": f"<svg>{corners}</svg>",
+                "city.json": json.dumps(_city(lines)),
+                "city.jsonl": "".join(f"{line}\n" for line in lines),
+            }[kind]
+        )
+
+
+def _city(lines: list[str]) -> dict[str, object]:
+    """One model of the houses of a sequence."""
+    model = json.loads(lines[0])
+    for line in lines[1:]:
+        feature = json.loads(line)
+        ((name, thing),) = feature["CityObjects"].items()
+        shift = len(model["vertices"])
+        ((ground, roof, *walls),) = thing["geometry"][0]["boundaries"]
+        shells = [[[[i + shift for i in ring] for ring in side] for side in (ground, roof, *walls)]]
+        thing["geometry"][0]["boundaries"] = shells
+        model["vertices"] += feature["vertices"]
+        model["CityObjects"][name] = thing
+    return model
+
+
+def _write_model(path: Path, kind: str) -> None:
+    import trimesh
+
+    faces = [list(box.exterior.coords)[:-1] for box in BOXES]
+    if kind == "obj":
+        points = "".join(f"v {x} {y} 0\n" for face in faces for x, y in face)
+        rings = "".join(f"f {i} {i + 1} {i + 2} {i + 3}\n" for i in range(1, 4 * COUNT, 4))
+        path.write_text(points + rings)
+        return
+    vertices = np.array([[x, y, 0.0] for face in faces for x, y in face])
+    first = 4 * np.arange(COUNT)[:, None]
+    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    trimesh.Trimesh(vertices, triangles, process=False).export(path)
+
+
+def _write_tiles(path: Path, kind: str) -> None:
+    """All boxes in one tile, or each in a tile of its own."""
+    from tests.scenes.test_tiles import encoded, three_archives
+
+    if kind in ("mvt", "mvt.gz"):
+        tile = encoded(BOXES)
+        path.write_bytes(gzip.compress(tile) if kind == "mvt.gz" else tile)
+        return
+    tiles = {Place(5, 3, 2 + i): gzip.compress(encoded([box])) for i, box in enumerate(BOXES)}
+    with tempfile.TemporaryDirectory() as folder:
+        written = three_archives(Path(folder), tiles, Compression.GZIP)[kind]
+        path.write_bytes(Path(written).read_bytes())
+
+
+def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
+    """What reading a file gives whose bytes are these; raises AssertionError where too little is.
+
+    `length` is given where they are the first bytes of the whole: polygons that are missing then
+    must be named, or the file refused.
+    """
+    files = whole(kind)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            Path(folder, name).write_bytes(damaged if name == f"a.{kind}" else content)
+        path = Path(folder, f"a.{_MAIN.get(kind, kind)}")
+        try:
+            tiles = kind in _TILES
+            scene = load(f"{path}:tiles=99") if tiles else load(path, project=False)
+        except SceneError as error:
+            refusal = str(error)
+            assert refusal.isprintable()
+            assert str(path.with_suffix("")) in refusal
+            return "refused"
+    assert_sound(scene.polygons)
+    if damaged == files[f"a.{kind}"]:
+        assert len(scene.polygons) == COUNT
+    if length is None:
+        return "read"
+    if not cut_shows(kind, files[f"a.{kind}"], length):
+        return "read, no cut to be seen"
+    given = len(scene.polygons) + len(scene.dropped)
+    assert given >= COUNT, f"{kind} cut at {length}: {given} of {COUNT} polygons read or named"
+    return "read, all there or named"

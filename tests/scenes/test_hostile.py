@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scenes import SceneError, load
 from scenes.readers import guard
 from tests.scenes.conftest import SQUARE, feature
-from tests.scenes.samples import NAMES, damaged, packed, sample, sound_or_refused, unpacked
+from tests.scenes.samples import NAMES, packed, sample, sound_or_refused, unpacked
 from tests.scenes.test_readers import HOLED, geoparquet
 
 FUZZ = settings(
@@ -24,15 +24,6 @@ FUZZ = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-
-
-@pytest.mark.parametrize("name", NAMES)
-@FUZZ
-@given(data=st.data())
-def test_damaged_files(tmp_path, name, data):
-    path = tmp_path / name
-    path.write_bytes(data.draw(damaged(name)))
-    sound_or_refused(path)
 
 
 def test_a_header_that_arrow_cannot_read(tmp_path):
@@ -131,14 +122,6 @@ def test_arbitrary_geojson(tmp_path, many, kind):
     collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in many]}
     path = tmp_path / "a.geojson"
     path.write_text(json.dumps(collection))
-    sound_or_refused(path)
-
-
-@FUZZ
-@given(st.text(alphabet="MmLlHhVvCcQqAaSsTtZz0123456789.,- e", max_size=60))
-def test_arbitrary_path_data(tmp_path, data):
-    path = tmp_path / "a.svg"
-    path.write_text(f'<svg><path d="{data}"/></svg>')
     sound_or_refused(path)
 
 

@@ -16,9 +16,9 @@ from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import vector as gdal_messages
 from tests.scenes.conftest import SQUARE, feature
+from tests.scenes.samples import KINDS, outcome, whole
 from tests.scenes.test_files import write as write_vector
 from tests.scenes.test_readers import cityjson_sequence
-from tests.scenes.whole_files import KINDS, outcome, whole
 
 BOXES = [shapely.box(20 * i, 0, 20 * i + 10, 9 + i / 8) for i in range(20)]
 

@@ -18,6 +18,7 @@ from scenes.cleaning.projection import (
     units,
 )
 from scenes.files import read_chunks
+from tests.conftest import geojson
 from tests.scenes.conftest import assert_sound
 
 FEW = settings(max_examples=30)  # PROJ takes a while to make each projection
@@ -29,17 +30,10 @@ def box(west, south, east, north) -> list[list[float]]:
     return [[west, south], [east, south], [east, north], [west, north], [west, south]]
 
 
-def geojson(folder: Path, *rings, **collection) -> Path:
-    features = [
-        {
-            "type": "Feature",
-            "properties": {},
-            "geometry": {"type": "Polygon", "coordinates": [ring]},
-        }
-        for ring in rings
-    ]
+def written(folder: Path, *rings, **collection) -> Path:
     path = folder / "a.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", **collection, "features": features}))
+    shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in rings]
+    path.write_text(geojson(shapes, **collection))
     return path
 
 
@@ -134,7 +128,7 @@ def test_grads_are_used_as_they_are(tmp_path):
 
 def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
     town = [box(x, 6_672_000, x + 10, 6_672_010) for x in (386_000, 386_020)]
-    scene = load(geojson(tmp_path, *town, FINLAND))
+    scene = load(written(tmp_path, *town, FINLAND))
     assert scene.units == "units"
     assert "are not degrees as in WGS 84, used as they are" in scene.notes[0]
     assert scene.dropped == []
@@ -144,7 +138,7 @@ def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
 def test_a_feature_with_a_vertex_off_the_globe_is_named_and_left_out(tmp_path, bad):
     """One such vertex made a plane of a whole town, in which everything shrank to nothing."""
     spoilt = [*FINLAND[:2], bad, *FINLAND[3:]]
-    path = geojson(tmp_path, FINLAND, spoilt, [[x + 0.1, y] for x, y in FINLAND])
+    path = written(tmp_path, FINLAND, spoilt, [[x + 0.1, y] for x, y in FINLAND])
     scene = load(path)
     assert scene.units == "m"
     assert scene.dropped == [
@@ -153,12 +147,12 @@ def test_a_feature_with_a_vertex_off_the_globe_is_named_and_left_out(tmp_path, b
             "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude",
         )
     ]
-    alone = load(geojson(tmp_path, FINLAND)).polygons[0]
+    alone = load(written(tmp_path, FINLAND)).polygons[0]
     assert scene.polygons[0].area == pytest.approx(alone.area, rel=1e-6)
 
 
 def test_a_feature_off_the_globe_in_a_later_chunk_is_named_too(tmp_path):
-    path = geojson(tmp_path, FINLAND, FINLAND, box(0, 0, 999, 10))
+    path = written(tmp_path, FINLAND, FINLAND, box(0, 0, 999, 10))
     chunks = list(read_chunks(str(path), size=1))
     assert [len(chunk.cleaned.polygons) for chunk in chunks] == [1, 1, 0]
     assert [which for which, _ in chunks[2].cleaned.dropped] == ["feature 2"]
@@ -181,7 +175,7 @@ def test_units():
 
 @pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:6318", "urn:ogc:def:crs:OGC:1.3:CRS84"])
 def test_any_geographic_system_becomes_metres(tmp_path, crs):
-    scene = load(geojson(tmp_path, FINLAND, crs=named(crs)))
+    scene = load(written(tmp_path, FINLAND, crs=named(crs)))
     assert scene.units == "m"
     assert scene.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
     assert "projected to metres, Lambert azimuthal equal-area about 25, 60" in scene.notes[0]
@@ -199,7 +193,7 @@ def test_any_geographic_system_becomes_metres(tmp_path, crs):
 @pytest.mark.parametrize("last", [False, True])
 def test_an_unknown_system_is_never_longitude_and_latitude(tmp_path, crs, note, last):
     """GDAL takes GeoJSON of a system that it does not know for WGS 84."""
-    path = geojson(tmp_path, FINLAND, **({} if last else {"crs": crs}))
+    path = written(tmp_path, FINLAND, **({} if last else {"crs": crs}))
     if last:
         path.write_text(path.read_text()[:-1] + f', "crs": {json.dumps(crs)}}}')
     scene = load(path)
@@ -209,11 +203,11 @@ def test_an_unknown_system_is_never_longitude_and_latitude(tmp_path, crs, note, 
 
 
 def test_geojson_without_a_word_is_longitude_and_latitude(tmp_path):
-    assert load(geojson(tmp_path, FINLAND)).units == "m"
+    assert load(written(tmp_path, FINLAND)).units == "m"
 
 
 def test_project_decides_against_the_file(tmp_path):
-    kept = load(geojson(tmp_path, FINLAND), project=False)
+    kept = load(written(tmp_path, FINLAND), project=False)
     assert kept.units == "degree"
     assert kept.polygons[0].bounds == (25, 60, 25.01, 60.01)
     path = tmp_path / "a.wkt"
@@ -224,7 +218,7 @@ def test_project_decides_against_the_file(tmp_path):
     assert forced.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
     assert "taken as WGS 84" in forced.notes[0]
     with pytest.raises(SceneError, match="is in ETRS89 / TM35FIN"):
-        load(geojson(tmp_path, FINLAND, crs=named("EPSG:3067")), project=True)
+        load(written(tmp_path, FINLAND, crs=named("EPSG:3067")), project=True)
     path.write_text(shapely.box(0, 0, 1000, 1000).wkt)
     with pytest.raises(SceneError, match="not longitude and latitude"):
         load(path, project=True)
@@ -259,7 +253,7 @@ DISC = AREA / 2 * (1 - authalic(70)) * np.sinc(1 / 18)
 
 
 def test_a_ring_round_the_pole_is_a_disc_about_it(tmp_path):
-    scene = load(geojson(tmp_path, ANTARCTICA))
+    scene = load(written(tmp_path, ANTARCTICA))
     assert_sound(scene.polygons)
     (polygon,) = scene.polygons
     assert polygon.area == pytest.approx(DISC, rel=1e-6)
@@ -271,7 +265,7 @@ def test_a_ring_round_the_pole_is_a_disc_about_it(tmp_path):
 
 def test_a_ring_round_the_pole_without_a_seam_is_the_same_disc(tmp_path):
     ring = parallel(-70)[:-1]
-    scene = load(geojson(tmp_path, [*ring, ring[0]]))
+    scene = load(written(tmp_path, [*ring, ring[0]]))
     assert scene.repaired == scene.dropped == []
     assert scene.polygons[0].area == pytest.approx(DISC, rel=1e-6)
 
@@ -282,7 +276,7 @@ def test_a_ring_round_the_pole_without_a_seam_is_the_same_disc(tmp_path):
 )
 def test_a_box_from_180_to_180_keeps_its_area(tmp_path, bounds):
     """Its corners are one and the same place east and west: on most maps nothing is left of it."""
-    scene = load(geojson(tmp_path, box(*bounds)))
+    scene = load(written(tmp_path, box(*bounds)))
     assert_sound(scene.polygons)
     south, north = (authalic(lat) for lat in bounds[1::2])
     wanted = AREA / 2 * (north - south)
@@ -293,7 +287,7 @@ def test_a_box_from_180_to_180_keeps_its_area(tmp_path, bounds):
 def test_what_crosses_the_edge_of_a_map_of_the_world_is_named(tmp_path):
     fiji, finland = box(177, -20, -178, -15), FINLAND
     far = [box(lon, 0, lon + 1, 1) for lon in (-120, 0, 120)]
-    scene = load(geojson(tmp_path, fiji, finland, *far))
+    scene = load(written(tmp_path, fiji, finland, *far))
     assert_sound(scene.polygons)
     assert "cylindrical" in scene.notes[0]
     assert scene.dropped == [
@@ -308,14 +302,14 @@ def test_what_crosses_the_edge_of_a_map_of_the_world_is_named(tmp_path):
 
 def test_a_shape_across_the_date_line_alone(tmp_path):
     fiji = box(177, -20, -178, -15)
-    (polygon,) = load(geojson(tmp_path, fiji)).polygons
+    (polygon,) = load(written(tmp_path, fiji)).polygons
     assert polygon.area == pytest.approx(area_on_globe(fiji), rel=0.01)
     assert np.ptp(shapely.get_coordinates(polygon), axis=0).max() < 600_000
 
 
 def test_repairs_are_named_by_the_places_of_the_source(tmp_path):
     bow_tie = [[25, 60], [25.006, 60.008], [25.006, 60], [25, 60.008], [25, 60]]
-    scene = load(geojson(tmp_path, bow_tie))
+    scene = load(written(tmp_path, bow_tie))
     ((_, reason),) = scene.repaired
     x, y = map(float, reason.split(" at ")[1].split(";")[0].split())
     assert (x, y) == pytest.approx((25.003, 60.004), abs=1e-6)

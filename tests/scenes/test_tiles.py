@@ -1,14 +1,13 @@
 """Map tiles: the same polygons as other readers find, whole, and what is lost has a name."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
 import signal
 import sqlite3
 import tracemalloc
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -308,8 +307,7 @@ def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
 
 def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path):
     line = shapely.Polygon([(0, 0), (9, 0), (5, 0)])
-    (court,) = (shapely.Polygon(COURT.exterior.coords, [r.coords for r in COURT.interiors]),)
-    rings_of_one = shapely.Polygon(line.exterior, [court.exterior, *court.interiors])
+    rings_of_one = shapely.Polygon(line.exterior, [COURT.exterior, *COURT.interiors])
     scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
     assert scene.dropped == [("line.mvt land feature 0", "has a ring without area")]
     assert scene.repaired == []
@@ -325,19 +323,33 @@ def test_what_reaches_further_than_a_tile_is_left_out(tmp_path, move):
     assert len(scene.polygons) == 1
 
 
+def pmtiles(path: Path, root: bytes, leaf: bytes = b"", data: bytes = b"", **more: Any) -> str:
+    """An archive of directories, metadata and bytes of tiles as they are given."""
+    header, content = {"clustered": True, "min_zoom": 0, "max_zoom": 0}, b""
+    header |= {"tile_type": TileType.MVT, "tile_compression": Compression.NONE}
+    header["internal_compression"] = Compression.GZIP
+    parts = {"root": root, "metadata": more.pop("metadata", b""), "leaf_directory": leaf}
+    for name, part in (parts | {"tile_data": data}).items():
+        header |= {f"{name}_offset": 127 + len(content), f"{name}_length": len(part)}
+        content += part
+    path.write_bytes(serialize_header(header | more) + content)
+    return str(path)
+
+
 def test_a_directory_within_itself_is_refused_at_once(tmp_path):
-    path = tmp_path / "round.pmtiles"
     leaf = serialize_directory([Entry(0, 0, 30, 0)])
-    header = dict.fromkeys(("metadata_offset", "leaf_directory_offset", "tile_data_offset"), 127)
-    header |= {"root_offset": 127, "root_length": len(leaf), "metadata_length": 0}
-    header |= {"leaf_directory_length": len(leaf), "tile_data_length": 0, "clustered": True}
-    header |= {"min_zoom": 0, "max_zoom": 3, "tile_type": TileType.MVT}
-    header |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.GZIP}
-    entry = Entry(0, 0, len(leaf), 0)
-    leaf = serialize_directory([entry])
-    path.write_bytes(serialize_header({**header, "root_length": len(leaf)}) + leaf)
+    leaf = serialize_directory([Entry(0, 0, len(leaf), 0)])
+    path = pmtiles(tmp_path / "a.pmtiles", leaf, max_zoom=3, leaf_directory_offset=127)
     with pytest.raises(SceneError, match="a directory of it is within itself"):
         load(f"{path}:zoom=3")
+
+
+@contextmanager
+def changing(path: Path | str) -> Iterator[sqlite3.Connection]:
+    """A database, new if it is not there, whose changes are written at the end."""
+    with closing(sqlite3.connect(path)) as database:
+        yield database
+        database.commit()
 
 
 def three_archives(
@@ -351,14 +363,13 @@ def three_archives(
         header = {"tile_type": TileType.MVT, "tile_compression": compression}
         writer.finalize(header, {"attribution": "(c) us"})
     mbtiles = folder / "a.mbtiles"
-    with sqlite3.connect(mbtiles) as database:
+    with changing(mbtiles) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
         facts = [("format", "pbf"), ("attribution", "(c) us")]
         database.executemany("INSERT INTO metadata VALUES (?, ?)", facts)
         rows = [(z, x, 2**z - 1 - y, data) for (z, x, y), data in tiles.items()]
         database.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", rows)
-    database.close()
     for (z, x, y), data in tiles.items():
         file = folder / "tiles" / str(z) / str(x) / f"{y}.pbf"
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -432,15 +443,10 @@ def test_directories_are_packed_as_the_header_says(kind, tmp_path):
     root = gzip.decompress(serialize_directory([Entry(first, 0, len(leaf), 0), *others]))
     assert root[:2] == b"\x1f\x8b"
     about = pack[kind](b'{"attribution": "us"}')
-    content, header, start = b"", {}, 127
-    parts = {"root": pack[kind](root), "metadata": about, "leaf_directory": leaf}
-    for name, part in (parts | {"tile_data": b"aaaabbbbcccc"}).items():
-        header |= {f"{name}_offset": start + len(content), f"{name}_length": len(part)}
-        content += part
-    header |= {"clustered": True, "min_zoom": 4, "max_zoom": 4, "tile_type": TileType.MVT}
-    header |= {"internal_compression": Compression[kind], "tile_compression": Compression.NONE}
-    (tmp_path / "a.pmtiles").write_bytes(serialize_header(header) + content)
-    tiles = PMTiles(tmp_path / "a.pmtiles")
+    zooms = {"min_zoom": 4, "max_zoom": 4, "internal_compression": Compression[kind]}
+    file, data = tmp_path / "a.pmtiles", b"aaaabbbbcccc"
+    pmtiles(file, pack[kind](root), leaf, data, metadata=about, **zooms)
+    tiles = PMTiles(file)
     assert [tiles.read(name) for name in tiles.names(4)] == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
     assert tiles.attribution == "us"
 
@@ -499,11 +505,10 @@ def test_what_cannot_be_read_is_said_in_a_line(text, message, tmp_path):
         writer.write_tile(0, b"png")
         writer.finalize({"tile_type": TileType.PNG, "tile_compression": Compression.NONE}, {})
     for name in ("png", "no"):
-        with sqlite3.connect(tmp_path / f"{name}.mbtiles") as database:
+        with changing(tmp_path / f"{name}.mbtiles") as database:
             database.execute(f"CREATE TABLE {'metadata' if name == 'png' else 'x'} (name, value)")
             if name == "png":
                 database.execute("INSERT INTO metadata VALUES ('format', 'png')")
-        database.close()
     if text == "FOLDER:pixels=512":
         tmp_path = tmp_path / "empty"
         tmp_path.mkdir()
@@ -610,9 +615,8 @@ def test_what_is_in_the_log_of_a_database_is_read(tmp_path):
 
 def test_a_tile_that_is_null_is_damaged(tmp_path):
     path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with closing(sqlite3.connect(path)) as database:
+    with changing(path) as database:
         database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
-        database.commit()
     scene = load(f"{path}:zoom=3")
     assert scene.tiling.names == ("3/4/3",)
     assert scene.dropped == [("tile 3/4/2", "cannot be read: its tile_data is NULL")]
@@ -659,13 +663,12 @@ def test_a_limit_of_any_size_is_a_limit():
 def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "ANSWER_S", 0.2)
     path = tmp_path / "endless.mbtiles"
-    with closing(sqlite3.connect(path)) as database:
+    with changing(path) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute(
             "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
             "SELECT 3 zoom_level, k tile_column, k tile_row, k tile_data FROM n"
         )
-        database.commit()
     with pytest.raises(
         SceneError, match=r"gives no answer within 0\.2 s: .* view in it never ends"
     ):
@@ -684,10 +687,9 @@ def test_a_view_that_never_ends_hears_ctrl_c(tmp_path, monkeypatch):
 
 def test_a_tile_that_is_there_three_times_counts_once(tmp_path):
     path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with closing(sqlite3.connect(path)) as database:
+    with changing(path) as database:
         for _ in range(2):
             database.execute("INSERT INTO tiles SELECT * FROM tiles WHERE tile_row = 4 LIMIT 1")
-        database.commit()
     scene = load(f"{path}:zoom=3")
     assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
     assert cut_tiles(path, None).sizes == [2]
@@ -703,20 +705,8 @@ def test_tiles_that_are_not_packed_have_a_limit_too(tmp_path, monkeypatch):
         load(f"{tmp_path}/zeros.mvt:pixels=512")
 
 
-def pmtiles(path: Path, root: bytes, metadata: bytes = b"{}", **more: Any) -> str:
-    """An archive of a root directory alone."""
-    header = {"root_offset": 127, "root_length": len(root)}
-    header |= {"metadata_offset": 127 + len(root), "metadata_length": len(metadata)}
-    for part in ("leaf_directory", "tile_data"):
-        header |= {f"{part}_offset": 127 + len(root) + len(metadata), f"{part}_length": 0}
-    header |= {"clustered": True, "min_zoom": 0, "max_zoom": 0, "tile_type": TileType.MVT}
-    header |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
-    path.write_bytes(serialize_header(header | more) + root + metadata)
-    return str(path)
-
-
 def test_a_directory_that_unpacks_to_many_megabytes_is_refused(tmp_path):
-    path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)), gzip.compress(b"{}"))
+    path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)))
     tracemalloc.start()
     with pytest.raises(SceneError, match="it has 4 MiB or more, unpacked"):
         load(f"{path}:zoom=0")
@@ -727,18 +717,16 @@ def test_a_directory_that_unpacks_to_many_megabytes_is_refused(tmp_path):
 
 def test_metadata_in_metadata_for_ever_are_none(tmp_path):
     nested = gzip.compress(b'{"a":' * 200_000)
-    assert PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", b"", nested))).attribution == ""
+    assert PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", b"", metadata=nested))).attribution == ""
 
 
 def test_an_archive_without_a_tile_is_one_line(tmp_path):
-    empty = gzip.compress(b"{}")
-    path = pmtiles(tmp_path / "a.pmtiles", b"", empty, min_zoom=3, max_zoom=2)
+    path = pmtiles(tmp_path / "a.pmtiles", b"", min_zoom=3, max_zoom=2)
     for call in (lambda: load(f"{path}:pixels=512"), lambda: cut_tiles(path, None)):
         with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):
             call()
     mbtiles = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with closing(sqlite3.connect(mbtiles)) as database:
+    with changing(mbtiles) as database:
         database.execute("DELETE FROM tiles")
-        database.commit()
     with pytest.raises(SceneError, match=r"a\.mbtiles holds no tile: give an archive with tiles"):
         cut_tiles(mbtiles, None)

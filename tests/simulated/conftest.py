@@ -1,7 +1,5 @@
 """The published designs where their sources lie beside the repository, and triangles to draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

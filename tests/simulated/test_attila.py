@@ -1,7 +1,5 @@
 """ATTILA's driver on a stand-in that answers as it does; `make endurance` draws with itself."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run folder survives kills, torn lines, corrupt lines and full disks."""
 
-from __future__ import annotations
-
 import json
 import os
 

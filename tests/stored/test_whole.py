@@ -1,14 +1,24 @@
-"""Files that appear whole or not at all."""
-
-from __future__ import annotations
+"""Files appear whole or not at all; what is no regular file is written into, or never replaced."""
 
 import errno
 import os
+import socket
+import stat
+import subprocess
+import sys
+import threading
 
 import pytest
 
 from harness.errors import UsageError
+from harness.page import device_summaries
+from harness.profile.profile import read_coefficients
 from harness.stored import atomic
+from harness.stored.folder import POLYGONS, Run, read_arrays
+from harness.webpages import write_whole
+from tests.compare.runs import write_run
+from tests.conftest import assert_refused
+from tests.page.conftest import read_result
 
 
 def test_a_file_appears_with_its_content_and_usual_rights(tmp_path):
@@ -77,3 +87,87 @@ def test_the_content_is_on_the_disk_before_the_name(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: calls.append(os.fstat(descriptor).st_mode))
     atomic.write(tmp_path / "a.txt", b"one", forced=True)
     assert [mode & 0o170000 for mode in calls] == [0o100000, 0o040000]
+
+
+@pytest.fixture
+def endpoint(tmp_path, monkeypatch):
+    """A socket's file: like a device node it is no regular file, and anybody may make one."""
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind("endpoint")
+        yield tmp_path / "endpoint"
+
+
+def test_devices_and_sockets_stay(endpoint):
+    with pytest.raises(UsageError, match=r"cannot write .*endpoint: it is no regular file"):
+        write_whole(endpoint, "text")
+    with pytest.raises(FileExistsError):
+        atomic.write(endpoint, b"text")
+    assert stat.S_ISSOCK(endpoint.stat().st_mode)
+    assert [each.name for each in endpoint.parent.iterdir()] == ["endpoint"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root makes nodes")
+def test_a_device_node_stays(tmp_path):
+    node = tmp_path / "null"
+    os.mknod(node, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    with pytest.raises(UsageError, match="no regular file"):
+        write_whole(node, "text")
+    assert stat.S_ISCHR(node.stat().st_mode)
+
+
+def test_a_pipe_is_written_into(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    found = []
+    reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
+    reader.start()
+    write_whole(pipe, "text")
+    reader.join(10)
+    assert found == ["text"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.parametrize("to_file", [False, True])
+def test_standard_output_is_written_into(tmp_path, to_file):
+    code = "from pathlib import Path; from harness.webpages import write_whole;"
+    code += "write_whole(Path('/dev/stdout'), 'text')"
+    target = tmp_path / "out"
+    with target.open("wb") as file:
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=file if to_file else subprocess.PIPE, check=True
+        )
+    assert (target.read_bytes() if to_file else done.stdout) == b"text"
+
+
+def test_a_pipe_is_no_result_of_a_page(tmp_path):
+    pipe = tmp_path / "result.json"
+    os.mkfifo(pipe)
+    with pytest.raises(UsageError, match="a folder, pipe or device, not a file"):
+        read_result(pipe)
+
+
+@pytest.mark.usefixtures("no_plots")
+@pytest.mark.parametrize("name", ["cases.jsonl", "run.json"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("report {}", "page {}", "study gains {} --out gains", "history {}", "compare {} {}"),
+        *("merge {} {} --hosts a,b --out merged", "run --resume {}"),
+    ],
+)
+def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, command, name):
+    folder = write_run(tmp_path / "run", seed=1)
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    assert_refused(harness(*command.format(folder, folder).split()), f"{name} is no regular file")
+
+
+def test_a_pipe_is_no_calibration_no_summary_and_no_columns(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for read in (read_coefficients, device_summaries._read):
+        with pytest.raises(UsageError, match="no regular file"):
+            read(tmp_path / "pipe")
+    (tmp_path / POLYGONS).mkdir()
+    os.mkfifo(tmp_path / POLYGONS / "key.npz")
+    assert read_arrays(Run(tmp_path, {}, []), "key") is None

@@ -1,7 +1,5 @@
 """What an order of triangles gains is told apart from what diagonals gain."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

@@ -1,7 +1,5 @@
 """The study of the Pareto front, end to end on the CPU reference and a scripted rasteriser."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from harness.stored.folder import read_run
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import measure, plan_for
 from triangulators import full_name
 from triangulators.methods.exhaustive import tabulate as list_all
@@ -34,8 +32,9 @@ def study(harness, tmp_path):
     """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
 
     def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
-        code, out, err = harness("study", "pareto", "--scene", scene, "--out", "out", *BOTH, *more)
-        assert code == 0, err
+        out, _ = ends_well(
+            harness("study", "pareto", "--scene", scene, "--out", "out", *BOTH, *more)
+        )
         folder = tmp_path / "out"
         tables = [pd.read_csv(folder / f"{name}.csv") for name in ("pareto", "fronts")]
         return folder, tables[0], tables[1], out
@@ -160,9 +159,7 @@ def test_names_of_the_sweep_are_full_names():
 def test_bad_usage_is_one_line(harness, arguments, parts):
     ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
     Path("square.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    code, _, err = harness("study", "pareto", *arguments, "--quiet")
-    assert code == 2
-    assert_one_line(err, *parts)
+    assert_refused(harness("study", "pareto", *arguments, "--quiet"), *parts)
 
 
 def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
@@ -170,9 +167,12 @@ def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
     turns = np.linspace(0, 2 * np.pi, 10)[:-1]
     ring = np.column_stack((np.cos(turns), np.sin(turns))).tolist()
     Path("nonagon.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    code, _, err = harness("study", "pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF)
-    assert code == 4
-    assert_one_line(err, "nothing was measured", "out/cases.jsonl")
+    assert_refused(
+        harness("study", "pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF),
+        "nothing was measured",
+        "out/cases.jsonl",
+        code=4,
+    )
 
 
 @pytest.mark.usefixtures("no_plots")
@@ -189,12 +189,14 @@ def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     mesh = ("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
     assert "mixed=1/0.5/0" in harness("list", "criteria")[1]
-    code, _, err = harness(*mesh, "--criterion", "mixed=1/0.5")
-    assert code == 2
-    assert_one_line(err, "mixed=1/0.5", "alpha/beta/gamma", "not 2")
-    code, _, err = harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0")
-    assert code == 2
-    assert_one_line(err, "mixed=1/-1/0", "not negative")
+    assert_refused(
+        harness(*mesh, "--criterion", "mixed=1/0.5"), "mixed=1/0.5", "alpha/beta/gamma", "not 2"
+    )
+    assert_refused(
+        harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0"),
+        "mixed=1/-1/0",
+        "not negative",
+    )
 
 
 def test_points_of_the_front_are_cases_by_number(block, tmp_path):

@@ -1,7 +1,5 @@
 """Regret on made-up records, where the right answers are known."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Our findings on other data: made-up tables with known answers, and one small study."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from harness.figures.run_state import DISTURBED, RunState
 from harness.settings import StudySize
 from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
-from tests.conftest import exit_code
+from tests.conftest import assert_refused, ends_well, exit_code
 
 
 def correlations(**values: float) -> pd.DataFrame:
@@ -149,9 +147,9 @@ def test_the_page_sets_ours_beside_what_was_found():
 
 
 def test_two_data_sets_of_one_name_are_refused(harness):
-    code, _, err = harness("study", "all", "a/city.geojson", "b/city.geojson", "--out", "study")
-    assert code == 2
-    assert "rename one" in err
+    assert_refused(
+        harness("study", "all", "a/city.geojson", "b/city.geojson", "--out", "study"), "rename one"
+    )
 
 
 @pytest.fixture
@@ -166,8 +164,7 @@ def small(monkeypatch):
 def test_a_small_study_is_measured_once(harness):
     arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
     arguments += ("--rasterisers", "reference", "--resolution", "64")
-    code, out, _ = harness(*arguments)
-    assert code == 0
+    out, _ = ends_well(harness(*arguments))
     assert "findings hold" in out
     text = Path("study/findings.md").read_text()
     assert "| city-buildings-20 | " in text
@@ -182,8 +179,7 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     source = tmp_path / "squares.wkt"
     source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
     arguments = ("study", "all", str(source), "--out", "study", "--quick")
-    code, out, _ = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
-    assert code == 0
+    out, _ = ends_well(harness(*arguments, "--rasterisers", "reference", "--resolution", "64"))
     assert "validate: squares" in out
     assert "no polygon without holes" in out
     assert Path("study/squares/choice/gains.csv").is_file()
@@ -242,9 +238,9 @@ def _measured_nothing(**_: object) -> None:
 def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):
     for name in ("validate", "run"):
         monkeypatch.setattr(f"harness.commands.study.{name}", _refused)
-    code, _, err = harness("study", "all", "city", "--out", "out")
-    assert code == 2
-    assert "error: no polygon without holes" in err
+    assert_refused(
+        harness("study", "all", "city", "--out", "out"), "error: no polygon without holes"
+    )
     assert not Path("out").exists()
 
 

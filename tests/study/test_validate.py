@@ -1,7 +1,5 @@
 """Studies end to end on the exact CPU rasterisers, where the right answers are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +16,7 @@ from harness.study.correlations import by_resolution, correlate, measure_table
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.conftest import briefly, exit_code
-from tests.harness.test_cli import assert_one_line
+from tests.conftest import assert_refused, briefly, ends_well, exit_code
 from tests.measuring.test_run import interrupt_after_one
 
 
@@ -57,9 +54,11 @@ def test_a_scene_without_simple_polygons_is_refused():
 
 
 def test_two_folders_are_one_too_many(harness):
-    code, _, err = harness("study", "validate", "--scene", "paper", "--out", "a", "--resume", "b")
-    assert code == 2
-    assert_one_line(err, "--out", "--resume")
+    assert_refused(
+        harness("study", "validate", "--scene", "paper", "--out", "a", "--resume", "b"),
+        "--out",
+        "--resume",
+    )
 
 
 @pytest.mark.usefixtures("no_plots")
@@ -83,8 +82,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert "continue with the same command and --resume stopped" in out
     disturbed = RunState(DISTURBED, ("a loop ran beside it",))
     monkeypatch.setattr("harness.measuring.run.judge", lambda *_: disturbed)
-    code, out, _ = harness(*arguments, "--resume", "stopped")
-    assert code == 0
+    out, _ = ends_well(harness(*arguments, "--resume", "stopped"))
     assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
 
 

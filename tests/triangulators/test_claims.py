@@ -17,8 +17,7 @@ import shapely
 from harness.export import check_evidence
 from tests.endurance.forgeries import NAMES, accepted_by_file, accepted_by_package, truth
 from tests.endurance.test_claims import compared, judged, polygon_of
-from tests.triangulators.cases import random_simple
-from tests.triangulators.touching import touching_polygons
+from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker

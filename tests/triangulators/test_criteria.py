@@ -7,9 +7,31 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area, union_of_copies
-from triangulators import TriangulationError, UnknownName, certify, criteria, triangulate, vertices
+from harness.frame import View, make_frame
+from harness.rasterisers.reference import predict as rasterised
+from scenes import load
+from tests.triangulators.cases import (
+    brute_cost,
+    paper_polygon,
+    random_simple,
+    smooth,
+    star,
+    twice_area,
+    union_of_copies,
+)
+from triangulators import (
+    Skipped,
+    TriangulationError,
+    UnknownName,
+    certify,
+    criteria,
+    names,
+    triangulate,
+    vertices,
+)
 from triangulators.criteria import CRITERIA, FEATURES, predict
+from triangulators.criteria.quads import exact_quads
+from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.methods.pareto import pareto_front
 
 numbers = st.integers(-500, 500).map(lambda value: value / 4)
@@ -188,3 +210,83 @@ def test_weights_whose_sums_overflow_are_refused():
     with pytest.raises(UnknownName, match=r"weight -1e\+300 is beyond 1e\+200"):
         triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e300/0/0")
     assert len(triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e199/0/0")) == 2
+
+
+UNITS = 256
+
+
+def counted(polygon: shapely.Polygon, triangles: np.ndarray) -> int:
+    """Return the quads that the reference rasteriser counts for a polygon in px."""
+    points = np.rint(vertices(polygon) * UNITS).astype(np.int32)
+    return int(rasterised(points, np.ascontiguousarray(triangles, np.int32))["quads"].sum())
+
+
+@given(
+    st.lists(st.integers(0, 12 * UNITS), min_size=6, max_size=6),
+    st.sampled_from([1, 7, 64, 128, 256]),
+)
+def test_a_triangle_shades_the_quads_that_the_reference_counts(corners, step):
+    corners = [step * (value // step) for value in corners]
+    points = np.array(corners, np.int32).reshape(3, 2)
+    expected = rasterised(points, np.array([[0, 1, 2]], np.int32))["quads"][0]
+    assert exact_quads(*(points / UNITS).ravel()) == expected
+    # The same two pixels further on, where coordinates are negative.
+    assert exact_quads(*(points / UNITS - 40).ravel()) == expected
+
+
+def test_it_is_the_least_of_all_triangulations():
+    """300 polygons, each triangulation listed and its quads counted by the reference."""
+    rng = np.random.default_rng(17)
+    checked, better = 0, 0
+    while checked < 300:
+        size = float(rng.choice([4, 9, 30]))
+        ring = vertices(random_simple(rng, int(rng.integers(5, 10)), 40)) / 40 * size
+        polygon = shapely.Polygon(np.round(ring * UNITS) / UNITS)
+        if not polygon.is_valid or polygon.area == 0:
+            continue
+        listed = enumerate_triangulations(polygon)
+        counts = [counted(polygon, triangles) for triangles in listed]
+        assert counted(polygon, triangulate(polygon, "optimal:exact-quads")) == min(counts)
+        assert counted(polygon, triangulate(polygon, "worst:exact-quads")) == max(counts)
+        better += counted(polygon, triangulate(polygon, "optimal:expected-quads")) > min(counts)
+        checked += 1
+    assert better > 30, "what is expected is not always what is counted"
+
+
+@pytest.mark.parametrize("resolution", [256, 1024])
+def test_nothing_shades_fewer(resolution):
+    """Polygons of the city, with holes and without, by every triangulator and at random."""
+    frame = make_frame(load("city:buildings=60").polygons, View(resolution))
+    others = [name for name in names(available_only=True) if name not in ("exhaustive", "listed")]
+    assert sum(bool(polygon.interiors) for polygon in frame.polygons) >= 3
+    for polygon in frame.polygons:
+        least = counted(polygon, triangulate(polygon, "optimal:exact-quads"))
+        for name in [*others, "optimal:half-perimeter", "optimal:expected-quads"]:
+            try:
+                triangles = triangulate(polygon, name)
+            except Skipped:
+                continue
+            if len(triangles) == len(vertices(polygon)) + 2 * len(polygon.interiors) - 2:
+                assert counted(polygon, triangles) >= least, name
+        if not polygon.interiors:
+            for seed in range(10):
+                triangles = triangulate(polygon, "random", seed=seed)
+                assert counted(polygon, triangles) >= least
+
+
+def test_with_holes_it_is_proven():
+    frame = make_frame(load("city:buildings=300").polygons, View(512))
+    holed = [polygon for polygon in frame.polygons if polygon.interiors][:12]
+    assert len(holed) == 12
+    for polygon in holed:
+        triangles = triangulate(polygon, "optimal:exact-quads")
+        certificate = certify(polygon, triangles, "exact-quads")
+        assert certificate.proven
+        assert certificate.cost == counted(polygon, triangles)
+
+
+def test_too_many_vertices_are_skipped_with_the_reason():
+    polygon = smooth(600)
+    with pytest.raises(Skipped, match=r"exact-quads of 600 vertices: up to 500 are done"):
+        triangulate(polygon, "optimal:exact-quads")
+    assert len(triangulate(star(60), "optimal:exact-quads")) == 58

@@ -43,18 +43,6 @@ def test_an_unknown_method_is_named():
         dropin.triangulate_float64(*rings_of(star(9)), method="best")
 
 
-def test_optimal_gives_the_half_perimeter_optimum():
-    for polygon in outlines():
-        points, ends = rings_of(polygon)
-        found = dropin.triangulate_float64(points, ends, method="optimal")
-        assert found.dtype == np.uint32
-        assert found.ndim == 1
-        triangles = found.reshape(-1, 3)
-        assert verify(polygon, triangles).conforming
-        best = predict(points, triangulate(polygon, "optimal:half-perimeter"))["half_perimeter"]
-        assert predict(points, triangles)["half_perimeter"] == pytest.approx(best, rel=1e-12)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_holes_are_never_worse_than_earcut(method):
     rng = np.random.default_rng(4)

@@ -1,14 +1,22 @@
-"""Polygons with holes: the true optimum with one, never worse than the start with more."""
+"""Polygons with holes: the true optimum with one, proven where hunts went wrong, also touching."""
 
+import csv
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
-from tests.triangulators.cases import brute_cost, shared, twice_area, with_hole
-from triangulators import criteria, triangulate, vertices
-from triangulators.criteria import predict
+from tests.triangulators.cases import brute_cost, shared, touching_polygons, twice_area, with_hole
+from triangulators import certify, criteria, triangulate, vertices
+from triangulators.certificate.certify import check_certificate
+from triangulators.criteria import CRITERIA, find, predict
+from triangulators.criteria.cost import cost_of, evaluate
+from triangulators.optimum import local_search
+from triangulators.optimum.local_search import search_cuts
+from triangulators.polygon import boundary
+from triangulators.starting.starts import best_start
 from triangulators.verify import verify
 
 
@@ -55,12 +63,6 @@ def test_one_hole_gives_the_true_optimum(name):
 
 
 def test_the_local_search_comes_close_to_the_true_optimum():
-    from triangulators.criteria import CRITERIA
-    from triangulators.criteria.cost import cost_of, evaluate
-    from triangulators.optimum.local_search import search_cuts
-    from triangulators.polygon import boundary
-    from triangulators.starting.starts import best_start
-
     rng = np.random.default_rng(6)
     cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
     ratios = []
@@ -81,12 +83,6 @@ def test_the_local_search_comes_close_to_the_true_optimum():
 
 def test_the_local_search_goes_on_after_a_gain(monkeypatch):
     """It ends when six choices of cuts in a row gained nothing, and not before."""
-    from triangulators.criteria import CRITERIA
-    from triangulators.criteria.cost import cost_of
-    from triangulators.optimum import local_search
-    from triangulators.polygon import boundary
-    from triangulators.starting.starts import best_start
-
     totals = []
 
     class Watched(local_search.Patchwork):
@@ -136,3 +132,46 @@ def test_rings_that_touch():
         assert polygon.is_valid
         for name in ("optimal", "worst:half-perimeter", "greedy", "optimal:shape"):
             assert verify(polygon, triangulate(polygon, name)).conforming, name
+
+
+NAMES = ("optimal:half-perimeter", "greedy", "worst:half-perimeter", "optimal:overdraw")
+
+
+@pytest.mark.parametrize("number", range(len(NAMES)))
+def test_300_hostile_polygons_are_triangulated(number):
+    for polygon in touching_polygons(seed=number, count=75):
+        assert verify(polygon, triangulate(polygon, NAMES[number])).conforming, polygon.wkt
+
+
+def test_two_holes_that_touch_an_edge_at_one_point():
+    square = [(0, 0), (8, 0), (8, 8), (0, 8)]
+    holes = [[(4, 0), (2, 2), (3, 3)], [(4, 0), (5, 3), (6, 2)]]
+    polygon = shapely.Polygon(square, holes)
+    assert polygon.is_valid
+    for name in NAMES:
+        assert verify(polygon, triangulate(polygon, name)).conforming
+    twice = shapely.Polygon([(0, 0), (9, 0), (9, 9)], [[(3, 0), (4, 1), (5, 1)]])
+    moved = shapely.affinity.translate(shapely.affinity.scale(twice, 1 / 3, 1 / 3), 0.1, 0.7)
+    for name in NAMES:
+        assert verify(moved, triangulate(moved, name)).conforming
+
+
+with Path(__file__).with_name("hunted.csv").open(encoding="utf-8") as file:
+    FOUND = [(row["criterion"], shapely.from_wkt(row["wkt"])) for row in csv.DictReader(file)]
+
+
+@pytest.mark.parametrize("number", range(len(FOUND)))
+def test_what_was_found_is_optimal_and_proven(number):
+    criterion, polygon = FOUND[number]
+    best = triangulate(polygon, "optimal", criterion=criterion)
+    certificate = certify(polygon, best, criterion)
+    assert certificate.proven
+    check_certificate(polygon, best, criterion, certificate)
+    for name in (f"optimal:{criterion}", "greedy", "refined"):
+        triangles = triangulate(polygon, name)
+        assert verify(polygon, triangles).conforming
+        cost = find(criterion).total(vertices(polygon), triangles)
+        if name == f"optimal:{criterion}":
+            assert cost == pytest.approx(certificate.cost, rel=1e-12)
+        else:
+            assert cost >= certificate.lower_bound

@@ -1,7 +1,5 @@
 """Compiled code is that of the sources as they are, wherever it is kept and whoever compiled it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -108,16 +106,15 @@ def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):
     assert kept < set(cache.rglob("*.nbc"))
 
 
+def forget() -> None:
+    for function in (files.digest, files._source, files._imported, files._file_of):
+        function.cache_clear()
+
+
 @pytest.fixture
 def in_memory(tmp_path, monkeypatch) -> Path:
     """Digests of modules in a folder of the test's own."""
-    for function in (
-        files.digest,
-        files._source,
-        files._imported,
-        files._file_of,
-    ):
-        function.cache_clear()
+    forget()
     monkeypatch.setattr(files, "SOURCES", tmp_path)
     package = tmp_path / "triangulators"
     package.mkdir()
@@ -126,13 +123,7 @@ def in_memory(tmp_path, monkeypatch) -> Path:
     (package / "c.py").write_text("def f(): ...\n")
     (package / "d.py").write_text("import numpy\n")
     yield package
-    for function in (
-        files.digest,
-        files._source,
-        files._imported,
-        files._file_of,
-    ):
-        function.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])

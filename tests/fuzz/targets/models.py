@@ -1,7 +1,5 @@
 """Flat faces of a model get other diagonals: whatever is in a file, it is done right or refused."""
 
-from __future__ import annotations
-
 import functools
 import io
 import tempfile

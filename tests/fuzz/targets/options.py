@@ -1,25 +1,18 @@
 """Every option of every command with values that cannot be meant: one line, and an exit code."""
 
-from __future__ import annotations
-
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pytest
 from hypothesis import strategies as st
 
 from harness.commands.index import COMMANDS, load
-from harness.measuring.run import run
 from tests.fuzz.target import target
-from tests.fuzz.targets.runs import Heard, Silent, command, sound
-from tests.inline import Inline
+from tests.fuzz.targets.runs import Heard, Silent, beside_a_run, command
 from tests.paths import ROOT
 
 VALUES = (
@@ -122,15 +115,7 @@ def _checked(value: dict[str, Any]) -> str:
         if "option" in value
         else known[value["place"] % len(known)]
     )
-    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        home = Path(folder) / "a" / "b"
-        home.mkdir(parents=True)
-        patch.chdir(home)
-        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-        patch.setattr("harness.measuring.loading.Worker", lambda *_: Inline())
-        patch.setattr("harness.report.plots.plot_run", lambda run: [])
-        shutil.copytree(sound(), "RUN")
-        shutil.copy(sound().with_name("block.geojson"), ".")
+    with beside_a_run():
         before = sorted(map(str, Path().rglob("*")))
         given = list(LEAST[name])
         if option.startswith("--"):

@@ -1,7 +1,5 @@
 """Counters, on random triangles: pixel by pixel, in integers row by row, and on real devices."""
 
-from __future__ import annotations
-
 import atexit
 from functools import cache
 from typing import Any
@@ -15,7 +13,7 @@ from harness.rasterisers import Device, Options, find_device
 from harness.rasterisers.reference import SHADED, predict
 from tests.fuzz.target import target
 from tests.rasterisers.conftest import loose_triangles
-from tests.rasterisers.pixels import SIZE, blocks_touched, covered
+from tests.rasterisers.pictures import SIZE, require_exact_counts
 
 corner = st.tuples(*[st.integers(0, SIZE * 256)] * 2)
 half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
@@ -24,13 +22,7 @@ half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
 @target("spans", st.lists(corner | half_pixel, min_size=3, max_size=3))
 def check_spans(value: list[list[int]]) -> None:
     """The reference against an evaluation of every pixel."""
-    mask = covered(value)
-    points = np.array(value, np.int32)
-    counts = predict(points, np.array([[0, 1, 2]], np.int32))
-    assert counts["fragments"][0] == mask.sum()
-    assert counts["quads"][0] == blocks_touched(mask, 2)
-    assert counts["blocks"][0] == blocks_touched(mask, 4)
-    assert counts["helper_lanes"][0] == 4 * counts["quads"][0] - mask.sum()
+    require_exact_counts(value)
 
 
 @st.composite

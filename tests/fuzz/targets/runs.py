@@ -1,7 +1,5 @@
 """Run folders that were damaged: one clear line or an answer, and an exit code that says which."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import io
@@ -9,7 +7,8 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 from rich.console import Console
-from shapely import Polygon, box
 
 from harness.errors import (
     BAD_INPUT,
@@ -32,7 +30,7 @@ from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from tests.compare.runs import write_run
-from tests.conftest import exit_code, write_geojson
+from tests.conftest import BLOCK, exit_code, write_geojson
 from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
 from tests.fuzz.target import target
 from tests.inline import Inline
@@ -136,9 +134,7 @@ def sound() -> Path:
     """Return a run of four footprints, made once."""
     folder = Path(tempfile.mkdtemp(prefix="fuzz-run-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
-    courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
-    scene = write_geojson(folder / "block.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+    scene = write_geojson(folder / "block.geojson", BLOCK)
     plan = Plan(
         scene=str(scene),
         triangulators=parse_all(("ear-clipping", "delaunay", "optimal:half-perimeter")),
@@ -149,6 +145,21 @@ def sound() -> Path:
     run(plan, folder / "run", quiet, open_worker=lambda *_: Inline())
     _settle(folder / "run")
     return folder / "run"
+
+
+@contextmanager
+def beside_a_run() -> Iterator[Path]:
+    """Be in a folder of its own, with a copy of the run and its polygons; tasks are done here."""
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        home = Path(folder) / "a" / "b"
+        home.mkdir(parents=True)
+        patch.chdir(home)
+        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+        patch.setattr("harness.measuring.loading.Worker", lambda *_: Inline())
+        patch.setattr("harness.report.plots.plot_run", lambda run: [])
+        shutil.copytree(sound(), "RUN")
+        shutil.copy(sound().with_name("block.geojson"), ".")
+        yield home
 
 
 def _settle(folder: Path) -> None:
@@ -217,15 +228,8 @@ LINES = ("", "null", "[]", "3", DEEP, '{"key": "../../../victim"}', "\x00")
 )
 def check_stored(value: dict[str, Any]) -> str:
     """Each command over a damaged run ends well or with one line, and writes in its place alone."""
-    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        home = Path(folder) / "a" / "b"
-        home.mkdir(parents=True)
-        patch.chdir(home)
-        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-        patch.setattr("harness.report.plots.plot_run", lambda run: [])
-        shutil.copytree(sound(), "RUN")
+    with beside_a_run() as home:
         shutil.copytree(sound(), "SOUND")
-        shutil.copy(sound().with_name("block.geojson"), ".")
         for name, edits in value["damage"]:
             spoil(Path("RUN") / name, edits)
         if value["line"] is not None:

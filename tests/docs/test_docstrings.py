@@ -1,0 +1,48 @@
+"""The examples in the public docstrings run, and every public function has one."""
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+
+import pytest
+
+import scenes
+import triangulators
+
+WITH_EXAMPLES = [
+    "scenes",
+    *("scenes.cleaning.clean", "scenes.cleaning.projection", "scenes.registry", "scenes.spec"),
+    "triangulators",
+    *("triangulators.batch.triangulate_many", "triangulators.certificate.certify"),
+    *("triangulators.criteria.catalogue", "triangulators.dropin", "triangulators.polygon"),
+    *("triangulators.registry", "triangulators.verify"),
+]
+"""Modules that other code calls, function by function; other scenes are reached by `load`."""
+OTHERS = {module.name for module in pkgutil.walk_packages(scenes.__path__, "scenes.")}
+
+
+@pytest.mark.parametrize("name", sorted({*WITH_EXAMPLES, *OTHERS}))
+def test_examples_run(name):
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert result.failed == 0
+    assert result.attempted > 0 or name not in WITH_EXAMPLES
+
+
+def own(name: str) -> list:
+    """Functions of a module that are its own, and public."""
+    module = importlib.import_module(name)
+    functions = inspect.getmembers(module, inspect.isfunction)
+    return [each for key, each in functions if key[0] != "_" and each.__module__ == name]
+
+
+def test_public_functions_have_an_example():
+    public = [getattr(triangulators, name) for name in triangulators.__all__]
+    functions = [each for each in public if inspect.isfunction(each)]
+    assert len(functions) > 6
+    for name in WITH_EXAMPLES[1:5]:
+        functions += own(name)
+        assert own(name)
+    for function in functions:
+        assert ">>>" in (inspect.getdoc(function) or ""), function.__qualname__
