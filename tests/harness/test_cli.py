@@ -28,7 +28,6 @@ def features(*rings: list[list[float]]) -> str:
     return geojson({"type": "Polygon", "coordinates": [ring]} for ring in rings)
 
 
-NAN = float("nan")
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
 BOWTIE = [[3, 0], [4, 1], [4, 0], [3, 1], [3, 0]]
 

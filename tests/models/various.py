@@ -17,7 +17,6 @@ from PIL import Image
 
 from tests.models.build import Builder, parts_of
 
-GLTF = (".glb", ".gltf")
 TARGETS = {"indices": 34963, "attributes": 34962}
 
 
