@@ -1,13 +1,16 @@
 """Polygons for the tests of triangulators, and a brute force written apart from the product."""
 
 import json
+import math
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
 import shapely.affinity
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from tests.paths import shared_data
@@ -179,32 +182,74 @@ def union_of_copies(triangle, size: int) -> float:
     return shapely.union_all(copies).area / size**2
 
 
+Rings = list[list[list[float]]]
+"""Exterior, then holes: rings of [x, y], the first not repeated at the end."""
+
+
+def polygon_of(rings: Rings) -> shapely.Polygon:
+    return shapely.Polygon(rings[0], rings[1:])
+
+
 @st.composite
-def hard_polygons(draw, max_vertices: int = 24) -> shapely.Polygon:
-    """Valid polygons on the 1/256 grid with collinear runs, repeated coordinates and slivers."""
-    n = draw(st.integers(3, max_vertices))
-    seed = draw(st.integers(0, 2**32 - 1))
-    rng = np.random.default_rng(seed)
-    squeeze = draw(st.sampled_from([1.0, 1.0, 0.1, 0.01]))
+def rings(
+    draw: st.DrawFn, max_vertices: int = 20, max_holes: int = 2, *, on_grid: bool | None = None
+) -> Rings:
+    """Draw a valid polygon: collinear runs, repeated vertices, slivers, holes that touch.
+
+    on_grid : on the 1/256 grid, or off it, or (None) either
+    """
     size = draw(st.sampled_from([5, 12, 60, 2000]))
-    n = min(n, size * size // 3)
-    points = shapely.get_coordinates(random_simple(rng, n, size))[:-1].astype(float)
-    points[:, 1] = points[:, 1] * squeeze
-    points = np.round(points * 256 / 4) * 4 / 256  # quarters of an edge stay on the grid
-    rows = []
-    for a, b in pairwise([*points, points[0]]):
-        rows.append(a)
-        kind = draw(st.integers(0, 5))
-        if kind == 0:
-            rows += [a] * draw(st.integers(1, 2))
-        elif kind == 1:
-            rows += [a + (b - a) * t / 4 for t in (1, 2, 3)]
-    polygon = shapely.Polygon(rows)
-    if not polygon.is_valid or polygon.area == 0:
-        polygon = shapely.Polygon(points)
-    if not polygon.is_valid or polygon.area == 0:
-        polygon = shapely.box(0, 0, 1, 1)
+    area = _simple(draw, draw(st.integers(3, max_vertices)), size)
+    for _ in range(draw(st.integers(0, max_holes))):
+        hole = _simple(draw, draw(st.integers(3, 6)), 4)
+        shift = draw(st.tuples(*[st.integers(0, size)] * 2))
+        rest = area.difference(shapely.affinity.translate(hole, *shift))
+        if rest.geom_type == "Polygon" and rest.area > 0:
+            area = rest
+    if on_grid is None:
+        on_grid = draw(st.booleans())
+    if on_grid:
+        squeeze = draw(st.sampled_from([1, 1, 1 / 16, 1 / 256]))
+        found = [np.round(ring * [1, squeeze] * 256) / 256 for ring in _open_rings(area)]
+    else:
+        turn = draw(st.floats(0, 2 * math.pi))
+        scale = draw(st.floats(1e-3, 1e3))
+        turned = shapely.affinity.rotate(area, turn, origin=(0, 0), use_radians=True)
+        found = [ring * scale for ring in _open_rings(turned)]
+    for _ in range(draw(st.integers(0, 3))):
+        found = [_subdivided(draw, ring) for ring in found]
+    polygon = polygon_of([ring.tolist() for ring in found])
+    assume(polygon.is_valid and polygon.area > 0)
+    return [ring.tolist() for ring in found]
+
+
+def _simple(draw: st.DrawFn, vertices: int, size: int) -> shapely.Polygon:
+    """Draw a simple polygon on the integer grid."""
+    vertices = min(vertices, size * size // 3)
+    point = st.tuples(*[st.integers(0, size)] * 2)
+    points = draw(st.lists(point, min_size=vertices, max_size=vertices, unique=True))
+    polygon = uncrossed(np.array(points))
+    assume(polygon.is_valid and polygon.area > 0)
     return polygon
+
+
+def _open_rings(polygon: shapely.Polygon) -> list[Any]:
+    return [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def _subdivided(draw: st.DrawFn, ring: np.ndarray) -> np.ndarray:
+    """Repeat a vertex, or halve an edge, here and there; on the grid where the ring is."""
+    where = draw(st.integers(-3, len(ring) - 1))
+    if where < 0:
+        return ring
+    following = ring[(where + 1) % len(ring)]
+    extra = ring[where] if draw(st.booleans()) else (ring[where] + following) / 2
+    return np.insert(ring, where + 1, extra, axis=0)
+
+
+def hard_polygons(max_vertices: int = 24) -> st.SearchStrategy[shapely.Polygon]:
+    """Valid polygons on the 1/256 grid, without holes."""
+    return rings(max_vertices, 0, on_grid=True).map(polygon_of)
 
 
 @cache

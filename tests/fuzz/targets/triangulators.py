@@ -6,9 +6,8 @@ import numpy as np
 import shapely
 from hypothesis import strategies as st
 
-from tests.fuzz.shapes import Rings, polygon_of, rings
 from tests.fuzz.target import target
-from tests.triangulators.cases import all_triangulations
+from tests.triangulators.cases import Rings, all_triangulations, polygon_of, rings
 from tests.triangulators.test_everywhere import check
 from triangulators import criteria, triangulate, vertices
 from triangulators.verify import verify
