@@ -8,11 +8,14 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+from tests.docs.blocks import pages
 from tests.paths import ROOT
 
 SVG = "{http://www.w3.org/2000/svg}"
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 PACKAGES = ("harness", "scenes", "triangulators")
+FOLDERS = "docs|examples|harness|ports|scenes|scripts|tests|triangulators"
+NAMED = re.compile(rf"(?<!commit \w{{7}}, )`((?:{FOLDERS})/[\w./-]+)`(?! at commit)")
 
 
 def boxes() -> list[tuple[str, set[str]]]:
@@ -160,3 +163,11 @@ def test_a_reader_sees_the_names_that_the_picture_declares():
     for group, (_, modules) in zip(groups, boxes(), strict=True):
         words = set(re.findall(r"\w+", " ".join(group.itertext())))
         assert modules - {"__main__"} <= words
+
+
+def test_the_files_that_pages_name_are_there():
+    """Of those at an earlier commit nothing is said."""
+    texts = {page: " ".join(page.read_text(encoding="utf-8").split()) for page in pages()}
+    named = {(page.name, name) for page, text in texts.items() for name in NAMED.findall(text)}
+    assert len(named) > 50
+    assert sorted(each for each in named if not (ROOT / each[1]).exists()) == []
