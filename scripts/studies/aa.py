@@ -46,7 +46,7 @@ def main() -> int:
     wanted += [(n, options.share) for n in range(options.slower)]
     with file.open("a", newline="") as stream:
         writer = csv.DictWriter(stream, COLUMNS)
-        if not done:
+        if stream.tell() == 0:
             writer.writeheader()
         for number, share in wanted:
             if (str(number), str(share)) not in done:
