@@ -117,49 +117,51 @@ class Model(Builder):
         return self.write(path)
 
 
+def written(make: Callable[[Model], None]) -> Callable[[Path], Path]:
+    """Return what writes the model that a function fills."""
+
+    def write(path: Path) -> Path:
+        model = Model()
+        make(model)
+        return model.saved(path)
+
+    return write
+
+
 SHAPE = shape_of(solid())
 SOFT = shape_of(solid(), hard=False)
 
 
-def textured(path: Path) -> Path:
-    model = Model()
+def textured(model: Model) -> None:
     primitive = model.add(SHAPE, TEXCOORD_0=model.values(SHAPE.uv))
     primitive["material"] = model.textured()
-    return model.saved(path)
 
 
-def two_maps(path: Path) -> Path:
+def two_maps(model: Model) -> None:
     """A second map in normalized whole numbers, which is affine only up to its last bit."""
-    model = Model()
     whole = np.rint(SHAPE.uv * 65535).astype("<u2")
     maps = {
         "TEXCOORD_0": model.values(SHAPE.uv),
         "TEXCOORD_1": model.values(whole, normalized=True),
     }
     model.add(SHAPE, **maps)["material"] = model.textured()
-    return model.saved(path)
 
 
-def coloured(path: Path) -> Path:
-    model = Model()
+def coloured(model: Model) -> None:
     colours = np.column_stack([SHAPE.uv, 1 - SHAPE.uv[:, 0]]).astype("<f4")
     model.add(SHAPE, COLOR_0=model.values(colours))
-    return model.saved(path)
 
 
-def with_tangents(path: Path) -> Path:
-    model = Model()
+def with_tangents(model: Model) -> None:
     along = np.cross(SHAPE.normals, [0.3, 0.5, 0.8])
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     tangents = np.column_stack([along, np.ones(len(along))]).astype("<f4")
     made = {"TANGENT": model.values(tangents), "TEXCOORD_0": model.values(SHAPE.uv)}
     model.add(SHAPE, **made)["material"] = model.textured()
-    return model.saved(path)
 
 
-def skinned(path: Path) -> Path:
+def skinned(model: Model) -> None:
     """Two plates, each moved by a bone of its own."""
-    model = Model()
     other = shape_of(solid(1.1, 6.0))
     points = np.vstack([SHAPE.points, other.points + np.float32([25, 0, 0])])
     count, whole = len(SHAPE.points), len(points)
@@ -183,12 +185,10 @@ def skinned(path: Path) -> Path:
     body = model.node(mesh=0, skin=0)
     model.json["skins"] = [{"joints": bones, "inverseBindMatrices": inverse}]
     model.json |= {"scenes": [{"nodes": [bones[0], body]}], "scene": 0}
-    return model.saved(path)
 
 
-def morphed(path: Path) -> Path:
+def morphed(model: Model) -> None:
     """A target that shears all, and one that moves places and normals."""
-    model = Model()
     primitive = model.add(SHAPE)
     shear = np.column_stack(
         [SHAPE.points[:, 1] / 4, SHAPE.points[:, 2] / 8, SHAPE.points[:, 0] / 2]
@@ -199,12 +199,10 @@ def morphed(path: Path) -> Path:
         {"POSITION": model.places(shifted), "NORMAL": model.values(tilted)},
     ]
     model.json["meshes"][0]["weights"] = [0.25, 0.0]
-    return model.saved(path)
 
 
-def several(path: Path) -> Path:
+def several(model: Model) -> None:
     """Three primitives, two of which share their corners."""
-    model = Model()
     model.json["materials"] = [
         {"pbrMetallicRoughness": {"baseColorFactor": [*colour, 1.0]}}
         for colour in ((0.8, 0.2, 0.1), (0.1, 0.5, 0.9))
@@ -215,33 +213,27 @@ def several(path: Path) -> Path:
     second |= {"material": 1, "indices": first["indices"]}
     third = model.add(moved(shape_of(solid(2.0, 4.0)), 0, 30, 0))
     third["material"] = 1
-    return model.saved(path)
 
 
-def instanced(path: Path) -> Path:
+def instanced(model: Model) -> None:
     """One mesh in four places, one of them a mirror image, below a turned node."""
-    model = Model()
     model.add(SHAPE)
     places = [model.node(mesh=0, translation=[30.0 * k, 0.0, 0.0]) for k in range(3)]
     places.append(model.node(mesh=0, translation=[0.0, 30.0, 0.0], scale=[-1.0, 1.0, 1.0]))
     above = model.node(children=places, rotation=[0.0, 0.6, 0.0, 0.8])
     model.json |= {"scenes": [{"nodes": [above]}], "scene": 0}
-    return model.saved(path)
 
 
-def instanced_by_extension(path: Path) -> Path:
-    model = Model()
+def instanced_by_extension(model: Model) -> None:
     model.add(SHAPE)
     places = model.values(np.array([(0, 0, 0), (30, 0, 0)], "<f4"))
     del model.json["bufferViews"][-1]["target"]
     name = "EXT_mesh_gpu_instancing"
     model.node(mesh=0, extensions={name: {"attributes": {"TRANSLATION": places}}})
     model.json |= {"extensionsUsed": [name]}
-    return model.saved(path)
 
 
-def animated(path: Path) -> Path:
-    model = Model()
+def animated(model: Model) -> None:
     model.add(SHAPE)
     times = model.accessor(np.array([0, 1], "<f4"))
     model.json["accessors"][times] |= {"min": [0.0], "max": [1.0]}
@@ -250,50 +242,38 @@ def animated(path: Path) -> Path:
     model.json["animations"] = [
         {"channels": [channel], "samplers": [{"input": times, "output": moves}]}
     ]
-    return model.saved(path)
 
 
-def without_indices(path: Path) -> Path:
+def without_indices(model: Model) -> None:
     """Each corner a vertex of its own: no two triangles share one, so all stays."""
-    model = Model()
     corners = SHAPE.triangles.reshape(-1)
     about = {
         "POSITION": model.places(SHAPE.points[corners]),
         "NORMAL": model.values(SHAPE.normals[corners]),
     }
     model.json["meshes"][0]["primitives"].append({"attributes": about})
-    return model.saved(path)
 
 
-def strip(path: Path) -> Path:
+def strip(model: Model) -> None:
     """A bar as one strip: each triangle by itself, joined by triangles without area."""
-    model = Model()
     primitive = model.add(SOFT)
     del primitive["attributes"]["NORMAL"]
     rows: list[int] = []
     for a, b, c in SOFT.triangles.tolist():
         rows += [*rows[-1:], *[a, a] * bool(rows), a, b, c]
     primitive |= {"mode": 5, "indices": model.corners(np.array(rows))}
-    return model.saved(path)
 
 
-def fan(path: Path, *, listed: bool = False) -> Path:
-    """A disk of slivers, from one corner: it is open. `listed`: the same as single triangles."""
-    model = Model()
+def fan(model: Model) -> None:
+    """A disk of slivers, from one corner: it is open."""
     angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     points = np.column_stack([9 * np.cos(angles), 7 * np.sin(angles), 0 * angles]).astype("<f4")
     about = {"POSITION": model.places(points)}
-    made: dict[str, Any] = {"attributes": about, "mode": 6}
-    if listed:
-        rows = np.array([(k, k + 1, 0) for k in range(1, len(points) - 1)])
-        made = {"attributes": about, "indices": model.corners(rows)}
-    model.json["meshes"][0]["primitives"].append(made)
-    return model.saved(path)
+    model.json["meshes"][0]["primitives"].append({"attributes": about, "mode": 6})
 
 
-def sparse(path: Path) -> Path:
+def sparse(model: Model) -> None:
     """Positions of which some are replaced."""
-    model = Model()
     primitive = model.add(SHAPE)
     rows = np.arange(5, dtype="<u2")
     about = model.json["accessors"][primitive["attributes"]["POSITION"]]
@@ -302,12 +282,10 @@ def sparse(path: Path) -> Path:
         "indices": {"bufferView": model.view(rows.tobytes()), "componentType": 5123},
         "values": {"bufferView": model.view(SHAPE.points[:5].tobytes())},
     }
-    return model.saved(path)
 
 
-def sheet(path: Path) -> Path:
+def sheet(model: Model) -> None:
     """A plate without thickness, one side on the other: new diagonals would hang together."""
-    model = Model()
     top = trimesh.creation.triangulate_polygon(
         shapely.Point(0, 0).buffer(9).difference(shapely.box(-5, -2, 4, 3)), engine="earcut"
     )
@@ -316,33 +294,27 @@ def sheet(path: Path) -> Path:
     about = {"POSITION": model.places(points)}
     made = {"attributes": about, "indices": model.corners(rows)}
     model.json["meshes"][0]["primitives"].append(made)
-    return model.saved(path)
 
 
-def few(path: Path) -> Path:
+def few(model: Model) -> None:
     """Indices of one byte, and others of four, though two would do."""
-    model = Model()
     small = shape_of(solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
     del primitive["attributes"]["NORMAL"]
     model.add(moved(shape_of(solid(1.3, 5.0)), 12, 0, 0), "<u4")
-    return model.saved(path)
 
 
-def many(path: Path) -> Path:
+def many(model: Model) -> None:
     """More vertices than two bytes name; most are used by nothing."""
-    model = Model()
     unused = np.zeros((65_536, 3), "<f4")
     points = np.vstack([unused, SHAPE.points])
     normals = np.vstack([unused + np.float32([0, 0, 1]), SHAPE.normals])
     rows = SHAPE.triangles + len(unused)
     model.add(SHAPE._replace(points=points, normals=normals, triangles=rows), "<u4")
-    return model.saved(path)
 
 
-def quantized(path: Path) -> Path:
+def quantized(model: Model) -> None:
     """Positions in whole numbers, placed by a node."""
-    model = Model()
     upright = trimesh.creation.extrude_polygon(
         shapely.Point(0, 0).buffer(900, quad_segs=12).difference(shapely.box(-500, -200, 300, 200)),
         300.0,
@@ -360,12 +332,10 @@ def quantized(path: Path) -> Path:
     model.node(mesh=0, scale=[0.01, 0.01, 0.01])
     name = "KHR_mesh_quantization"
     model.json |= {"extensionsUsed": [name], "extensionsRequired": [name]}
-    return model.saved(path)
 
 
-def with_variants(path: Path) -> Path:
+def with_variants(model: Model) -> None:
     """Materials to choose from, extras everywhere, and identifiers of features."""
-    model = Model()
     model.json["materials"] = [{"name": "red"}, {"name": "blue", "extras": {"price": 7}}]
     name = "KHR_materials_variants"
     ids = (SHAPE.facet % 3).astype("<f4")[:, None]
@@ -374,7 +344,6 @@ def with_variants(path: Path) -> Path:
     primitive |= {"material": 0, "extensions": {name: chosen}, "extras": {"id": "wall-7"}}
     model.json["extensions"] = {name: {"variants": [{"name": "night"}]}}
     model.json |= {"extensionsUsed": [name], "extras": {"by": ["us"]}}
-    return model.saved(path)
 
 
 def with_data_uri(path: Path) -> Path:
@@ -393,7 +362,7 @@ def with_buffer_beside(path: Path) -> Path:
 
 
 def _as_gltf(path: Path, place: Callable[[str], str]) -> Path:
-    binary = coloured(path.with_suffix(".glb"))
+    binary = written(coloured)(path.with_suffix(".glb"))
     told, data = parts_of(binary.read_bytes())
     content = data[: told["buffers"][0]["byteLength"]]
     told["buffers"][0]["uri"] = place(base64.b64encode(content).decode())
@@ -438,25 +407,25 @@ def plain(path: Path) -> Path:
 
 MODELS: dict[str, Callable[[Path], Path]] = {
     "plain.glb": plain,
-    "textured.glb": textured,
-    "two-maps.glb": two_maps,
-    "coloured.glb": coloured,
-    "tangents.glb": with_tangents,
-    "skinned.glb": skinned,
-    "morphed.glb": morphed,
-    "several.glb": several,
-    "instanced.glb": instanced,
-    "instanced-by-extension.glb": instanced_by_extension,
-    "animated.glb": animated,
-    "no-indices.glb": without_indices,
-    "strip.glb": strip,
-    "fan.glb": fan,
-    "sparse.glb": sparse,
-    "sheet.glb": sheet,
-    "few.glb": few,
-    "many.glb": many,
-    "quantized.glb": quantized,
-    "variants.glb": with_variants,
+    "textured.glb": written(textured),
+    "two-maps.glb": written(two_maps),
+    "coloured.glb": written(coloured),
+    "tangents.glb": written(with_tangents),
+    "skinned.glb": written(skinned),
+    "morphed.glb": written(morphed),
+    "several.glb": written(several),
+    "instanced.glb": written(instanced),
+    "instanced-by-extension.glb": written(instanced_by_extension),
+    "animated.glb": written(animated),
+    "no-indices.glb": written(without_indices),
+    "strip.glb": written(strip),
+    "fan.glb": written(fan),
+    "sparse.glb": written(sparse),
+    "sheet.glb": written(sheet),
+    "few.glb": written(few),
+    "many.glb": written(many),
+    "quantized.glb": written(quantized),
+    "variants.glb": written(with_variants),
     "plain.gltf": with_data_uri,
     "beside.gltf": with_buffer_beside,
     "plain.obj": plain,

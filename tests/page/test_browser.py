@@ -13,7 +13,7 @@ from harness.rasterisers.reference import Reference
 from harness.stored.folder import read_run
 from tests.chromium import MEASURED, REPORT_READY, Chromium
 from tests.conftest import ends_well
-from tests.page.conftest import read_result
+from tests.page.conftest import measured, read_result
 from tests.rasterisers.conftest import random_triangles
 
 
@@ -26,13 +26,6 @@ def opened(browser: Chromium, page: Path) -> None:
     """Open the page without having it begin by itself, and let it be quick."""
     browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
-
-
-def measured(browser: Chromium) -> dict[str, Any]:
-    """Start, wait for the end, and return the result."""
-    browser.evaluate("start(); null")
-    browser.wait(MEASURED)
-    return json.loads(browser.evaluate("JSON.stringify(state.result)"))
 
 
 class Whole(NamedTuple):

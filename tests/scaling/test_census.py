@@ -111,12 +111,8 @@ def test_gains_are_relative_to_the_base():
 
 
 def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path):
-    names = ",".join(NAMES)
-    out, _ = ends_well(
-        harness(
-            "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
-        )
-    )
+    asked = ("--triangulators", ",".join(NAMES), "--cell", "100")
+    out, _ = ends_well(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
     assert "240 footprints: helper lanes, compared with ear-clipping" in out
     with (tmp_path / "out" / "census.csv").open() as file:
         table = list(csv.DictReader(file))
@@ -132,11 +128,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     before = (tmp_path / "out" / "census.csv").read_bytes()
     (tmp_path / "out" / "census.csv").unlink()
     next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
-    _, error = ends_well(
-        harness(
-            "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
-        )
-    )
+    _, error = ends_well(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
     assert "5 of 6 parts are there already" in error
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
     assert_refused(

@@ -77,26 +77,24 @@ def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, name):
         load(path)
 
 
-@pytest.mark.parametrize("ending", [KeyboardInterrupt, SystemExit])
-def test_what_ends_a_program_is_no_damage(tmp_path, monkeypatch, ending):
+@pytest.mark.parametrize(
+    ("raised", "seen", "told"),
+    [
+        (KeyboardInterrupt, KeyboardInterrupt, None),
+        (SystemExit, SystemExit, None),
+        (MemoryError, SceneError, "needs more memory than there is"),
+    ],
+)
+def test_what_ends_a_program_is_no_damage_and_lack_of_memory_has_a_name(
+    tmp_path, monkeypatch, raised, seen, told
+):
     def fail(*_, **__):
-        raise ending
+        raise raised
 
     monkeypatch.setattr("shapely.from_wkb", fail)
     path = tmp_path / "a.wkb"
     path.write_bytes(sample("a.wkb"))
-    with pytest.raises(ending):
-        load(path)
-
-
-def test_lack_of_memory_is_called_so(tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise MemoryError
-
-    monkeypatch.setattr("shapely.from_wkb", fail)
-    path = tmp_path / "a.wkb"
-    path.write_bytes(sample("a.wkb"))
-    with pytest.raises(SceneError, match="needs more memory than there is"):
+    with pytest.raises(seen, match=told):
         load(path)
 
 
