@@ -108,11 +108,13 @@ def triangulate(
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
-    from harness.export.export import export_file
+    from harness.export.export import chosen, export_file
     from scenes.cleaning.clean import usual_reason
+    from scenes.spec import joined
 
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
+    name = chosen(triangulator, criterion)
     if dask or _many(file, out):
         for option, given, instead in (
             ("--limit", limit, "of many parts, choose by --where"),
@@ -121,12 +123,10 @@ def triangulate(
         ):
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
-        from harness.export.export import chosen
         from harness.export.geo import parquet_module
         from harness.scaling.triangulated import Options
 
         parquet_module()
-        name = chosen(triangulator, criterion)
         triangulate_many_files(
             file, out, Options(name, height, layer, where, certify), dask, reporter
         )
@@ -142,17 +142,12 @@ def triangulate(
         reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
     ):
         report = export_file(
-            file,
+            joined(file, layer=layer, where=where, limit=limit),
             out,
-            triangulator,
-            criterion,
+            name,
             extrude=height,
-            layer=layer,
-            where=where,
-            limit=limit,
             progress=counted,
-            certify=certify,
-            evidence=evidence,
+            certify=evidence or certify,
             device=device,
         )
     if report.notes:

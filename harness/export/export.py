@@ -163,30 +163,23 @@ class Report:
 def export_file(
     source: str | Path,
     out: str | Path,
-    triangulator: str | None = None,
-    criterion: str | None = None,
+    triangulator: str = "optimal:half-perimeter",
     *,
     extrude: str | float | None = None,
-    layer: str | None = None,
-    where: str | None = None,
-    limit: int | None = None,
-    project: bool | None = None,
     progress: Callable[[int], None] | None = None,
-    certify: bool = False,
-    evidence: Path | None = None,
+    certify: bool | Path = False,
     device: str = CPU,
     chunk: int = CHUNK,
     **parameters: Any,
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
 
-    `triangulator` is `name` or `name:criterion`, `optimal:half-perimeter` if neither it nor
-    `criterion` is given; `criterion` alone means the optimum of that criterion.
+    `source` may carry parameters, as `scenes.load` reads them: "town.gpkg:layer=parks,limit=9".
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `certify` has each triangulation's
-    distance from the optimum of its criterion (half-perimeter, if it has none) worked out, and
-    `evidence` is a file for the proofs, a line for each polygon. `device` is that of
+    distance from the optimum of its criterion (half-perimeter, if it has none) worked out; a path
+    is a file for the proofs, a line for each polygon. `device` is that of
     `triangulators.triangulate_many`. `progress` is called with the number of polygons done so far.
     `parameters` go to the triangulator. `out` appears when all is written; on an error it stays as
     it was.
@@ -197,12 +190,10 @@ def export_file(
     begun = time.perf_counter()
     target = Path(out)
     make = _format(target)
-    name = chosen(triangulator, criterion)
-    report = Report(certified=Certified.of(name) if certify or evidence else None)
-    options = {"layer": layer, "where": where, "project": project}
-    given = {key: value for key, value in options.items() if value is not None}
-    solid = target.suffix.lower() in SOLID
-    chunks = _chunks(str(source), given, limit, chunk, solid)
+    name = chosen(triangulator)
+    report = Report(certified=Certified.of(name) if certify else None)
+    evidence = certify if isinstance(certify, Path) else None
+    chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in SOLID)
     try:
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:
@@ -233,31 +224,25 @@ class Meshing:
     device: str = CPU
 
 
-def _chunks(
-    source: str, options: dict[str, Any], limit: int | None, size: int, solid: bool
-) -> Iterator[Chunk]:
-    """The polygons of a scene or a file, `size` at a time, cut off after `limit`.
+def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
+    """The polygons of a scene or a file, `size` at a time.
 
-    options : those of `scenes.files.read_chunks`, for files alone
     solid : they become a 3D model; UsageError where the source is one, too
     """
+    name, given, is_file = split(source)
+    if not is_file:
+        yield from _of_scene(source, size)
+        return
+    if solid and is_model(Path(name)):
+        raise UsageError(
+            f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
+            f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
+        )
+    given = arguments_for(name, read, given)  # not those of map tiles
+    limit = given.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
-    name, given, is_file = split(source)
-    if is_file:
-        if solid and is_model(Path(name)):
-            raise UsageError(
-                f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
-                f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
-            )
-        known = arguments_for(name, read, given) | options
-        before = known.pop("limit", None)
-        limit = before if limit is None else limit
-        whole = read_chunks(name, size=size, **known)
-    elif options:
-        raise UsageError(f"layer, where and project are for files; {name} is a scene")
-    else:
-        whole = _of_scene(source, size)
+    whole = read_chunks(name, size=size, **given)
     left = limit
     for chunk in whole:
         if left is not None and len(chunk.cleaned.polygons) >= left:
@@ -323,8 +308,11 @@ def _format(target: Path) -> Callable[[Output, About], Writer]:
     return make
 
 
-def chosen(triangulator: str | None, criterion: str | None) -> str:
-    """The full name of the triangulator that the two options choose; raises UsageError."""
+def chosen(triangulator: str | None, criterion: str | None = None) -> str:
+    """The full name of the triangulator that the two options choose; raises UsageError.
+
+    Of neither it is `optimal:half-perimeter`; a criterion alone means its optimum.
+    """
     if triangulator is None:
         triangulator = "optimal" if criterion else "optimal:half-perimeter"
     if criterion and ":" in triangulator:

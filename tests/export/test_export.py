@@ -256,7 +256,7 @@ def test_obj_groups_are_polygons(tmp_path):
 
 
 def test_what_cannot_be_triangulated_is_named(tmp_path):
-    report = export_file("paper", tmp_path / "a.obj", "optimal", "overdraw")
+    report = export_file("paper", tmp_path / "a.obj", "optimal:overdraw")
     assert report.failed == []
     report = export_file(CITY, tmp_path / "b.obj", "fan")
     assert report.failed
@@ -270,10 +270,9 @@ def test_what_cannot_be_triangulated_is_named(tmp_path):
 
 def test_filters_and_limit(tmp_path, houses):
     out = tmp_path / "a.npz"
-    assert export_file(houses, out, limit=2).polygons == 2
-    assert export_file(houses, out, where="height > 5").polygons == 1
-    assert export_file(f"{houses}:limit=1", out).polygons == 1
-    assert export_file(CITY, out, limit=45, chunk=20).polygons == 45
+    assert export_file(f"{houses}:limit=2", out).polygons == 2
+    assert export_file(f"{houses}:where=height > 5", out).polygons == 1
+    assert export_file(f"{CITY},limit=45", out, chunk=20).polygons == 45
 
 
 def test_a_flat_model_has_a_matrix_that_single_precision_inverts(tmp_path):
@@ -313,8 +312,9 @@ class TestErrors:
     def test_source(self, tmp_path):
         out = tmp_path / "a.obj"
         self.refused(tmp_path, tmp_path / "none.gpkg", out, error=SceneError)
-        assert "are for files" in self.refused(tmp_path, "city", out, where="a > 1")
-        assert "give 1 or more" in self.refused(tmp_path, "city", out, limit=0)
+        told = self.refused(tmp_path, "city:where=a > 1", out, error=SceneError)
+        assert "scene city has no parameter 'where'" in told
+        assert "give 1 or more" in self.refused(tmp_path, f"{FILE}:limit=0", out)
         for parameter in ("pixels=64", "size=3", "rows=1"):
             told = self.refused(tmp_path, f"{FILE}:{parameter}", out, error=SceneError)
             assert "has no parameter" in told
@@ -324,7 +324,7 @@ class TestErrors:
     def test_triangulator(self, tmp_path):
         message = self.refused(tmp_path, "paper", tmp_path / "a.obj", "delauny")
         assert "delaunay" in message
-        self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal", "prettiness")
+        self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal:prettiness")
 
     def test_height(self, tmp_path):
         out = tmp_path / "a.obj"
@@ -383,7 +383,7 @@ def test_geometry_beyond_what_offsets_count_is_cut_into_chunks(monkeypatch):
 
 def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
     proofs = tmp_path / "proofs.jsonl"
-    report = export_file(houses, tmp_path / "houses.glb", certify=True, evidence=proofs)
+    report = export_file(houses, tmp_path / "houses.glb", certify=proofs)
     lines = proofs.read_text().splitlines()
     claims = [json.loads(line) for line in lines]
     assert len(claims) == report.certified.polygons == 3
