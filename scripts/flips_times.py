@@ -27,9 +27,9 @@ from scenes import load
 from tests.ports import languages
 from tests.ports.languages import HERE, Cases
 from triangulators import triangulate_many
-from triangulators.batch.ragged import ragged
 from triangulators.dropin import triangulate_float64
 from triangulators.polygon import rings_of
+from triangulators.ragged import ragged
 
 SCENES = ("city", "glyphs", "counties:level=state", "counties")
 

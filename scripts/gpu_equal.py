@@ -20,8 +20,8 @@ import shapely
 from harness.frame import View, make_frame
 from scenes import load
 from triangulators import Ragged, triangulate_many
-from triangulators.batch.ragged import ragged
 from triangulators.gpu import engine
+from triangulators.ragged import ragged
 
 NAMES = ("optimal:half-perimeter", "worst:half-perimeter")
 SCENES = ("city", "helsinki", "cad", "glyphs", "counties", "meshes", "stress", "paper")

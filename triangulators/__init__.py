@@ -22,88 +22,60 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from triangulators import criteria
-    from triangulators.batch.triangulate_many import Ragged, Triangulations, triangulate_many
-    from triangulators.calling import triangulate, triangulate_with_gap
-    from triangulators.certificate.certify import certify
-    from triangulators.checking.evidence import Certificate
-    from triangulators.compiled import warm_up
-    from triangulators.errors import (
-        InvalidPolygon,
-        Skipped,
-        TriangulationError,
-        Unavailable,
-        UnknownName,
-    )
-    from triangulators.methods.flips import flip
-    from triangulators.polygon import vertices
-    from triangulators.registry import find, full_name, names, parse
+    from triangulators import criteria as criteria
+    from triangulators.calling import triangulate as triangulate
+    from triangulators.calling import triangulate_with_gap as triangulate_with_gap
+    from triangulators.calling import warm_up as warm_up
+    from triangulators.certificate.certify import certify as certify
+    from triangulators.checking.evidence import Certificate as Certificate
+    from triangulators.errors import InvalidPolygon as InvalidPolygon
+    from triangulators.errors import Skipped as Skipped
+    from triangulators.errors import TriangulationError as TriangulationError
+    from triangulators.errors import Unavailable as Unavailable
+    from triangulators.errors import UnknownName as UnknownName
+    from triangulators.many import triangulate_many as triangulate_many
+    from triangulators.methods.flips import flip as flip
+    from triangulators.polygon import vertices as vertices
+    from triangulators.ragged import Ragged as Ragged
+    from triangulators.ragged import Triangulations as Triangulations
+    from triangulators.registry import find as find
+    from triangulators.registry import full_name as full_name
+    from triangulators.registry import names as names
+    from triangulators.registry import parse as parse
 
 _HOME = {
-    "triangulators.batch.triangulate_many": (
-        "Ragged",
-        "Triangulations",
-        "triangulate_many",
-    ),
-    "triangulators.calling": (
-        "triangulate",
-        "triangulate_with_gap",
-    ),
-    "triangulators.certificate.certify": ("certify",),
-    "triangulators.checking.evidence": ("Certificate",),
-    "triangulators.compiled": ("warm_up",),
-    "triangulators.errors": (
-        "InvalidPolygon",
-        "Skipped",
-        "TriangulationError",
-        "Unavailable",
-        "UnknownName",
-    ),
-    "triangulators.methods.flips": ("flip",),
-    "triangulators.polygon": ("vertices",),
-    "triangulators.registry": (
-        "find",
-        "full_name",
-        "names",
-        "parse",
-    ),
+    "Certificate": "checking.evidence",
+    "InvalidPolygon": "errors",
+    "Ragged": "ragged",
+    "Skipped": "errors",
+    "TriangulationError": "errors",
+    "Triangulations": "ragged",
+    "Unavailable": "errors",
+    "UnknownName": "errors",
+    "certify": "certificate.certify",
+    "find": "registry",
+    "flip": "methods.flips",
+    "full_name": "registry",
+    "names": "registry",
+    "parse": "registry",
+    "triangulate": "calling",
+    "triangulate_many": "many",
+    "triangulate_with_gap": "calling",
+    "vertices": "polygon",
+    "warm_up": "calling",
 }
 """Where each name is: it is imported when it is asked for, because compiled code takes a second."""
 
-_MODULES = {name: module for module, names in _HOME.items() for name in names}
-
-__all__ = [
-    "Certificate",
-    "InvalidPolygon",
-    "Ragged",
-    "Skipped",
-    "TriangulationError",
-    "Triangulations",
-    "Unavailable",
-    "UnknownName",
-    "certify",
-    "criteria",
-    "find",
-    "flip",
-    "full_name",
-    "names",
-    "parse",
-    "triangulate",
-    "triangulate_many",
-    "triangulate_with_gap",
-    "vertices",
-    "warm_up",
-]
+__all__ = ["criteria", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for: a name of `__all__`, or a module of this package."""
-    if name in _MODULES:
-        value = getattr(import_module(_MODULES[name]), name)
-    elif name == "criteria":
-        value = import_module("triangulators.criteria")
-    else:
+    """Import what is asked for: a name of `__all__`."""
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name == "criteria":
+        return import_module("triangulators.criteria")
+    value = getattr(import_module(f"triangulators.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 

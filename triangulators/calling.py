@@ -1,7 +1,8 @@
 """Triangulates one polygon by a triangulator's name, and checks what comes back."""
 
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,12 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import require_numbers
-from triangulators.errors import TriangulationError
+from triangulators.errors import Skipped, TriangulationError, Unavailable
 from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, load, parse
-from triangulators.starting.repair import insert_dropped_vertices
-from triangulators.starting.starts import left_turning
+from triangulators.starting import insert_dropped_vertices, left_turning
+from triangulators.verify import verify
 
 
 def triangulate(
@@ -51,8 +52,7 @@ def triangulate(
         raise TypeError(f"triangulator {choice.entry.name!r} takes no criterion")
     else:
         raw = function(outline, **parameters)
-    triangles = _normalised(outline, raw, choice)
-    _require_numbers(criterion, outline, triangles)
+    triangles = _checked(outline, raw, choice, criterion)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
 
 
@@ -77,29 +77,15 @@ def triangulate_with_gap(
     outline = checked_boundary(polygon)
     wanted = choice.criterion if criterion is None else criterion
     raw, gap = load(choice.entry.with_gap)(outline, criterion=wanted, **parameters)
-    triangles = _normalised(outline, raw, choice)
-    _require_numbers(criterion, outline, triangles)
-    return triangles, gap
+    return _checked(outline, raw, choice, criterion), gap
 
 
-def _require_numbers(criterion: Any, outline: Boundary, triangles: np.ndarray) -> None:
-    """Raise TriangulationError if a user's criterion is no number for a triangle."""
-    if criterion is None or isinstance(criterion, str):
-        return
-    found = criteria.find(criterion)
-    if found.function is None:
-        return
-    require_numbers(found)
-    try:
-        total = found.total(outline.points, triangles)
-    except OverflowError:
-        total = math.inf
-    if not math.isfinite(total):
-        raise TriangulationError(f"criterion {found.name} gives {total}: it has to be a number")
+def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
+    """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out.
 
-
-def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:
-    """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out."""
+    Raises `TriangulationError` for anything else, and if a user's criterion is no number for a
+    triangle.
+    """
     triangles = np.asarray(raw)
     if triangles.ndim != 2 or triangles.shape[1] != 3:
         raise TriangulationError(
@@ -117,10 +103,45 @@ def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:
     state = all_left(outline.points, triangles)
     if state == OUTSIDE:
         raise _outside(outline, choice)
-    return triangles if state == ALL_LEFT else left_turning(outline.points, triangles)
+    if state != ALL_LEFT:
+        triangles = left_turning(outline.points, triangles)
+    found = None if criterion is None or isinstance(criterion, str) else criteria.find(criterion)
+    if found is None or found.function is None:
+        return triangles
+    require_numbers(found)
+    try:
+        total = found.total(outline.points, triangles)
+    except OverflowError:
+        total = math.inf
+    if not math.isfinite(total):
+        raise TriangulationError(f"criterion {found.name} gives {total}: it has to be a number")
+    return triangles
 
 
 def _outside(outline: Boundary, choice: Choice) -> TriangulationError:
     return TriangulationError(
         f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
     )
+
+
+def warm_up(names: Sequence[str]) -> float:
+    """Call each of some triangulators once on small polygons; return the seconds it took.
+
+    The first time on a machine that is the time to compile them, later next to nothing.
+
+        >>> warm_up(["fan"]) > 0.0
+        True
+    """
+    holes = [[(2, 2), (2, 4), (4, 4)], [(6, 6), (6, 8), (8, 8)]]
+    square = [(0, 0), (9, 0), (9, 9), (0, 9)]
+    # On no grid, so that it takes the way that doubles take.
+    bent = shapely.Polygon([(0.1, 0), (5, 1.3), (9, 0), (8, 9), (4.7, 7), (0, 9)])
+    polygons = [shapely.Polygon(square), shapely.Polygon(square, holes), bent]
+    start = time.perf_counter()
+    for name in names:
+        for polygon in polygons:
+            try:
+                verify(polygon, triangulate(polygon, name))
+            except (Skipped, Unavailable):
+                continue
+    return time.perf_counter() - start

@@ -97,10 +97,9 @@ def _best(points: np.ndarray, ends: np.ndarray, method: str) -> np.ndarray | Non
     import shapely
 
     from triangulators.errors import TriangulationError
-    from triangulators.geometry.simple_ring import UNSURE, winding
-    from triangulators.methods import optimal, refined
+    from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import SMALL, by_full_table
-    from triangulators.polygon import as_polygon, boundary_of_rings
+    from triangulators.polygon import UNSURE, as_polygon, boundary_of_rings, winding
 
     n, optimum = len(points), method == "optimal"
     small = optimum and len(ends) == 1 and n <= SMALL
@@ -112,7 +111,7 @@ def _best(points: np.ndarray, ends: np.ndarray, method: str) -> np.ndarray | Non
     try:
         if not shapely.is_valid(as_polygon(outline)):
             return None
-        find = optimal.triangulate if optimum else refined.triangulate
+        find = optimal.triangulate if optimum else flips.triangulate_refined
         return find(outline, criterion="half-perimeter")
     except (TriangulationError, ValueError):  # too few vertices in a ring, for one
         return None

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
-from triangulators.criteria.catalogue import FLIP_TESTS
+from triangulators.criteria import FLIP_TESTS
 from triangulators.errors import Unavailable, UnknownName
 
 ENTRY_POINTS = "raster_harness.triangulators"
@@ -70,14 +70,13 @@ class Entry:
 def _ours(
     name: str, description: str, where: str = "", *, holes: bool = True, **more: Any
 ) -> Entry:
-    """Return a triangulator of `methods`; where: "module:function", or what differs from `name`."""
-    module, _, function = where.partition(":")
-    place = f"triangulators.methods.{module or name.replace('-', '_')}:{function or 'triangulate'}"
+    """Return a triangulator of `methods`; where: "module:function", or as `name` is."""
+    place = f"triangulators.methods.{where or f'{name}:triangulate'}"
     return Entry(name, description, place, handles_holes=holes, **more)
 
 
 def _library(name: str, description: str, **more: Any) -> Entry:
-    place = f"triangulators.libraries.{name.replace('-', '_')}:triangulate"
+    place = f"triangulators.libraries:{name.replace('-', '_')}"
     return Entry(name, description, place, conforms=False, **more)
 
 
@@ -85,11 +84,16 @@ BUILTIN = {
     entry.name: entry
     for entry in (
         _ours(
-            "fan", "a fan from a vertex that sees the whole polygon", holes=False, any_shape=False
+            "fan",
+            "a fan from a vertex that sees the whole polygon",
+            "simple:fan",
+            holes=False,
+            any_shape=False,
         ),
         _ours(
             "strip",
             "a zigzag of diagonals, where some start allows it",
+            "simple:strip",
             holes=False,
             any_shape=False,
         ),
@@ -98,7 +102,7 @@ BUILTIN = {
         _library(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
-            needs="triangulators.libraries.sweep:installed",
+            needs="triangulators.libraries:sweep_installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
         _library(
@@ -107,12 +111,14 @@ BUILTIN = {
             needs="manifold3d",
             install="pip install manifold3d",
         ),
-        _ours("max-area", "largest triangle first (Persson 2009)", holes=False),
-        _ours("greedy", "shortest diagonals first"),
+        _ours(
+            "max-area", "largest triangle first (Persson 2009)", "simple:largest_first", holes=False
+        ),
+        _ours("greedy", "shortest diagonals first", "simple:greedy"),
         _ours(
             "random",
             "uniform over all triangulations, by counting; seed=",
-            "random_uniform",
+            "counting:draw",
             holes=False,
         ),
         _ours(
@@ -150,6 +156,7 @@ BUILTIN = {
         _ours(
             "refined",
             "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
+            "flips:triangulate_refined",
             criteria=True,
             default_criterion="half-perimeter",
         ),

@@ -6,8 +6,7 @@ triangles need be intersected, and on snapped input no rounding enters. Edges th
 after they are split at vertices lying on them are T-junctions: covered, but not conforming.
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Collection
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -15,8 +14,8 @@ import numpy as np
 import shapely
 
 from triangulators.criteria import predict
-from triangulators.geometry.predicates import on_segment, tolerance, turns
-from triangulators.polygon import Boundary, boundary, boundary_area
+from triangulators.geometry.predicates import tolerance, turns
+from triangulators.polygon import Boundary, boundary, boundary_area, vertices_on
 
 Edge = tuple[int, int]
 
@@ -123,7 +122,7 @@ def split_edges(
     """Split unmatched edges at the vertices on them: return (T-junctions, edges still left)."""
     junctions: list[tuple[int, Edge]] = []
     balance: Counter[Edge] = Counter()
-    on_edges = vertices_on(outline, loose)
+    on_edges = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
     for (a, b), times in loose.items():
         inside = on_edges.get((a, b), [])
         junctions += [(vertex, (a, b)) for vertex in inside]
@@ -132,26 +131,3 @@ def split_edges(
             key, sign = ((tail, head), 1) if tail < head else ((head, tail), -1)
             balance[key] += sign * times
     return junctions, [edge for edge, times in balance.items() if times]
-
-
-def vertices_on(outline: Boundary, edges: Collection[Edge]) -> dict[Edge, list[int]]:
-    """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.
-
-    Edges that none lies on are left out. An index of all vertices finds those in an edge's box.
-    """
-    points, allowed = outline.points, tolerance(outline.points)
-    candidates = np.unique(outline.edges)
-    tails, heads = points[np.array(list(edges), dtype=np.int64).reshape(-1, 2).T]
-    low, high = np.minimum(tails, heads) - allowed, np.maximum(tails, heads) + allowed
-    tree = shapely.STRtree(shapely.points(points[candidates]))
-    near: defaultdict[int, list[int]] = defaultdict(list)
-    for number, place in tree.query(shapely.box(*low.T, *high.T)).T.tolist():
-        near[number].append(int(candidates[place]))
-    found: dict[Edge, list[int]] = {}
-    for number, (a, b) in enumerate(edges):
-        inside = [v for v in near[number] if v not in (a, b)]
-        inside = [v for v in inside if on_segment(points, v, a, b, allowed)]
-        if inside:
-            along = (points[inside] - points[a]) @ (points[b] - points[a])
-            found[a, b] = [inside[k] for k in np.argsort(along, kind="stable").tolist()]
-    return found

@@ -170,7 +170,7 @@ def _opened(device: str | None, reporter: Reporter) -> str:
     """Return the device that is named, opened; "cpu" where none is, or it fails."""
     from triangulators.devices import CPU, check_name
     from triangulators.gpu import engine
-    from triangulators.gpu.device_context import DeviceFailed
+    from triangulators.gpu.engine import DeviceFailed
 
     if device in (None, CPU):
         return CPU

@@ -21,9 +21,7 @@ from harness.measuring.serving import TaskFailed
 from harness.triangulating import recipes
 from harness.triangulating.frames import check
 from triangulators import parse
-from triangulators.batch.doubtful import doubtful
-from triangulators.batch.ragged import polygon_at
-from triangulators.batch.triangulate_many import Ragged, Triangulations, ragged
+from triangulators.ragged import Ragged, Triangulations, doubtful, polygon_at, ragged
 
 if TYPE_CHECKING:
     from harness.measuring.worker import Worker

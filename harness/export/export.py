@@ -28,10 +28,10 @@ from scenes.readers.reader import is_model
 from scenes.registry import split
 from scenes.spec import arguments_for
 from triangulators import TriangulationError, UnknownName, certify, full_name, parse
-from triangulators.batch.triangulate_many import Triangulations, ragged
 from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
+from triangulators.ragged import Triangulations, ragged
 
 CHUNK = 20_000
 """Polygons that are in memory at a time."""
@@ -334,7 +334,7 @@ def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
     report.note("failed", failed)
     mesh = meshes.flat(arrays, found, chunk.attributes)
-    if parse(how.name).entry.name == "optimal" and found.compiled is not None:
+    if parse(how.name).entry.name == "optimal":
         # an optimum by an exact algorithm: compiled code's, or the table's
         alone = np.diff(arrays.polygon_ends, prepend=0) == 1
         exact = found.compiled | (alone & (np.diff(mesh.vertex_starts) <= LIMIT))

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from triangulators.batch.triangulate_many import Ragged, Triangulations
+from triangulators.ragged import Ragged, Triangulations
 
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)")
 

@@ -31,7 +31,7 @@ from harness.triangulating.frames import (
 )
 from harness.triangulating.recipes import Recipe
 from triangulators.compute.compiled_files import is_kept
-from triangulators.compute.threads import cores
+from triangulators.devices import cores
 
 T = TypeVar("T")
 

@@ -231,7 +231,7 @@ def _preload() -> None:
     from harness.settings import DEFAULT_TRIANGULATORS
     from harness.triangulating.frames import warm_up
     from harness.triangulating.recipes import parse
-    from triangulators.batch import triangulate_many  # noqa: F401 - for the workers
+    from triangulators import many  # noqa: F401 - for the workers
     from triangulators.compute.storing import NotKept, only_kept
 
     with suppress(NotKept), only_kept():  # on a new machine nothing is compiled yet

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.models.flat_faces import THIN, Faces, Floats, Ints
 from triangulators import UnknownName, criteria
-from triangulators.batch.triangulate_many import Ragged, attempt_many
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
 from triangulators.geometry.flips import convex, run
 from triangulators.geometry.half_edges import link
+from triangulators.many import attempt_many
 from triangulators.methods.flips import cheaper
+from triangulators.ragged import Ragged
 
 _ROUNDING = 1e-6
 """Share of a face's cost that may come from rounding its points: no gain."""
@@ -90,7 +91,8 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     sizes = np.diff(faces.starts)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     clean = _affordable(outlines(faces))
-    found, done = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
+    found = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
+    done = found.compiled
     counts = np.diff(found.starts)
     number = np.repeat(np.arange(len(done)), counts)
     kept = done[number]  # the other rows of `found` hold anything

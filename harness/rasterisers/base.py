@@ -353,7 +353,7 @@ def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:
 
         return walk(array, len(frame.points))
     if options.order == "vertex-cache":
-        from triangulators.geometry.vertex_cache import vertex_cache_order
+        from triangulators.geometry.order import vertex_cache_order
 
         return vertex_cache_order(array, len(frame.points))
     if options.order == "morton":

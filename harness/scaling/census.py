@@ -39,7 +39,7 @@ from scenes.files import Chunk, read_chunks
 from scenes.scene import Note
 from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
 from scenes.tiles.read import rounding
-from triangulators.batch.ragged import Ragged, ragged
+from triangulators.ragged import Ragged, ragged
 
 PERIOD_PX = 4
 """Moving a polygon by so many pixels changes no counter: blocks of 2x2 and 4x4 stay the same."""

@@ -94,7 +94,8 @@ def _alone(scene: Scene, number: int) -> Scene:
 
 def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:
     """Return all triangulations to measure of a polygon without holes."""
-    from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
+    from triangulators.methods.counting import count_triangulations
+    from triangulators.methods.exhaustive import enumerate_triangulations
 
     named = [
         name

@@ -22,11 +22,10 @@ from harness.machine.system import cpu_clock
 from harness.triangulating.database import Lookup
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from scenes.scene import Viewing
-from triangulators.batch.doubtful import doubtful
-from triangulators.batch.ragged import ragged
 from triangulators.criteria import predict
 from triangulators.errors import MOST_TRACED, Skipped, shortened, told_of
 from triangulators.polygon import vertices
+from triangulators.ragged import doubtful, ragged
 from triangulators.verify import verify
 
 Rows = NDArray[np.int32]

@@ -24,8 +24,8 @@ from shapely import Polygon
 import triangulators
 from harness.errors import UsageError, did_you_mean
 from triangulators import criteria, registry
-from triangulators.batch.ragged import Ragged
 from triangulators.errors import UnknownName, in_short
+from triangulators.ragged import Ragged
 
 NUMBER, UPRIGHT = "#", "@0"
 
@@ -118,9 +118,10 @@ class Recipe:
         count = len(arrays.polygon_ends)
         if not self.builtin:
             return [], np.zeros(count, np.bool_)
-        from triangulators.batch.triangulate_many import attempt_many  # where it is run
+        from triangulators.many import attempt_many  # where it is run
 
-        return attempt_many(arrays, self.base, threads=1, **self._arguments)
+        found = attempt_many(arrays, self.base, threads=1, **self._arguments)
+        return found, found.compiled
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
         """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""

@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 from scenes import load
 from tests.paths import python
-from triangulators.batch.triangulate_many import ragged
+from triangulators.ragged import ragged
 
 MEMORY_MIB = 2048
 TILES = 10

@@ -15,11 +15,10 @@ import pytest
 
 from scenes import load
 from triangulators import Ragged, triangulate_many
-from triangulators.batch.ragged import ragged
 from triangulators.devices import is_software
 from triangulators.gpu import engine
 from triangulators.gpu.rings import MOST, Rings, place, prepare
-from triangulators.optimum.many_rings import Batch
+from triangulators.ragged import Batch, ragged
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 

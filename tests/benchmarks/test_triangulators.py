@@ -19,10 +19,10 @@ from tests.paths import python
 from tests.triangulators.cases import convex, glyphs, hard_polygons, shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import Ragged, triangulate, triangulate_many, vertices
-from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
 from triangulators.dropin import triangulate_float64
 from triangulators.polygon import rings_of
+from triangulators.ragged import ragged
 
 
 def compare(

@@ -14,8 +14,8 @@ WITH_EXAMPLES = [
     "scenes",
     *("scenes.cleaning.clean", "scenes.cleaning.projection", "scenes.registry", "scenes.spec"),
     "triangulators",
-    *("triangulators.batch.triangulate_many", "triangulators.certificate.certify"),
-    *("triangulators.criteria.catalogue", "triangulators.dropin", "triangulators.polygon"),
+    *("triangulators.many", "triangulators.certificate.certify"),
+    *("triangulators.criteria", "triangulators.dropin", "triangulators.polygon"),
     *("triangulators.registry", "triangulators.verify"),
 ]
 """Modules that other code calls, function by function; other scenes are reached by `load`."""

@@ -17,8 +17,7 @@ from tests.ports.polygons import Rings, is_as_before, random_polygons
 from tests.triangulators.cases import convex, shared_rings, smooth, star, touching_polygons
 from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
-from triangulators.criteria import find
-from triangulators.criteria.catalogue import FLIP_TESTS
+from triangulators.criteria import FLIP_TESTS, find
 from triangulators.dropin import triangulate_float64
 from triangulators.optimum.full_table import by_full_table
 from triangulators.polygon import rings_of

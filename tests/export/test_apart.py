@@ -11,7 +11,7 @@ from harness.errors import UsageError
 from harness.export import apart
 from harness.measuring.worker import TaskFailed
 from tests.conftest import write_geojson
-from triangulators.batch.triangulate_many import ragged
+from triangulators.ragged import ragged
 
 SIZES = (1.0, 2.0, 30.0, 3.0, 4.0, 40.0, 5.0)
 CRASHING = [2, 5]

@@ -19,7 +19,7 @@ from tests.ports import languages, vectors
 from tests.ports.languages import Cases, in_python, read
 from tests.ports.polygons import is_as_before, random_polygons
 from tests.triangulators.cases import shared_rings
-from triangulators.criteria.catalogue import FLIP_TESTS
+from triangulators.criteria import FLIP_TESTS
 from triangulators.polygon import rings_of
 
 RANDOM = 3000

@@ -11,7 +11,7 @@ import numpy as np
 from tests.paths import ROOT
 from tests.ports.languages import Cases, in_python
 from tests.ports.polygons import random_polygons
-from triangulators.criteria.catalogue import FLIP_TESTS
+from triangulators.criteria import FLIP_TESTS
 
 FILE = ROOT / "ports" / "vectors.txt"
 SMALL = 30  # vertices of a polygon at most

@@ -12,13 +12,13 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.stored.folder import read_run
+from harness.study.enumeration import triangulation_table
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import measure, plan_for
 from triangulators import full_name
-from triangulators.methods.exhaustive import tabulate as list_all
 
 pytestmark = pytest.mark.usefixtures("in_process")
 
@@ -44,7 +44,7 @@ def study(harness, tmp_path):
 
 def test_a_and_d_agree_on_the_papers_polygon(study):
     folder, table, fronts, out = study("paper")
-    everything = list_all(load("paper").polygons[0])
+    everything = triangulation_table(load("paper").polygons[0], "conforming")
     best = everything["overdraw"].argmin()
     assert best == everything["shape"].argmin()
     frame = make_frame(load("paper").polygons, View(512))
@@ -80,7 +80,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
         assert {0, len(front) - 1} <= set(chosen["triangulator"].str[7:].astype(int))
         assert chosen["undominated"].all()
         if len(polygon.exterior.coords) <= 13:
-            every = list_all(polygon)
+            every = triangulation_table(polygon, "conforming")
             listed = np.column_stack((every["overdraw"], every["shape"]))
             assert undominated(costs, listed).all()
             kept = listed[undominated(listed, listed)]

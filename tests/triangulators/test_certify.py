@@ -46,7 +46,7 @@ from triangulators.criteria.cost import (
     with_fields,
 )
 from triangulators.polygon import boundary, boundary_area
-from triangulators.starting.starts import best_start
+from triangulators.starting import best_start
 from triangulators.verify import verify
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])

@@ -30,7 +30,7 @@ from triangulators import (
     vertices,
 )
 from triangulators.criteria import CRITERIA, FEATURES, predict
-from triangulators.criteria.quads import exact_quads
+from triangulators.criteria.features import exact_quads
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.methods.pareto import pareto_front
 

@@ -6,9 +6,9 @@ import pytest
 
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
 from triangulators import dropin, flip, triangulate, triangulate_many, vertices
-from triangulators.batch.ragged import ragged
 from triangulators.criteria import predict
 from triangulators.polygon import rings_of
+from triangulators.ragged import ragged
 from triangulators.verify import verify
 
 METHODS = ("flips", "refined", "optimal")

@@ -8,14 +8,14 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, random_simple, shared, smooth, snapped, star
 from triangulators import criteria, triangulate, vertices
+from triangulators.criteria import FEATURES
 from triangulators.criteria.cost import cost_of, with_fields
-from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum import full_table, visible_lists
 from triangulators.optimum.full_table import by_full_table, grid_unit
 from triangulators.optimum.visible_lists import INT32_LIMIT, by_lists, weights_of_pairs
 from triangulators.polygon import boundary
-from triangulators.starting.starts import cycle_of
+from triangulators.starting import cycle_of
 from triangulators.verify import verify
 
 H = np.array([1.0, 0.0, 0.0])

@@ -12,11 +12,20 @@ from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import on_grid, orient, twice_area
-from triangulators.geometry.simple_ring import LEFT, MOST, RIGHT, UNSURE, winding
 from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import visible_sites
-from triangulators.polygon import boundary, boundary_of_rings, checked_boundary, rings_of
-from triangulators.starting.starts import cycle_of, starts
+from triangulators.polygon import (
+    LEFT,
+    MOST_SIMPLE,
+    RIGHT,
+    UNSURE,
+    boundary,
+    boundary_of_rings,
+    checked_boundary,
+    rings_of,
+    winding,
+)
+from triangulators.starting import cycle_of, starts
 from triangulators.verify import verify
 
 doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
@@ -143,11 +152,13 @@ def test_the_boundary_is_the_one_of_the_general_way(polygon, backwards):
 
 def test_buildings_pass_and_what_is_no_single_ring_does_not():
     passed = [winding(shapely.get_coordinates(p)) for p in load("city").polygons]
-    simple = [not p.interiors and len(p.exterior.coords) <= MOST + 1 for p in load("city").polygons]
+    simple = [
+        not p.interiors and len(p.exterior.coords) <= MOST_SIMPLE + 1 for p in load("city").polygons
+    ]
     assert [turning != UNSURE for turning in passed] == simple
     assert winding(shapely.get_coordinates(shapely.reverse(star(20)))) in (LEFT, RIGHT)
     assert winding(shapely.get_coordinates(with_hole(np.random.default_rng(0), 8, 4))) == UNSURE
-    assert winding(shapely.get_coordinates(star(MOST + 1))) == UNSURE
+    assert winding(shapely.get_coordinates(star(MOST_SIMPLE + 1))) == UNSURE
     assert winding(np.empty((0, 2))) == UNSURE
 
 

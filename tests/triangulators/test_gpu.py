@@ -13,9 +13,9 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
 from triangulators import UnknownName, triangulate_many, vertices
-from triangulators.batch.ragged import ragged
 from triangulators.gpu import engine
 from triangulators.gpu.rings import KINDS, MOST, ON_CPU, Rings, prepare
+from triangulators.ragged import ragged
 from triangulators.verify import verify
 
 NAME = "optimal:half-perimeter"

@@ -9,8 +9,8 @@ import shapely
 from tests.conftest import assert_refused, ends_well, write_geojson
 from tests.triangulators.cases import star, with_hole
 from triangulators import triangulate_many, vertices
-from triangulators.gpu import device_context, engine
-from triangulators.gpu.device_context import Compute, DeviceFailed, Storage
+from triangulators.gpu import engine
+from triangulators.gpu.engine import Compute, DeviceFailed, Storage, open_context
 
 # Rings of each size with a program of its own, narrow and wide, and some for the CPU.
 POLYGONS = [star(n, seed=n) for n in (5, 20, 40, 64, 3, 12)]
@@ -121,7 +121,7 @@ class OnError:
 @pytest.mark.parametrize("error", ["GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST"])
 def test_errors_that_opengl_notes(monkeypatch, expected, caplog, error, after):
     def opened(name):
-        compute = device_context.open_context(name)
+        compute = open_context(name)
         compute.ctx = OnError(compute.ctx, error, after)
         return compute
 

@@ -12,11 +12,11 @@ from tests.triangulators.cases import brute_cost, shared, touching_polygons, twi
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.certificate.certify import check_certificate
 from triangulators.criteria import CRITERIA, find, predict
-from triangulators.criteria.cost import cost_of, evaluate
-from triangulators.optimum import local_search
-from triangulators.optimum.local_search import search_cuts
+from triangulators.criteria.cost import cost_of, total_cost
+from triangulators.optimum import best_way
+from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import boundary
-from triangulators.starting.starts import best_start
+from triangulators.starting import best_start
 from triangulators.verify import verify
 
 
@@ -72,10 +72,10 @@ def test_the_local_search_comes_close_to_the_true_optimum():
         start = best_start(outline, cost)
         found = search_cuts(outline.points, start, cost)
         assert verify(polygon, found).conforming
-        exact = evaluate(outline.points, triangulate(polygon, "optimal:half-perimeter"), cost)
-        total = evaluate(outline.points, found, cost)
+        exact = total_cost(outline.points, triangulate(polygon, "optimal:half-perimeter"), cost)
+        total = total_cost(outline.points, found, cost)
         assert exact <= total * (1 + 1e-12)
-        assert total <= evaluate(outline.points, start, cost) * (1 + 1e-12)
+        assert total <= total_cost(outline.points, start, cost) * (1 + 1e-12)
         ratios.append(total / exact)
     assert np.mean(ratios) < 1.002
     assert np.mean(np.array(ratios) < 1 + 1e-9) > 0.8
@@ -85,12 +85,12 @@ def test_the_local_search_goes_on_after_a_gain(monkeypatch):
     """It ends when six choices of cuts in a row gained nothing, and not before."""
     totals = []
 
-    class Watched(local_search.Patchwork):
+    class Watched(best_way.Patchwork):
         def total(self):
             totals.append(super().total())
             return totals[-1]
 
-    monkeypatch.setattr(local_search, "Patchwork", Watched)
+    monkeypatch.setattr(best_way, "Patchwork", Watched)
     rng = np.random.default_rng(6)
     cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
     gains = 0
@@ -99,7 +99,7 @@ def test_the_local_search_goes_on_after_a_gain(monkeypatch):
         outline = boundary(with_hole(rng, 20, 9))
         if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
             continue  # rings that touch may leave nothing to cut
-        local_search.search_cuts(outline.points, best_start(outline, cost), cost)
+        best_way.search_cuts(outline.points, best_start(outline, cost), cost)
         improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
         gains += len(improved)
         last = improved[-1] if len(improved) else 0

@@ -153,7 +153,8 @@ def test_damaged_code_is_made_again(tmp_path):
 def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
     here = tmp_path / "compiled" / "this"
     monkeypatch.setattr(files, "place", lambda: here)
-    current = f"triangulators.compute.simd-{files.digest(ROOT / 'triangulators/compute/simd.py')}"
+    source = ROOT / "triangulators/compute/operations.py"
+    current = f"triangulators.compute.operations-{files.digest(source)}"
     past = time.time() - 2 * files.OLD_S
     for name, when in ((current, past), ("gone-1", past), ("other-1", None)):
         (here / name).mkdir(parents=True)

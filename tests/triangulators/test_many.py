@@ -6,11 +6,11 @@ import shapely
 
 from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
 from triangulators import Ragged, UnknownName, triangulate, triangulate_many, vertices
-from triangulators.batch import triangulate_many as batch
-from triangulators.batch.triangulate_many import polygon_at, ragged
+from triangulators import many as batch
 from triangulators.criteria import find, predict
 from triangulators.dropin import triangulate_float64
 from triangulators.polygon import rings_of
+from triangulators.ragged import polygon_at, ragged
 from triangulators.verify import verify
 
 

@@ -22,9 +22,8 @@ from triangulators import (
     vertices,
 )
 from triangulators.checking.units import doubles_add_up
-from triangulators.criteria import CRITERIA, predict
+from triangulators.criteria import CRITERIA, FEATURES, predict
 from triangulators.criteria.cost import cost_of
-from triangulators.criteria.features import FEATURES
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon import boundary
 from triangulators.registry import find

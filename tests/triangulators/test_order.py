@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scenes import load
 from tests.triangulators.cases import hard_polygons, smooth, star, with_hole
 from triangulators import triangulate, triangulate_many, vertices
-from triangulators.geometry.order import walk
-from triangulators.geometry.vertex_cache import CACHE_SIZE, vertex_cache_order
+from triangulators.geometry.order import CACHE_SIZE, vertex_cache_order, walk
 
 BATCH = 120
 """Indices after which a drawing program may start anew, and meets its vertices again."""

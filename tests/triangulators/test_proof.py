@@ -8,14 +8,13 @@ from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import proof
-from triangulators.certificate.candidates import candidates_of, how_many
+from triangulators.certificate.candidates import candidates_of, how_many, sight_of
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _numbers, prove
-from triangulators.certificate.sight import sight_of
 from triangulators.checking.units import costs_of, units_for, weights_of
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary
-from triangulators.starting.starts import best_start
+from triangulators.starting import best_start
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
 

@@ -19,7 +19,7 @@ from triangulators import (
     triangulate,
     vertices,
 )
-from triangulators.criteria.weights import read_weights, write_weights
+from triangulators.criteria import read_weights, write_weights
 
 with np.errstate(invalid="ignore"):
     NOT_A_NUMBER = shapely.Polygon([(0, 0), (4, float("nan")), (4, 0)])

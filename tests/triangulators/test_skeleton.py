@@ -9,12 +9,10 @@ import shapely
 from tests.triangulators.cases import glyphs, shared, smooth, star, touching_polygons, with_holes
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
-from triangulators.certificate.candidates import candidates_of, how_many
+from triangulators.certificate.candidates import candidates_of, how_many, sight_of
 from triangulators.certificate.certify import certificate_of
-from triangulators.certificate.extend_potentials import extend
-from triangulators.certificate.local_minimality import exclude
+from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
-from triangulators.certificate.sight import sight_of
 from triangulators.certificate.skeleton import _ring_of
 from triangulators.checking import checker, edges
 from triangulators.checking.edges import _diagonals_of
@@ -22,7 +20,7 @@ from triangulators.checking.evidence import Refused
 from triangulators.checking.units import units_for, weights_of
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.polygon import boundary, boundary_area
-from triangulators.starting.starts import best_start
+from triangulators.starting import best_start
 
 
 def posed(polygon, name="half-perimeter"):

@@ -5,10 +5,9 @@ import shapely
 
 from scenes import load
 from triangulators import triangulate
-from triangulators.batch.doubtful import doubtful
-from triangulators.batch.ragged import ragged
 from triangulators.polygon import boundary
-from triangulators.starting.repair import insert_dropped_vertices
+from triangulators.ragged import doubtful, ragged
+from triangulators.starting import insert_dropped_vertices
 from triangulators.verify import verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)

@@ -4,16 +4,64 @@ An edge is a pair of sites that see each other, or a piece of the boundary; a tr
 edges with nothing of the polygon's boundary inside. Every triangulation is a choice of some of the
 triangles, so a cost that sums over triangles is a weight on each, and what follows (exclusion by
 `local_minimality`, the linear program of `linear_program`) needs to know nothing else of the
-polygon."""
+polygon.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.certificate.sight import Sight
-from triangulators.compute.arrays import grouped
 from triangulators.compute.kernels import njit
+from triangulators.compute.operations import grouped
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import turn
+from triangulators.geometry.visibility import visible_sites
+from triangulators.polygon import Boundary
+
+
+class Sight(NamedTuple):
+    """Edges of a polygon: pairs of sites that see each other, or pieces of the boundary.
+
+    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
+    boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. rings (h, 4):
+    sites of each hole (see `holds_ring`).
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    side: np.ndarray
+    rings: np.ndarray
+
+
+def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
+    """Return the edges of a polygon.
+
+    triangles: (m, 3), any triangulation of it, between sites; what each corner sees is found by
+    walking it.
+    """
+    points = outline.points
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+    pairs = visible_sites(points, triangles, twins_of(triangles))
+    edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    side = np.zeros(len(edges), dtype=np.int8)
+    keys = edges[:, 0].astype(np.int64) * len(points) + edges[:, 1]
+    low, high = outline.edges.min(axis=1).astype(np.int64), outline.edges.max(axis=1)
+    on_boundary = np.searchsorted(keys, low * len(points) + high)
+    side[on_boundary] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
+    return Sight(points, edges, side, _ring_samples(outline))
+
+
+def _ring_samples(outline: Boundary) -> np.ndarray:
+    """Return up to four sites of each hole, (h, 4), the last one repeated.
+
+    A hole meets a triangle of candidate edges at its corners only, so it lies inside as a whole
+    or not at all; that one of four sites which is not a corner tells.
+    """
+    samples = np.zeros((outline.holes, 4), dtype=np.int32)
+    for number, (begin, end) in enumerate(zip(outline.ends, outline.ends[1:], strict=False)):
+        ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
+        samples[number] = ring + ring[-1:] * (4 - len(ring))
+    return samples
 
 
 class Candidates(NamedTuple):

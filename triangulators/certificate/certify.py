@@ -20,8 +20,8 @@ from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.optimum.best_way import optimum
 from triangulators.optimum.visible_lists import far_costs
-from triangulators.polygon import Boundary, boundary, boundary_area, check
-from triangulators.starting.starts import ring_triangulation
+from triangulators.polygon import Boundary, boundary_area, checked_boundary
+from triangulators.starting import ring_triangulation
 from triangulators.verify import verify_boundary
 
 TABLE = 2000  # vertices up to which a polygon without holes is proven by the table
@@ -59,8 +59,7 @@ def certify(
     >>> certify(square, triangulate(square, "delaunay"))
     Certificate(cost=79.0, lower_bound=75.0, gap=0.0506..., proven=False)
     """
-    check(polygon)
-    outline = boundary(polygon)
+    outline = checked_boundary(polygon)
     wanted = criteria.find(criterion, **parameters)
     corners = _conforming(outline, triangles)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
@@ -137,8 +136,7 @@ def check_certificate(
     triangles: (m, 3) indices into `vertices(polygon)`. Raises `TriangulationError` if they are no
     conforming triangulation, `InvalidPolygon`.
     """
-    check(polygon)
-    outline = boundary(polygon)
+    outline = checked_boundary(polygon)
     corners = _conforming(outline, triangles)
     if certificate.evidence is None:
         raise Refused("the certificate has no evidence")

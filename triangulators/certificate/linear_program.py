@@ -22,8 +22,8 @@ import highspy
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.compute.arrays import join
 from triangulators.compute.kernels import njit
+from triangulators.compute.operations import join
 
 _TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
 _FARTHEST = 2.0**20  # of a potential, for the solver: eight times the start's weights
@@ -78,8 +78,11 @@ class Program:
         self.inside = np.flatnonzero(allowed)
         triangles = candidates.triangles
         self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
-        inner = candidates.sides[start]
-        self.free = _off_tree(len(candidates.points), candidates.edges, candidates.side, inner)
+        # All edges but those of a spanning tree of the boundary's and the start's.
+        self.free = np.ones(len(candidates.edges), dtype=np.bool_)
+        inner = np.unique(candidates.sides[start])
+        order = np.concatenate((np.flatnonzero(candidates.side != 0), inner))
+        _grow_tree(len(candidates.points), candidates.edges, order, self.free)
 
     def solve(self, seconds: float, *, at_a_corner: bool = False) -> Solution:
         """Solve by the interior-point method of HiGHS; the potentials have about twelve digits.
@@ -117,14 +120,6 @@ class Program:
             potentials = np.array(model.getSolution().col_value) / self.scale
             share[rows] = np.abs(model.getSolution().row_dual)
         return Solution(potentials, share, float(np.dot(side, potentials)), solved)
-
-
-def _off_tree(count: int, edges: np.ndarray, side: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """Return which edges are off a spanning tree of boundary edges and those of `inner`."""
-    free = np.ones(len(edges), dtype=np.bool_)
-    order = np.concatenate((np.flatnonzero(side != 0), np.unique(inner)))
-    _grow_tree(count, edges, order, free)
-    return free
 
 
 @njit

@@ -8,16 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from triangulators.certificate.candidates import Candidates, candidates_of, how_many
-from triangulators.certificate.extend_potentials import extend
+from triangulators.certificate.candidates import (
+    Candidates,
+    candidates_of,
+    how_many,
+    sight_of,
+)
 from triangulators.certificate.linear_program import Program, Solution
-from triangulators.certificate.local_minimality import exclude
-from triangulators.certificate.sight import Sight, sight_of
+from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.skeleton import by_table, cuts_of, remaining
 from triangulators.checking.evidence import Evidence
 from triangulators.checking.units import Units, units_for, weights_of
 from triangulators.criteria.cost import Cost
-from triangulators.optimum.local_search import search_cuts
+from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import Boundary
 
 # How much is tried. Where a limit is no time, the same is proven on any machine.
@@ -149,7 +152,7 @@ def prove(
     limit of time).
     """
     units = units_for(outline, triangles, cost)
-    sight: Sight = sight_of(outline, triangles)
+    sight = sight_of(outline, triangles)
     most = MOST if 0.0 < seconds < np.inf else _QUICK
     room = how_many(sight, most)
     if room > most:

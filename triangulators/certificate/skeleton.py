@@ -20,8 +20,8 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates
 from triangulators.checking.units import Units
-from triangulators.compute.arrays import grouped, join, root_of
 from triangulators.compute.kernels import njit
+from triangulators.compute.operations import grouped, join, root_of
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import cross, turn
 from triangulators.optimum.visible_lists import NOTHING, far_costs

@@ -24,8 +24,8 @@ from triangulators.checking.edges import Edges, around_hole, edges_of
 from triangulators.checking.evidence import Evidence, Refused
 from triangulators.checking.units import TOO_LARGE, Units, units_for, weight, weights_of
 from triangulators.compute.kernels import njit
-from triangulators.compute.threads import shared_out
 from triangulators.criteria.cost import Cost
+from triangulators.devices import shared_out
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 

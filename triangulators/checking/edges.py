@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.threads import shared_out
+from triangulators.devices import shared_out
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 

@@ -1,1 +1,1 @@
-"""What compiled code rests on: kernels, copies, SIMD, threads, union-find; it knows no polygon."""
+"""What compiled code rests on: kernels, where they are kept, operations; it knows no polygon."""

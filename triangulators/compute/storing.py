@@ -6,7 +6,7 @@ import gc
 import hashlib
 import pickle
 import re
-import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -75,48 +75,35 @@ def only_kept() -> Iterator[None]:
 def _alone(what: str) -> Iterator[None]:
     """Let no other process compile the same: who comes second waits, and loads it.
 
-    A lock on one byte of a file, which the system takes from a process that ends, and refuses where
-    two would wait for each other. Where it cannot be had, or who has it was stopped, both compile.
+    A lock on one byte of a file, which the system takes from a process that ends. Where it cannot
+    be had, or who has it was stopped, both compile.
     """
     if _Files.only_kept:
         yield
         return
     byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
-    _lock_soon(byte)
+    held = _lock(byte)
     try:
         yield
     finally:
-        _lock(byte, "LOCK_UN")
+        if held:
+            import fcntl
+
+            fcntl.lockf(_lock_file(), fcntl.LOCK_UN, 1, byte)
 
 
-def _lock_soon(byte: int) -> None:
-    """Take the lock on a byte, or go on without it after `PATIENCE_S`.
-
-    The thread that waits meanwhile gives it up at once, should it get it after that.
-    """
-    if _lock(byte, "LOCK_EX", "LOCK_NB"):
-        return
-    late = threading.Event()
-
-    def wait() -> None:
-        _lock(byte, "LOCK_EX")
-        if late.is_set():
-            _lock(byte, "LOCK_UN")
-
-    waiting = threading.Thread(target=wait, daemon=True)
-    waiting.start()
-    waiting.join(PATIENCE_S)
-    if waiting.is_alive():
-        late.set()
-
-
-def _lock(byte: int, *what: str) -> bool:
-    """Take the lock on a byte, or give it up; False where that cannot be done."""
+def _lock(byte: int) -> bool:
+    """Take the lock on a byte; False where that cannot be done, or not within `PATIENCE_S`."""
+    until = time.monotonic() + PATIENCE_S
     with suppress(ImportError, OSError):
         import fcntl
 
-        fcntl.lockf(_lock_file(), sum(getattr(fcntl, name) for name in what), 1, byte)
-        return True
+        while time.monotonic() < until:
+            try:
+                fcntl.lockf(_lock_file(), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+                return True
+            except BlockingIOError:  # another process has it
+                time.sleep(0.02)
     return False
 
 

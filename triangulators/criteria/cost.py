@@ -11,13 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from triangulators.compute.kernels import intrinsic, njit
-from triangulators.criteria.catalogue import Criterion, exact_quads_of
-from triangulators.criteria.features import FEATURES, SIGNATURE, weighted
-from triangulators.criteria.quads import exact_quads
+from triangulators.criteria import FEATURES, Criterion, exact_quads_of
+from triangulators.criteria.features import COUNT, SIGNATURE, exact_quads, weighted
 from triangulators.errors import TriangulationError
 from triangulators.geometry.predicates import twice_area
 
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
+assert len(FEATURES) == COUNT
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
 
@@ -193,21 +193,12 @@ def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     return total
 
 
-def evaluate(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
-    """Return what `cost` makes of a triangulation."""
-    return float(total_cost(points, triangles, cost))
-
-
 @njit
-def _cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
+def cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
+    """Return which of many triangulations (k, m, 3) is least; the first of those that are equal."""
     best, least = 0, np.inf
     for number in range(len(many)):
         total = total_cost(points, many[number], cost)
         if total < least:
             best, least = number, total
     return best
-
-
-def cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
-    """Return which of many triangulations (k, m, 3) is least; the first of those that are equal."""
-    return int(_cheapest(points, many, cost))

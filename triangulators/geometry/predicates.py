@@ -178,8 +178,10 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
 
 
 @njit(nogil=True)
-def touching(points: np.ndarray, edges: np.ndarray, allowed: float) -> list[tuple[int, int]]:
-    """Return (edge, vertex) for each vertex of `edges` (b, 2) that lies inside another edge."""
+def touching(
+    points: np.ndarray, edges: np.ndarray, vertices: np.ndarray, allowed: float
+) -> list[tuple[int, int]]:
+    """Return (edge, vertex) for each of the vertices (k,) that lies inside an edge (b, 2)."""
     found = [(0, 0) for _ in range(0)]
     for edge in range(len(edges)):
         a, b = edges[edge]
@@ -187,8 +189,7 @@ def touching(points: np.ndarray, edges: np.ndarray, allowed: float) -> list[tupl
         high_x = max(points[a, 0], points[b, 0]) + allowed
         low_y = min(points[a, 1], points[b, 1]) - allowed
         high_y = max(points[a, 1], points[b, 1]) + allowed
-        for other in range(len(edges)):
-            v = edges[other, 0]
+        for v in vertices:
             x, y = points[v, 0], points[v, 1]
             near = low_x <= x <= high_x and low_y <= y <= high_y and v not in (a, b)
             if near and on_segment(points, v, a, b, allowed):

@@ -7,7 +7,6 @@ the grid, of more than 64 vertices), and what one that fails leaves undone, is l
 OpenGL 4.3 through moderngl, which the project needs anyway. GLSL has the product of two 32-bit
 integers in 64 bits (imulExtended); WGSL, which would reach macOS too, has not.
 
-    device_context   opening a device
-    rings            polygons into integers for a device, and what it found into triangles, checked
-    engine           the thread that owns a device, and what is done where it fails
+    rings    polygons into integers for a device, and what it found into triangles, checked
+    engine   opening a device, the thread that owns it, and what is done where it fails
 """

@@ -19,7 +19,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.optimum.full_table import SPAN, box_of, grid_unit, twice_area
-from triangulators.optimum.many_rings import Batch
+from triangulators.ragged import Batch
 
 SIZES = (16, 32, 64)
 """Corners up to which a ring has a program of its own, with a table that size."""

@@ -1,12 +1,12 @@
 """The method of the paper (Kryvda and Sulema): list every triangulation, take the best.
 
-Mode `paper` is the paper's recursion over cuts (see `paper`); as the paper's program did, it drops
+Mode `paper` is the paper's recursion over cuts (`Recursion`); as the paper's program did, it drops
 a vertex that has become straight, so its results are not all conforming. Mode `conforming` lists
 all valid triangulations, each once, by a recursion over the apexes of one side: without dropping,
 the paper's recursion gives the same and removes duplicates.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -15,17 +15,17 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import cheapest, cost_of
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.methods.count_triangulations import count_of_cycle, count_triangulations
-from triangulators.methods.ear_recursion import Recursion
-from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
-from triangulators.starting.starts import Cycle, cycle_of
+from triangulators.geometry.predicates import orient
+from triangulators.methods.counting import count_of_cycle
+from triangulators.polygon import Boundary, boundary_area, checked_boundary, remembered
+from triangulators.starting import Cycle, cycle_of
 
 Mode = Literal["conforming", "paper"]
 MOST = 1_000_000  # triangulations; beyond, `optimal` finds the best without listing any
 MOST_PAPER = 20_000  # the recursion over all cuts keeps a set for every remaining polygon
 Triangle = tuple[int, int, int]
-
-__all__ = ["count_triangulations", "enumerate_triangulations", "tabulate"]
+Triangulation = frozenset[Triangle]
+Corners = tuple[int, ...]
 
 
 def enumerate_triangulations(
@@ -37,8 +37,7 @@ def enumerate_triangulations(
     dropped vertices leave fewer triangles. Raises `InvalidPolygon`, `Skipped` for holes, and
     `TriangulationError`, naming the count, if there are more than 10^6 (20,000 in mode `paper`).
     """
-    check(polygon)
-    outline = boundary(polygon)
+    outline = checked_boundary(polygon)
     ring = cycle_of(outline, "exhaustive")
     if mode == "conforming":
         return ring.cycle[_all(ring)]
@@ -90,27 +89,6 @@ def _join(left: np.ndarray, right: np.ndarray, triangle: Triangle) -> np.ndarray
     )
 
 
-def tabulate(polygon: shapely.Polygon, mode: Mode = "conforming") -> dict[str, np.ndarray]:
-    """Return one row a triangulation, as columns of equal length.
-
-    Columns: those of `criteria.predict`, `conforming` (bool) and `diagonals` (text: "0-2 2-5", the
-    edges between triangles, by their vertices).
-    """
-    outline = boundary(polygon)
-    found = enumerate_triangulations(polygon, mode)
-    rows = [criteria.predict(outline.points, triangles) for triangles in found]
-    columns = {key: np.array([row[key] for row in rows]) for key in rows[0]}
-    sides = {frozenset(edge) for edge in outline.edges.tolist()}
-    columns["diagonals"] = np.array([_diagonals(triangles, sides) for triangles in found])
-    columns["conforming"] = columns["triangles"] == outline.expected_triangles
-    return columns
-
-
-def _diagonals(triangles: np.ndarray, sides: set[frozenset[int]]) -> str:
-    edges = {frozenset(pair) for a, b, c in triangles.tolist() for pair in ((a, b), (b, c), (c, a))}
-    return " ".join(f"{a}-{b}" for a, b in sorted(map(sorted, edges - sides)))
-
-
 def triangulate(
     outline: Boundary,
     *,
@@ -155,3 +133,91 @@ def _order(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:
     """Return what listed triangulations are sorted by: A and D, rounded so that equal ones tie."""
     sums = criteria.predict(points, triangles)
     return round(sums["overdraw"], 9), round(sums["shape"], 9)
+
+
+class Recursion:
+    """All triangulations of the polygons over one set of points, found by cutting ears.
+
+    From each starting vector of the remaining polygon three cuts are tried: the triangle of the
+    start and the next vector (the paper's firstPart), that of the previous vector and the one
+    before (secondPart), and both (thirdPart). A cut is allowed if its triangle lies inside; what is
+    left is treated in the same way until one triangle remains. The set of distinct results is kept.
+
+    points: (n, 2). drop_straight: drop a vertex that a cut has made straight, as the paper's
+    program did; triangulations that passed it by are then not conforming.
+    """
+
+    def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
+        self._points = points.tolist()
+        self._drop_straight = drop_straight
+        self._known: dict[Corners, set[Triangulation]] = {}
+        self._turns: dict[Triangle, float] = {}
+
+    def all(self, cycle: Sequence[int]) -> set[Triangulation]:
+        """Return the distinct triangulations of a counter-clockwise cycle of points."""
+        return self._of(_least_first(list(cycle)))
+
+    def _of(self, corners: Corners) -> set[Triangulation]:
+        if corners in self._known:
+            return self._known[corners]
+        found: set[Triangulation] = set()
+        if len(corners) == 3:
+            if self._turn(*corners) > 0.0:
+                a, b, c = corners
+                found.add(frozenset({(a, b, c)}))
+        else:
+            n = len(corners)
+            for start in range(n):
+                first, second = corners[(start + 1) % n], corners[start - 1]
+                for ears in ((first,), (second,), (first, second)):
+                    found |= self._after(corners, ears)
+        self._known[corners] = found
+        return found
+
+    def _after(self, corners: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
+        """Return the triangulations that begin by cutting these vertices off, in turn."""
+        cut: set[Triangle] = set()
+        for vertex in ears:
+            if len(corners) == 3 or vertex not in corners:
+                return set()
+            at = corners.index(vertex)
+            ear = (corners[at - 1], vertex, corners[(at + 1) % len(corners)])
+            if not self._is_inside(ear, corners):
+                return set()
+            a, b, c = _least_first(list(ear))
+            cut.add((a, b, c))
+            corners = self._without(corners, at)
+        return {frozenset(others | cut) for others in self._of(corners)}
+
+    def _turn(self, a: int, b: int, c: int) -> float:
+        """Return `orient` of three points, which is asked for in many of the remaining polygons."""
+        found = self._turns.get((a, b, c))
+        if found is None:
+            found = orient(*self._points[a], *self._points[b], *self._points[c])
+            self._turns[a, b, c] = found
+        return found
+
+    def _is_inside(self, ear: Triangle, corners: Corners) -> bool:
+        """Whether a triangle turns left and no other corner lies in it or on its edges."""
+        a, b, c = ear
+        return self._turn(a, b, c) > 0.0 and all(
+            min(self._turn(a, b, v), self._turn(b, c, v), self._turn(c, a, v)) < 0.0
+            for v in corners
+            if v not in ear
+        )
+
+    def _without(self, corners: Corners, at: int) -> Corners:
+        rest = [*corners[at + 1 :], *corners[:at]]
+        if self._drop_straight:
+            # Only the neighbours of what was cut off can have become straight: the ends of `rest`.
+            while len(rest) > 3 and self._turn(rest[-1], rest[0], rest[1]) == 0.0:
+                rest.pop(0)
+            while len(rest) > 3 and self._turn(rest[-2], rest[-1], rest[0]) == 0.0:
+                rest.pop()
+        return _least_first(rest)
+
+
+def _least_first(corners: list[int]) -> Corners:
+    """Turn a cycle so that it starts with its least index."""
+    least = corners.index(min(corners))
+    return (*corners[least:], *corners[:least])

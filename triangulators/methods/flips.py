@@ -1,4 +1,12 @@
-"""Flips of anybody's triangles, and the triangulators that are ear clipping with flips after it."""
+"""Flips of anybody's triangles, and the triangulators that are ear clipping with flips after it.
+
+Two triangles that share an edge are a quadrilateral. If it is strictly convex it has another
+diagonal, and taking that one is a flip. Flips are made until none gains. For the half-perimeter
+the test is whether the other diagonal is shorter in the L1 metric, because 2 H is the L1 length of
+the boundary plus twice that of the diagonals.
+
+Source: C. L. Lawson, "Software for C1 surface interpolation", 1977, with the in-circle test.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
-from triangulators.compute.arrays import copy_rows
 from triangulators.compute.kernels import njit
-from triangulators.criteria.catalogue import FLIP_TESTS
-from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost
+from triangulators.compute.operations import copy_rows
+from triangulators.criteria import FLIP_TESTS
+from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost, total_cost
 from triangulators.errors import UnknownName
 from triangulators.geometry.flips import (
     as_earcut,
@@ -20,9 +28,11 @@ from triangulators.geometry.flips import (
     run,
 )
 from triangulators.geometry.half_edges import is_triangulation, link
+from triangulators.geometry.order import walk_along
 from triangulators.libraries import ear_clipping
-from triangulators.optimum.many_rings import Batch, polygon_of
-from triangulators.polygon import Boundary
+from triangulators.polygon import Boundary, boundary_area
+from triangulators.ragged import Batch, polygon_of
+from triangulators.starting import starts
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS
 
@@ -57,21 +67,44 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
     return _by_cost(points, corner, twin, cost) if test == COST else 0
 
 
-@njit(nogil=True, inline="always")
-def each(
+@njit(nogil=True)
+def refine(
+    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
+) -> np.ndarray:
+    """Return the better of what flips end in from two starts, (m, 3), in the order of `order.walk`.
+
+    What flips end in depends on where they begin. The triangles given are one start; flips by the
+    in-circle test lead from there to the constrained Delaunay triangulation, which is another. From
+    both the cost's flips follow, and the better result is kept: it is never worse than the given.
+    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten.
+    """
+    other, beside = corner.copy(), twin.copy()
+    by_circles = by_delaunay(points, other, beside) > 0
+    flip_by(points, corner, twin, test, cost)
+    rows, others = corner.reshape(-1, 3), other.reshape(-1, 3)
+    if by_circles:
+        flip_by(points, other, beside, test, cost)
+        by_circles = total_cost(points, others, cost) < total_cost(points, rows, cost)
+    if by_circles:
+        return walk_along(others, beside, len(points))
+    return walk_along(rows, twin, len(points))
+
+
+@njit(nogil=True)
+def improve_many(
     first: int,
     last: int,
     batch: Batch,
     raw: tuple[np.ndarray, np.ndarray],
     test: int,
     cost: Cost,
-    improved: Any,
+    two_starts: bool,
 ) -> None:
     """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
     raw: triangles (m, 3), which are overwritten, and bounds: those of polygon i are from
-    bounds[i - first] to bounds[i - first + 1]. improved(points, ends, corner, twin, test, cost)
-    returns what becomes of one polygon's, (m, 3), or no rows where that does not conform.
+    bounds[i - first] to bounds[i - first + 1]. two_starts: whether to `refine` them; otherwise they
+    are flipped alone.
     """
     given, bounds = raw
     coordinates, rings, owners, begins, starts, triangles, done = batch
@@ -79,39 +112,15 @@ def each(
         points, ends = polygon_of(index, coordinates, rings, owners, begins)
         own = given[bounds[index - first] : bounds[index - first + 1]]
         room = triangles[starts[index] : starts[index + 1]]
-        if len(own) > 0 and len(own) == len(room):
-            corner = own.reshape(-1)
-            better = improved(points, ends, corner, link(corner), test, cost)
-            if len(better) > 0:
-                copy_rows(better, room)
-                done[index] = True
-
-
-@njit(nogil=True, inline="always")
-def _flipped(
-    points: np.ndarray,
-    ends: np.ndarray,
-    corner: np.ndarray,
-    twin: np.ndarray,
-    test: int,
-    cost: Cost,
-) -> np.ndarray:
-    flip_by(points, corner, twin, test, cost)
-    rows = corner.reshape(-1, 3)
-    return rows if is_triangulation(points, ends, corner, twin) else rows[:0]
-
-
-@njit(nogil=True)
-def flip_many(
-    first: int,
-    last: int,
-    batch: Batch,
-    raw: tuple[np.ndarray, np.ndarray],
-    test: int,
-    cost: Cost,
-) -> None:
-    """Do `flip_by` for each of many polygons, see `each`."""
-    each(first, last, batch, raw, test, cost, _flipped)
+        if len(own) == 0 or len(own) != len(room):
+            continue
+        corner = own.reshape(-1)
+        twin = link(corner)
+        if not two_starts:
+            flip_by(points, corner, twin, test, cost)
+        if is_triangulation(points, ends, corner, twin):
+            copy_rows(refine(points, corner, twin, test, cost) if two_starts else own, room)
+            done[index] = True
 
 
 def test_of(cost: Cost) -> int:
@@ -191,11 +200,34 @@ def triangulate(
     **parameters: Any,
 ) -> np.ndarray:
     """Return what `flip` makes of ear clipping's triangles (m, 3)."""
-    return flip(outline.points, ear_clipping.triangulate(outline), criterion, **parameters)
+    return flip(outline.points, ear_clipping(outline), criterion, **parameters)
 
 
 def triangulate_as_earcut(outline: Boundary) -> np.ndarray:
     """Return ear clipping's triangles (m, 3) as `refine` of npm's earcut 3.2.4 changes them."""
-    corner = np.array(ear_clipping.triangulate(outline), dtype=np.int32).reshape(-1)
+    corner = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
     as_earcut(outline.points, corner, link(corner))
     return corner.reshape(-1, 3)
+
+
+def triangulate_refined(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
+    **parameters: Any,
+) -> np.ndarray:
+    """Return a triangulation (m, 3) that no flip improves, never worse than ear clipping.
+
+    parameters: the criterion's (see `criteria.find`). Its time grows with the number of vertices as
+    ear clipping's does.
+    """
+    found = criteria.find(criterion, **parameters)
+    cost = plain_cost(found) or cost_of(found, boundary_area(outline), outline.expected_triangles)
+    points, ends = outline.points, outline.ends.astype(np.int64)
+    start = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
+    twin = link(start)
+    if not is_triangulation(points, ends, start, twin):
+        start = np.array(starts(outline)[0], dtype=np.int32).reshape(-1)
+        twin = link(start)
+    test = test_of(cost)
+    return refine(points, start, twin, test, cost)

@@ -14,15 +14,21 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.checking.units import EXACT, whole_scale
-from triangulators.criteria.cost import cost_of, evaluate, with_fields
+from triangulators.criteria.cost import cost_of, total_cost, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import on_grid
-from triangulators.optimum.best_way import TABLE_ONLY, optimum, quick_optimum
+from triangulators.optimum.best_way import (
+    PIECE,
+    TABLE_ONLY,
+    optimum,
+    quick_optimum,
+    search_cuts,
+    sweep_windows,
+)
 from triangulators.optimum.full_table import box_of, grid_unit
-from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.polygon import Boundary, boundary_area
-from triangulators.starting.starts import best_start, ring_triangulation
+from triangulators.starting import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
 MOST_PLACED = 500
@@ -85,10 +91,10 @@ def _rounding(outline: Boundary, criterion: criteria.Criterion, triangles: np.nd
         return 0.0
     if cost["box"].min() < 0.0:
         return math.inf
-    total = evaluate(points, triangles, with_fields(cost, weights=np.abs(cost["weights"])))
+    total = total_cost(points, triangles, with_fields(cost, weights=np.abs(cost["weights"])))
     if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
         return 0.0
-    least = abs(evaluate(points, triangles, cost))
+    least = abs(total_cost(points, triangles, cost))
     return (16 * count + 32) * 2.0**-53 * total / least if least > 0.0 else math.inf
 
 

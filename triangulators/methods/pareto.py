@@ -12,10 +12,10 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, cost_of, evaluate, require_numbers
+from triangulators.criteria.cost import Cost, cost_of, require_numbers, total_cost
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
-from triangulators.starting.starts import Cycle, cycle_of
+from triangulators.polygon import Boundary, boundary_area, checked_boundary, remembered
+from triangulators.starting import Cycle, cycle_of
 
 MOST = 100_000  # points in the front of a sub-polygon
 LIMIT = 100  # vertices up to which a point of the front is a triangulator: a minute at worst
@@ -49,8 +49,7 @@ def pareto_front(
     Raises `InvalidPolygon`, `Skipped` for holes, `UnknownName`, and `TriangulationError` if the
     front of some sub-polygon has more than 100,000 entries.
     """
-    check(polygon)
-    return _front(boundary(polygon), first, second)
+    return _front(checked_boundary(polygon), first, second)
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
@@ -114,7 +113,7 @@ def _merge(
     for k in apexes:
         left, right = fronts[i, k].costs, fronts[k, j].costs
         triangle = np.array([[i, k, j]], dtype=np.int32)
-        own = np.array([evaluate(points, triangle, cost) for cost in pair])
+        own = np.array([total_cost(points, triangle, cost) for cost in pair])
         sums = (left[:, None] + right[None, :]).reshape(-1, 2) + own
         kept = _non_dominated(sums)
         costs.append(sums[kept])

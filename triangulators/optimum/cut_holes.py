@@ -4,7 +4,7 @@ Take a hole's vertex that lies further to the left than any other vertex of a ho
 angle there opens to the left by more than 180 degrees and a triangle's is less, so every
 triangulation has a diagonal from it to a vertex further left, which is none of a hole. Cut along
 that diagonal the hole becomes a part of the ring around it, which takes two corners more. After as
-many cuts as there are holes one ring is left, and its optimum is a table's (`small_ring`). So the
+many cuts as there are holes one ring is left, and its optimum is a table's (`full_table`). So the
 least over all choices of cuts is the optimum, and nothing else is.
 
 To the right, up and down the same holds, so at each step the direction with the fewest diagonals
@@ -16,12 +16,18 @@ corners around it. A ring's table takes less than what is left to be filled for 
 
 import numpy as np
 
-from triangulators.compute.arrays import copy_row, copy_rows
 from triangulators.compute.kernels import njit
-from triangulators.compute.simd import FAST, fmin
+from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
 from triangulators.geometry.order import walk_of
 from triangulators.geometry.predicates import FILTER
-from triangulators.optimum.full_table import SMALL, box_of, by_full_table, grid_unit, weight
+from triangulators.optimum.full_table import (
+    SMALL,
+    box_of,
+    by_full_table,
+    grid_unit,
+    twice_area,
+    weight,
+)
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -54,7 +60,6 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
     count = np.full(holes, -1, dtype=np.int64)  # of bridges; -1: not looked for yet
     taken = np.zeros(holes, dtype=np.int64)
     tip = np.empty(holes, dtype=np.int64)
-    corners = np.empty((most, 2))
     found = np.empty((most - 2, 3), dtype=np.int32)
     least, cuts, depth = np.inf, 0, 0
     while depth >= 0:
@@ -79,7 +84,7 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
         cuts += 1
         if cuts > _MOST_CUTS:
             return False
-        cost = _ring_cost(points, cycle[holes], box, corners, found)
+        cost = by_full_table(points[cycle[holes]], box, found)
         for level in range(holes):  # a cut is a side of the ring, but a diagonal of the polygon
             a, b = cycle[level + 1, 0], ring[tip[level]]
             cost += weight(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)
@@ -94,30 +99,15 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
 
 
 @njit(nogil=True)
-def _ring_cost(
-    points: np.ndarray, ring: np.ndarray, box: np.ndarray, corners: np.ndarray, found: np.ndarray
-) -> float:
-    """Return what `by_full_table` finds for the points of a ring, in `found`."""
-    for k in range(len(ring)):
-        corners[k, 0], corners[k, 1] = points[ring[k], 0], points[ring[k], 1]
-    return by_full_table(corners, box, found)
-
-
-@njit(nogil=True)
 def _wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
     ring = np.empty(len(points), dtype=np.int32)
     start = 0
     for number in range(len(ends)):
         end = ends[number]
-        area = 0.0
+        left = twice_area(points[start:end]) > 0.0
         for k in range(start, end):
-            after = k + 1 if k + 1 < end else start
-            dx, dy = points[k, 0] - points[start, 0], points[k, 1] - points[start, 1]
-            area += dx * (points[after, 1] - points[start, 1])
-            area -= dy * (points[after, 0] - points[start, 0])
-        for k in range(start, end):
-            ring[k] = k if (area > 0.0) == (number == 0) else end - 1 - (k - start)
+            ring[k] = k if left == (number == 0) else end - 1 - (k - start)
         start = end
     return ring
 

@@ -1,7 +1,7 @@
 """The optimum of one ring over boxes and edges: a whole table, for small rings in microseconds.
 
 Single calls, batches and the drop-in all come here, so one name gives one cost wherever it is
-asked for; and rings of any size where most corners see each other (see `simple_polygon`). Time
+asked for; and rings of any size where most corners see each other (see `best_way`). Time
 grows with the cube of the corners, n^3 / 6 apexes tried; memory is n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
@@ -42,8 +42,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.simd import FAST, LANES, fmin, push
+from triangulators.compute.operations import FAST, LANES, fmin, push
 from triangulators.geometry.predicates import FILTER, orient
+from triangulators.ragged import Batch
 
 SMALL = 192  # corners up to which batches and polygons with holes are done by these tables
 SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
@@ -356,3 +357,18 @@ def twice_area(points: np.ndarray) -> float:
         area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
         area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
     return area
+
+
+@njit(nogil=True)
+def do_rings(first: int, last: int, batch: Batch, wanted: np.ndarray, box: np.ndarray) -> None:
+    """Triangulate the polygons first..last - 1 that are `wanted` (p,), which have no holes.
+
+    What threads of a batch run: one compiled call does many, so that a polygon of ten corners,
+    which takes two microseconds, is not behind a call from Python that takes as long. Neighbours in
+    the arrays are done by one thread, so no two of them write to a cache line for long.
+    """
+    for index in range(first, last):
+        if wanted[index]:
+            points = batch.coordinates[batch.begins[index] : batch.begins[index + 1]]
+            own = batch.triangles[batch.starts[index] : batch.starts[index + 1]]
+            batch.done[index] = by_full_table(points, box, own) < np.inf

@@ -44,7 +44,7 @@ import numpy as np
 
 from triangulators.checking.units import Units, weight
 from triangulators.compute.kernels import njit
-from triangulators.compute.simd import FAST, fmin
+from triangulators.compute.operations import FAST, fmin
 from triangulators.criteria.cost import (
     BBOX_AREA,
     HALF_PERIMETER,
@@ -320,18 +320,6 @@ def far_costs(
 
 
 @njit(nogil=True)
-def _l1_of_pairs(
-    points: np.ndarray, unit: float, start: np.ndarray, target: np.ndarray, weights: np.ndarray
-) -> None:
-    """Write the L1 length of each pair, in units, into `weights` of integers."""
-    for i in range(len(points)):
-        for p in range(start[i], start[i + 1]):
-            j = target[p]
-            dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
-            weights[p] = np.int64((abs(dx) + abs(dy)) / unit)
-
-
-@njit(nogil=True)
 def _length_of_pairs(
     points: np.ndarray, by_l1: float, by_l2: float, start: np.ndarray, target: np.ndarray
 ) -> np.ndarray:
@@ -341,7 +329,9 @@ def _length_of_pairs(
         for p in range(start[i], start[i + 1]):
             j = target[p]
             dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
-            weights[p] = by_l1 * (abs(dx) + abs(dy)) + by_l2 * np.sqrt(dx * dx + dy * dy)
+            weights[p] = by_l1 * (abs(dx) + abs(dy))
+            if by_l2 != 0.0:
+                weights[p] += by_l2 * np.sqrt(dx * dx + dy * dy)
     return weights
 
 
@@ -356,11 +346,8 @@ def weights_of_pairs(
     if unit > 0.0:
         _, _, w, h = box_of(points)
         kind: Any = np.int32 if len(points) * ((w + h) / unit) < INT32_LIMIT else np.int64
-        weights: np.ndarray = np.empty(len(target), dtype=kind)
-        _l1_of_pairs(points, unit, start, target, weights)
-        if box[0] < 0.0:
-            np.subtract(kind((w + h) / unit), weights, out=weights)
-        return weights
+        lengths = _length_of_pairs(points, 1.0 / unit, 0.0, start, target).astype(kind)
+        return lengths if box[0] >= 0.0 else kind((w + h) / unit) - lengths
     weights = _length_of_pairs(points, box[0], 2.0 * box[2], start, target)
     least = weights.min()
     return weights if least >= 0.0 else weights - least

@@ -1,28 +1,33 @@
 """Millions of small polygons at once, over ragged arrays and in parallel."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
 from mapbox_earcut import triangulate_float64
 
-from triangulators.batch.ragged import Ragged, Triangulations, polygon_at, ragged
 from triangulators.calling import triangulate
-from triangulators.compute.threads import cores
+from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria import find as find_criterion
-from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, plain_cost
-from triangulators.devices import CPU, check_name
+from triangulators.devices import CPU, check_name, cores
 from triangulators.errors import Skipped, TriangulationError, told_of
-from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
+from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, improve_many, test_of
 from triangulators.methods.optimal import LIMIT
-from triangulators.methods.refined import refine_many
 from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
-from triangulators.optimum.full_table import SMALL
-from triangulators.optimum.many_rings import Batch, do_rings, polygon_of
+from triangulators.optimum.full_table import SMALL, do_rings
+from triangulators.ragged import (
+    Batch,
+    Ragged,
+    Triangulations,
+    batch_of,
+    polygon_at,
+    polygon_of,
+    ragged,
+)
 from triangulators.registry import parse
 
 _CHUNK = 20_000
@@ -37,31 +42,6 @@ _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
 
 _FLIPPED = ("refined", "flips")
 """Those whose flips may lessen any criterion."""
-
-
-class Attempt(NamedTuple):
-    """What compiled code made of a batch: `found[i]` is worth something where done[i], (p,)."""
-
-    found: Triangulations
-    done: np.ndarray
-
-
-def attempt_many(
-    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
-    name: str = "optimal:half-perimeter",
-    *,
-    check: bool = True,
-    threads: int | None = None,
-    **parameters: Any,
-) -> Attempt:
-    """Do the part of a batch that compiled code can; see `triangulate_many`, which does the rest.
-
-    Raises `UnknownName`.
-    """
-    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    work = _batch_of(arrays)
-    _attempt(polygons, name, check, threads or cores(), CPU, parameters, work)
-    return Attempt(Triangulations(work.triangles, work.starts), work.done)
 
 
 def triangulate_many(
@@ -93,37 +73,48 @@ def triangulate_many(
         >>> found[0].shape, found.failed
         ((2, 3), {1: 'the polygon is empty'})
     """
-    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    work = _batch_of(arrays)
-    _attempt(polygons, name, check, threads or cores(), device, parameters, work)
-    if work.done.all():
-        return Triangulations(work.triangles, work.starts, compiled=work.done)
-    return _finish(arrays, polygons, name, parameters, work)
+    found = attempt_many(polygons, name, check=check, threads=threads, device=device, **parameters)
+    starts, triangles, done = found.starts, found.triangles, found.compiled
+    if done.all():
+        return found
+    failed: dict[int, str] = {}
+    pieces: list[np.ndarray] = []
+    lengths = np.diff(starts)
+    copied = 0
+    builtin = parse(name).entry.builtin
+    for index in np.flatnonzero(~done).tolist():
+        pieces.append(triangles[starts[copied] : starts[index]])
+        copied = index + 1
+        given = polygon_at(polygons, index) if isinstance(polygons, Ragged) else polygons[index]
+        try:
+            pieces.append(triangulate(given, name, **parameters))
+        except (Exception, SystemExit) as error:
+            refused = isinstance(error, (TriangulationError, Skipped))
+            if builtin and not refused:
+                raise
+            failed[index] = str(error) if refused else told_of(error)
+            pieces.append(triangles[:0])
+        lengths[index] = len(pieces[-1])
+    pieces.append(triangles[starts[copied] :])
+    return Triangulations(np.concatenate(pieces), np.r_[0, np.cumsum(lengths)], failed, done)
 
 
-def _batch_of(arrays: Ragged) -> Batch:
-    """Return polygons with room for their triangles; none is done."""
-    coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
-    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-    owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
-    begins = rings[owners]
-    room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
-    starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
-    triangles = np.empty((starts[-1], 3), dtype=np.int32)
-    done = np.zeros(len(owners) - 1, dtype=np.bool_)
-    return Batch(coordinates, rings, owners, begins, starts, triangles, done)
-
-
-def _attempt(
+def attempt_many(
     polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
-    name: str,
-    check: bool,
-    threads: int,
-    device: str,
-    parameters: dict[str, Any],
-    work: Batch,
-) -> None:
-    """Do what a device and compiled code can; marks it in `work.done`."""
+    name: str = "optimal:half-perimeter",
+    *,
+    check: bool = True,
+    threads: int | None = None,
+    device: str = CPU,
+    **parameters: Any,
+) -> Triangulations:
+    """Do the part of `triangulate_many` that a device and compiled code can.
+
+    What is there for the polygons that are not `compiled` is worth nothing. Raises `UnknownName`.
+    """
+    work = batch_of(polygons if isinstance(polygons, Ragged) else ragged(polygons))
+    found = Triangulations(work.triangles, work.starts, compiled=work.done)
+    threads = threads or cores()
     choice = parse(name)
     if not choice.entry.builtin:
         choice.entry.load()
@@ -131,16 +122,14 @@ def _attempt(
     cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
     flips = None if parameters else _FLIPS.get(choice.full_name)
     if cost is None and flips is None:
-        return
+        return found
     sound = np.ones(len(work.done), dtype=np.bool_)
     if check and not isinstance(polygons, Ragged):
         sound = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clipped(work, sound, threads, flip_many, flips, NO_COST)
-    elif choice.entry.name == "flips":
-        _clipped(work, sound, threads, flip_many, test_of(cost), cost)
-    elif choice.entry.name == "refined":
-        _clipped(work, sound, threads, refine_many, test_of(cost), cost)
+        _clipped(work, sound, threads, flips, NO_COST, False)
+    elif choice.entry.name in _FLIPPED:
+        _clipped(work, sound, threads, test_of(cost), cost, choice.entry.name == "refined")
     else:
         limit = parameters.get("limit", LIMIT)
         if device != CPU and cost["box"].tolist() in _ON_DEVICE:
@@ -150,6 +139,7 @@ def _attempt(
 
             engine.attempt(device, engine.Task(work, wanted, limit, worst))
         _compiled(work, cost, sound, threads, limit)
+    return found
 
 
 def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
@@ -159,28 +149,32 @@ def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: i
     by_table = sound & (rings == 1) & ~work.done
     with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
     with ThreadPoolExecutor(threads) as pool:
-        holes = (work, with_holes, cost["box"])
-        running = _share(pool, threads, len(with_holes), _do_holes, *holes)
-        simple = (work, by_table, cost["box"])
-        running += _share(pool, threads, len(work.done), do_rings, *simple)
-        _wait(running)
+        running = []
+        for kernel, count, which in (
+            (_do_holes, len(with_holes), with_holes),
+            (do_rings, len(work.done), by_table),
+        ):
+            chunks = max(1, min(8 * threads, count // 64))
+            bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
+            for first, last in pairwise(bounds):
+                running.append(pool.submit(kernel, first, last, work, which, cost["box"]))
+        for task in running:
+            task.result()
 
 
 def _do_holes(first: int, last: int, work: Batch, which: np.ndarray, box: np.ndarray) -> None:
     """Triangulate the polygons which[first:last], which have holes; marks `work.done`.
 
     Called one by one: each takes some fifty microseconds, a call two or three, and a loop in
-    compiled code would compile all of `small_holes` a second time.
+    compiled code would compile all of `cut_holes` a second time.
     """
     for index in which[first:last].tolist():
         own = work.triangles[work.starts[index] : work.starts[index + 1]]
         work.done[index] = by_cuts(*polygon_of(index, *work[:4]), box, own)
 
 
-def _clipped(
-    work: Batch, sound: np.ndarray, threads: int, finish: Callable[..., None], *how: Any
-) -> None:
-    """Clip ears in this thread, and let others `finish` them; marks `work.done`."""
+def _clipped(work: Batch, sound: np.ndarray, threads: int, *how: Any) -> None:
+    """Clip ears in this thread, and let others `improve_many`; marks `work.done`."""
     counts = np.diff(work.owners)
     ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
     begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
@@ -203,28 +197,11 @@ def _clipped(
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
             part = (first, last, work, (joined, rows), *how)
             if last < len(work.done):
-                running.append(pool.submit(finish, *part))
+                running.append(pool.submit(improve_many, *part))
             else:  # there is nothing else left for this thread to do
-                finish(*part)
-        _wait(running)
-
-
-def _share(
-    pool: ThreadPoolExecutor,
-    threads: int,
-    count: int,
-    kernel: Callable[..., None],
-    *arguments: Any,
-) -> list[Future[None]]:
-    """Start a compiled kernel(first, last, *arguments) over 0..count - 1, in chunks."""
-    chunks = max(1, min(8 * threads, count // 64))
-    bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
-    return [pool.submit(kernel, *chunk, *arguments) for chunk in pairwise(bounds)]
-
-
-def _wait(running: list[Future[None]]) -> None:
-    for task in running:
-        task.result()
+                improve_many(*part)
+        for task in running:
+            task.result()
 
 
 def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
@@ -237,35 +214,3 @@ def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) ->
     found = find_criterion(wanted, **steered)
     cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
     return cost if cost is not None and (cost["is_box"] or name in _FLIPPED) else None
-
-
-def _finish(
-    arrays: Ragged,
-    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
-    name: str,
-    parameters: dict[str, Any],
-    work: Batch,
-) -> Triangulations:
-    """Do what compiled code left, one polygon at a time, and put all in order."""
-    starts, triangles = work.starts, work.triangles
-    failed: dict[int, str] = {}
-    pieces: list[np.ndarray] = []
-    lengths = np.diff(starts)
-    copied = 0
-    builtin = parse(name).entry.builtin
-    for index in np.flatnonzero(~work.done).tolist():
-        pieces.append(triangles[starts[copied] : starts[index]])
-        copied = index + 1
-        given = polygon_at(arrays, index) if isinstance(polygons, Ragged) else polygons[index]
-        try:
-            pieces.append(triangulate(given, name, **parameters))
-        except (Exception, SystemExit) as error:
-            refused = isinstance(error, (TriangulationError, Skipped))
-            if builtin and not refused:
-                raise
-            failed[index] = str(error) if refused else told_of(error)
-            pieces.append(triangles[:0])
-        lengths[index] = len(pieces[-1])
-    pieces.append(triangles[starts[copied] :])
-    bounds = np.r_[0, np.cumsum(lengths)]
-    return Triangulations(np.concatenate(pieces), bounds, failed, work.done)

@@ -1,26 +1,62 @@
-"""Sweep-line triangulation into monotone pieces: the GLU tessellator, through PyOpenGL.
-
-Needs the library libGLU, but no GL context.
-"""
+"""Triangulations as other libraries make them: ear clipping, Delaunay, manifold, sweep."""
 
 from __future__ import annotations
 
 import ctypes.util
 import importlib.util
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import mapbox_earcut
 import numpy as np
+import shapely
 
 from triangulators.errors import TriangulationError
+from triangulators.polygon import Boundary, as_polygon, oriented_rings
 
-if TYPE_CHECKING:
-    from triangulators.polygon import Boundary
+
+def ear_clipping(outline: Boundary) -> np.ndarray:
+    """Return the triangles (m, 3) of mapbox_earcut.
+
+    It drops collinear vertices, so it may leave T-junctions.
+    """
+    return mapbox_earcut.triangulate_float64(outline.points, outline.ends).reshape(-1, 3)
+
+
+def delaunay(outline: Boundary) -> np.ndarray:
+    """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely.
+
+    GEOS answers in coordinates; they are looked up here.
+    """
+    try:
+        pieces = shapely.constrained_delaunay_triangles(as_polygon(outline))
+    except shapely.GEOSException as error:
+        raise TriangulationError(f"delaunay: {error}") from error
+    corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    order = np.lexsort((outline.points[:, 1], outline.points[:, 0]))
+    keys = np.ascontiguousarray(outline.points[order] + 0.0).view(np.complex128).ravel()
+    wanted = np.ascontiguousarray(corners + 0.0).view(np.complex128).ravel()
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    if not np.array_equal(keys[place], wanted):
+        raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")
+    return order[place].reshape(-1, 3)
+
+
+def manifold(outline: Boundary) -> np.ndarray:
+    """Return the triangles (m, 3) of manifold3d: ear clipping that tolerates imprecise input."""
+    import manifold3d
+
+    rings = oriented_rings(outline.points, outline.ends)
+    try:
+        triangles = manifold3d.triangulate([outline.points[ring] for ring in rings])
+    except RuntimeError as error:
+        raise TriangulationError(f"manifold: {error}") from error
+    return np.concatenate(rings)[np.asarray(triangles, dtype=np.int64)].reshape(-1, 3)
 
 
 @lru_cache(maxsize=1)
-def installed() -> bool:
-    """Whether PyOpenGL and libGLU are there."""
+def sweep_installed() -> bool:
+    """Whether PyOpenGL and libGLU are there: what `sweep` needs."""
     return bool(importlib.util.find_spec("OpenGL") and ctypes.util.find_library("GLU"))
 
 
@@ -44,8 +80,11 @@ class _Collector:
         return int(vertices[0])
 
 
-def triangulate(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3)."""
+def sweep(outline: Boundary) -> np.ndarray:
+    """Return the triangles (m, 3) of a sweep line into monotone pieces.
+
+    By the GLU tessellator, through PyOpenGL. Needs the library libGLU, but no GL context.
+    """
     from OpenGL import GLU
 
     collector = _Collector(outline)

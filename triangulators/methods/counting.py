@@ -1,15 +1,19 @@
-"""How many triangulations a simple polygon has.
+"""How many triangulations a simple polygon has, and one of them drawn at random.
 
-The recurrence of the optimum with sums and products for minima and sums. Source: P. Epstein and
-J.-R. Sack, "Generating triangulations at random", 1994.
+The recurrence of the optimum with sums and products for minima and sums. Drawn is the apex over a
+pair of corners, in proportion to the triangulations that it leaves, so that each is equally likely.
+Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
 """
 
 import numpy as np
 import shapely
 
 from triangulators.compute.kernels import njit
-from triangulators.polygon import boundary, check
-from triangulators.starting.starts import Cycle, cycle_of
+from triangulators.errors import Skipped
+from triangulators.polygon import Boundary, checked_boundary
+from triangulators.starting import Cycle, cycle_of
+
+LIMIT = 2000  # corners of one drawn at random, as a table of all pairs is kept
 
 
 def count_triangulations(polygon: shapely.Polygon, most: int | None = None) -> int:
@@ -18,8 +22,7 @@ def count_triangulations(polygon: shapely.Polygon, most: int | None = None) -> i
     most: where there are more, that there are is all that is found out; see `count_of_cycle`.
     Raises `InvalidPolygon`, and `Skipped` for holes.
     """
-    check(polygon)
-    return count_of_cycle(cycle_of(boundary(polygon), "count"), most)
+    return count_of_cycle(cycle_of(checked_boundary(polygon), "count"), most)
 
 
 def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
@@ -78,3 +81,56 @@ def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
         for p in range(start[i], start[i + 1]):
             row[target[p]] = -np.inf
     return result
+
+
+@njit
+def _drawn(
+    start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
+) -> np.ndarray:
+    """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1).
+
+    start, target: the `visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
+    triangulations beneath the pair i-j, W(i, k) W(k, j) have the apex k, so that share of them is
+    taken from the chance in turn, k by k; where it is used up is the apex, and the last possible k
+    takes what rounding leaves. A stack of pairs, from 0, n - 1 on; n^2 numbers, and up to n steps
+    for each triangle.
+    """
+    n = len(start) - 1
+    table = np.full((n, n), -np.inf)
+    for i in range(n):
+        for p in range(start[i], start[i + 1]):
+            table[i, target[p]] = table[target[p], i] = ways[p]
+    triangles = np.empty((n - 2, 3), dtype=np.int32)
+    waiting = [(0, n - 1)]
+    found = 0
+    while len(waiting) > 0:
+        i, j = waiting.pop()
+        if j - i < 2:
+            continue
+        remaining = chances[found]
+        apex = -1
+        for k in range(i + 1, j):
+            share = table[i, k] + table[j, k] - table[i, j]
+            if share > -np.inf:
+                apex = k
+                remaining -= np.exp(share)
+                if remaining < 0.0:
+                    break
+        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
+        found += 1
+        waiting.append((i, apex))
+        waiting.append((apex, j))
+    return triangles
+
+
+def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
+    """Return a triangulation (n - 2, 3) drawn uniformly; the same seed gives the same one.
+
+    Raises `Skipped` for holes, where they cannot be counted, and beyond 2000 vertices.
+    """
+    if len(outline.edges) > LIMIT:
+        raise Skipped(f"random: {len(outline.edges)} vertices, more than {LIMIT}")
+    ring = cycle_of(outline, "random")
+    ways = log_counts(ring.start, ring.target)
+    chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
+    return ring.cycle[_drawn(ring.start, ring.target, ways, chances)]

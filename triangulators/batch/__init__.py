@@ -1,1 +1,0 @@
-"""Millions of polygons at once: ragged arrays, threads, and the device that is faster."""

@@ -1,1 +1,0 @@
-"""Triangulations as other libraries make them: ear clipping, Delaunay, sweep, manifold."""

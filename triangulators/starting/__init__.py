@@ -1,1 +1,0 @@
-"""A valid triangulation to start from, put right where a library left something out."""
