@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -131,7 +132,21 @@ def _again() -> list[object]:
     timed = first.index.get_level_values("measure").str.startswith("time")
     within = first.index.get_level_values("statistic") == "spearman_within"
     apart = (first - second)[timed & within].abs().max()
-    return [sum(~timed), sum((first == second)[~timed]), apart]
+    return [sum(~timed), sum((first == second)[~timed]), math.ceil(1000 * apart) / 1000]
+
+
+def _moved() -> Iterator[int]:
+    """Yield by how many per cent at most ratios of times move on another CPU, and beside other
+    programs from the mean of the quiet runs of their kind.
+    """
+    key = ["scene", "rasteriser", "resolution", "rotation", "fit", "work", "samples", "order"]
+    files = ("llvmpipe/gains-on-another.csv", "llvmpipe/gains/gains.csv")
+    there, here = (some(f).set_index([*key, "triangulator", "base"])["time_ratio"] for f in files)
+    kind = ["scene", "kind", "triangulator"]
+    quiet = some("states/ratios.csv", state="quiet").groupby(kind)["ratio"].mean()
+    beside = some("states/ratios.csv").set_index(kind)["ratio"]
+    for moved in (there / here.reindex(there.index), beside / quiet.reindex(beside.index)):
+        yield math.ceil(100 * (moved - 1).abs().max())
 
 
 FIRST: Held = {
@@ -170,6 +185,7 @@ FIRST: Held = {
     " drawing's triangles were drawn twice, {} were found": lambda: [
         alarms()[place] for place in (0, 1, 4, 3)
     ],
+    "On another CPU a ratio of times moved by up to {} % ... by up to {} %: rely on": _moved,
     **profiles.FIRST,
 }
 """The first page's."""

@@ -92,16 +92,17 @@ def _limit() -> list[float]:
 
 
 def _widest() -> list[float]:
-    """Return the half width of the widest interval of the table of draw times: of scenes but
+    """Return how far intervals of the table of draw times reach to either side: of scenes but
     counties up to 1024 px, and of all other views.
     """
-    halves: dict[bool, list[float]] = {True: [], False: []}
+    reach: dict[bool, list[float]] = {True: [], False: []}
     for scene in SCENES:
         for _, row in some(run_of(scene)).iterrows():
             if row["resolution"] in (256, 1024, 4096) and row["triangulator"] in PEERS:
-                _, low, high = time_ratio(row)
-                halves[scene != "counties" and row["resolution"] <= 1024].append(high - low)
-    return [math.ceil(500 * max(halves[small])) / 1000 for small in (True, False)]
+                value, low, high = time_ratio(row)
+                small = scene != "counties" and row["resolution"] <= 1024
+                reach[small] += [high - value, value - low]
+    return [math.ceil(1000 * max(reach[small])) / 1000 for small in (True, False)]
 
 
 def _fronts(rasteriser: str, verdict: str = "") -> int:
