@@ -297,7 +297,7 @@ def _keep(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.with_suffix(".lock").open("a") as stream:
-            system.lock(stream)
+            system.lock(stream.fileno())
             stored = _read(path)
             for key, second in draws.items():
                 best, runs = stored.get(names[key], (second, 0))

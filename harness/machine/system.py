@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import psutil
 from platformdirs import user_cache_path
@@ -215,21 +215,11 @@ def umask() -> int:
     return mask
 
 
-def lock(stream: IO[Any]) -> None:
-    """Wait until this process alone holds the lock on an open file; closing it gives it back."""
-    try:
-        import fcntl
-    except ImportError:
-        import msvcrt
+def lock(descriptor: int, *, wait: bool = True) -> bool:
+    """Take the lock on an open file; closing it gives it back.
 
-        # It gives up after ten seconds, as whoever waits for a database does.
-        msvcrt.locking(stream.fileno(), msvcrt.LK_LOCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        return
-    fcntl.flock(stream, fcntl.LOCK_EX)
-
-
-def try_lock(descriptor: int) -> bool:
-    """Take the lock on an open file unless another process has it; closing it gives it back."""
+    wait : until no other process has it; else nothing is done then, and False returned
+    """
     try:
         import fcntl
     except ImportError:  # Windows: what is locked cannot be read, so lock what is never written
@@ -238,18 +228,23 @@ def try_lock(descriptor: int) -> bool:
         place = os.lseek(descriptor, 0, os.SEEK_CUR)
         os.lseek(descriptor, 2**40, os.SEEK_SET)
         try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+            # Who waits gives up after ten seconds, as whoever waits for a database does.
+            how = msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK  # type: ignore[attr-defined]
+            msvcrt.locking(descriptor, how, 1)  # type: ignore[attr-defined]
         except OSError:
+            if wait:
+                raise
             return False
         finally:
             os.lseek(descriptor, place, os.SEEK_SET)
         return True
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         return False
     except OSError:  # a file system that knows no locks
-        return True
+        if wait:
+            raise
     return True
 
 

@@ -6,6 +6,7 @@ What is a third party's is loaded in a process of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import closing
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
@@ -62,13 +63,11 @@ def _load(name: str, seed: int) -> Scene:
 
 
 def _load_apart(name: str, seed: int, open_worker: OpenWorker) -> Scene:
-    worker = open_worker(f"scene {name}", {}, Limits())
-    try:
-        return worker.call(_load, name, seed)
-    except TaskFailed as error:
-        raise UsageError(f"scene {name} cannot be loaded: {error}") from error
-    finally:
-        worker.close()
+    with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
+        try:
+            return worker.call(_load, name, seed)
+        except TaskFailed as error:
+            raise UsageError(f"scene {name} cannot be loaded: {error}") from error
 
 
 def _is_foreign(name: str) -> bool:

@@ -115,7 +115,12 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     found = measured.of_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
     content = profile(draws, exact, found, _facts(result, name), page.seed)
-    return content, found.trouble, _warnings(result)
+    warnings = []
+    if result.limited:
+        warnings.append("the device is slow: the page's time limit left epochs out")
+    if result.differing:
+        warnings.append(f"counters differ from the exact reference in {result.differing} draws")
+    return content, found.trouble, saved.warnings_of(result, warnings, "draws")
 
 
 def _refuse_other_draws(
@@ -167,12 +172,3 @@ def _facts(result: Result, name: str) -> dict[str, Any]:
         "details": told.model_dump(),
         "timer": result.timer.model_dump(),
     }
-
-
-def _warnings(result: Result) -> list[str]:
-    found = saved.warnings_of(result)
-    if result.limited:
-        found.append("the device is slow: the page's time limit left epochs out")
-    if result.differing:
-        found.append(f"counters differ from the exact reference in {result.differing} draws")
-    return [*found, *saved.warnings_of_grid(result.device, "draws")]

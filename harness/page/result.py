@@ -32,7 +32,6 @@ from harness.page.saved import (
     Whole,
     check_rounds,
     warnings_of,
-    warnings_of_grid,
 )
 from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED
@@ -198,11 +197,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
 def _facts(result: Result, device: str) -> dict[str, Any]:
     first = next(iter(result.views[0].cases.values()), None)
     names = dict.fromkeys(name for view in result.views for name in view.cases)
-    warnings = warnings_of(result)
     differing = sum(case.differing for view in result.views for case in view.cases.values())
-    if differing:
-        warnings.append(f"counters differ from the run's in {differing} polygons")
-    warnings += warnings_of_grid(result.device, "polygons")
+    more = [f"counters differ from the run's in {differing} polygons"] if differing else []
     step = result.device.step
     details = {
         **result.device.model_dump(),
@@ -220,7 +216,7 @@ def _facts(result: Result, device: str) -> dict[str, Any]:
             "polygons": first.record.polygons if first else 0,
         },
         "environment": {"harness": result.page.harness, "browser": result.browser},
-        "warnings": warnings,
+        "warnings": warnings_of(result, more, "polygons"),
         "frames": [],
         "devices": {
             f"{RASTERISER} on {device}": {

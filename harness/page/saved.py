@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -161,8 +161,11 @@ def device_name(result: Measured) -> str:
     return "-".join(part for part in parts if part)
 
 
-def warnings_of(result: Measured) -> list[str]:
-    """Return what went wrong on the page."""
+def warnings_of(result: Measured, more: Iterable[str], moved: str) -> list[str]:
+    """Return what went wrong on the page, `more`, and what is unlike ours in how its device draws.
+
+    moved : what is drawn elsewhere where the device's grid is coarser
+    """
     found = []
     if result.problem:
         found.append(f"the page told of a problem: {' '.join(result.problem.split())}")
@@ -170,13 +173,10 @@ def warnings_of(result: Measured) -> list[str]:
         found.append("the page was stopped before it had measured everything")
     if result.hidden:
         found.append("the page was hidden for a while, in which browsers slow it down")
+    found += more
+    step = result.device.step
+    if step is None:
+        found.append("the device rasterises by another rule than ours, on any grid")
+    elif step > 1:
+        found.append(f"the device snaps to 1/{SUBPIXEL // step} px: {moved} were moved there")
     return found
-
-
-def warnings_of_grid(device: Device, moved: str) -> list[str]:
-    """Return what is unlike ours in how a device rasterises; moved : what it drew elsewhere."""
-    if device.step is None:
-        return ["the device rasterises by another rule than ours, on any grid"]
-    if device.step == 1:
-        return []
-    return [f"the device snaps to 1/{SUBPIXEL // device.step} px: {moved} were moved there"]

@@ -103,7 +103,7 @@ def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
     around = place.with_name(f".{place.name}{UNFINISHED}")
     around.mkdir(parents=True, exist_ok=True)
     with (around / "lock").open("a") as lock:
-        if not system.try_lock(lock.fileno()):
+        if not system.lock(lock.fileno(), wait=False):
             raise UsageError(f"{place} is in use: another process is making it")
         made = around / place.name
         shutil.rmtree(made, ignore_errors=True)

@@ -92,7 +92,7 @@ class _Lines:
         """
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | system.BINARY
         self._descriptor = os.open(self.path, flags, 0o666)
-        if not system.try_lock(self._descriptor):
+        if not system.lock(self._descriptor, wait=False):
             self.close()
             raise UsageError(f"{self.path.parent} is in use: another process measures into it")
         content = self.path.read_bytes()

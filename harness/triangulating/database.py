@@ -172,7 +172,7 @@ class ModelDatabase:
         """Open the file; a damaged one is deleted first, and what it held is computed again."""
         with self.path.with_name(self.path.name + ".lock").open("wb") as stream:
             # one process at a time: SQLite does not wait while another turns the log on
-            system.lock(stream)
+            system.lock(stream.fileno())
             try:
                 # another process may have begun a damaged file anew already
                 return self._connected(looked_through=damage is not None)
