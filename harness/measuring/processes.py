@@ -175,16 +175,11 @@ class Bench:
         """
         if recipe.base not in self._compiled:
             timeout_s = max(COMPILE_S, self.timeout_s) if recipe.builtin else self.timeout_s
-            try:
-                with self.clocked("compile"):
-                    self.run(home_of(recipe), warm_up, recipe, timeout_s=timeout_s, tick=tick)
-            except TaskTimedOut as error:
-                if not recipe.builtin:
-                    raise
-                raise TaskTimedOut(
-                    f"compiling it took more than {timeout_s:g} s; close other programs, "
-                    "and --resume"
-                ) from error
+            said = (
+                f"compiling it took more than {timeout_s:g} s; close other programs, and --resume"
+            )
+            with self.clocked("compile"), _remedied(recipe, said):
+                self.run(home_of(recipe), warm_up, recipe, timeout_s=timeout_s, tick=tick)
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
@@ -214,21 +209,13 @@ class Bench:
             if its process crashed, hung or ran out of memory
         """
         self.compile(recipe)
-        with self.clocked("triangulate"):
-            try:
-                return self.run(
-                    home_of(recipe),
-                    triangulate_polygons,
-                    *(recipe, polygons, self.database),
-                    tick=tick,
-                )
-            except TaskTimedOut as error:
-                if not recipe.builtin:
-                    raise
-                raise TaskTimedOut(
-                    f"triangulating took more than {self.timeout_s:g} s; give it longer with "
-                    "--timeout, or a smaller scene (limit=)"
-                ) from error
+        said = (
+            f"triangulating took more than {self.timeout_s:g} s; give it longer with "
+            "--timeout, or a smaller scene (limit=)"
+        )
+        with self.clocked("triangulate"), _remedied(recipe, said):
+            arguments = (recipe, polygons, self.database)
+            return self.run(home_of(recipe), triangulate_polygons, *arguments, tick=tick)
 
     def time_triangulating(
         self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int
@@ -405,6 +392,17 @@ class Bench:
             if home == TRIANGULATORS:
                 self._compiled.clear()
             raise
+
+
+@contextmanager
+def _remedied(recipe: Recipe, said: str) -> Iterator[None]:
+    """Say what to do where a triangulator of ours ran past its time."""
+    try:
+        yield
+    except TaskTimedOut as error:
+        if recipe.builtin:
+            raise TaskTimedOut(said) from error
+        raise
 
 
 def result_of(future: Future[T]) -> T:

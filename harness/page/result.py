@@ -55,7 +55,7 @@ class _Page(Part):
 
 
 class _Record(Part):
-    """Fields of a record that hold on any device; see `content.KEPT`."""
+    """Fields of a record that hold on any device; see `page_data.KEPT`."""
 
     scene: Name
     scene_hash: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]

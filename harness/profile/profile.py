@@ -1,6 +1,6 @@
 """A profile: what was measured and what follows from it, as one JSON file.
 
-Its `coefficients` are costs of each of `fitting.COSTS`, which `optimal:calibrated` minimises. Costs
+Its `coefficients` are costs of each of `law.COSTS`, which `optimal:calibrated` minimises. Costs
 are in seconds, or in cycles where a device's time is a count of these. All figures follow
 from the times of each epoch that it holds, so whoever reads it can compute them anew.
 """

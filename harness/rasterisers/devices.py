@@ -16,7 +16,7 @@ import re
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -73,15 +73,11 @@ class Kind(NamedTuple):
     """A kind of device to look for; of a name the first that is found counts.
 
     asked : the probe's arguments
-    wanted : which of the devices that the probe found are of this kind
-    software : whether such a device draws on a CPU
     """
 
     name: str
     environment: Mapping[str, str]
     asked: tuple[str, str]
-    wanted: Callable[[Told], Told]
-    software: Callable[[Mapping[str, Any]], bool]
 
 
 def vulkan_environment(places: Sequence[str]) -> dict[str, str] | None:
@@ -97,51 +93,41 @@ def vulkan_environment(places: Sequence[str]) -> dict[str, str] | None:
     return {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd), "LP_NUM_THREADS": "0"}
 
 
-def egl_kind(name: str, environment: Mapping[str, str]) -> Kind:
-    """Return a kind of device that OpenGL runs on through EGL."""
-
-    def wanted(told: Told) -> Told:
-        return [each for each in told if matches(name, each["renderer"])]
-
-    asked = ("egl", "hardware" if name == "gpu" else "software")
-    return Kind(name, environment, asked, wanted, lambda told: is_software(told["renderer"]))
+def _wanted(kind: Kind, told: Told) -> Told:
+    """Return which of the devices that the probe found are of the kind."""
+    if kind.asked[0] == "egl":
+        return [each for each in told if matches(kind.name, each["renderer"])]
+    if kind.name != "gpu":
+        return [each for each in told if software_adapter(each) == kind.name][:1]
+    # A GPU is there once for each backend: the best backend that has any counts.
+    for backend in (REPORTED.get(each, each) for each in kind.asked[1].split(",")):
+        of = [each for each in told if each["backend_type"] == backend]
+        if gpus := [each for each in of if software_adapter(each) is None]:
+            return gpus
+    return []
 
 
 def _egl_kinds() -> Iterator[Kind]:
-    yield egl_kind("gpu", {})
-    yield egl_kind("llvmpipe", LLVMPIPE)
-    yield egl_kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"})
+    software = ("egl", "software")
+    yield Kind("gpu", {}, ("egl", "hardware"))
+    yield Kind("llvmpipe", LLVMPIPE, software)
+    yield Kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
     if vulkan := vulkan_environment(LAVAPIPE):
-        yield egl_kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan})
+        yield Kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
         # Mesa versions differ in which of the two they heed.
-        yield egl_kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan})
-
-
-def _webgpu_kind(name: str, backends: Sequence[str], environment: Mapping[str, str]) -> Kind:
-    def wanted(told: Told) -> Told:
-        if name != "gpu":
-            return [each for each in told if software_adapter(each) == name][:1]
-        # A GPU is there once for each backend: the best backend that has any counts.
-        for backend in (REPORTED.get(each, each) for each in backends):
-            of = [each for each in told if each["backend_type"] == backend]
-            if gpus := [each for each in of if software_adapter(each) is None]:
-                return gpus
-        return []
-
-    asked = ("webgpu", ",".join(backends))
-    return Kind(name, environment, asked, wanted, lambda told: bool(software_adapter(told)))
+        yield Kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
 
 
 def _webgpu_kinds() -> Iterator[Kind]:
-    yield _webgpu_kind("gpu", BACKENDS.get(sys.platform, LINUX), {})
+    yield Kind("gpu", {}, ("webgpu", ",".join(BACKENDS.get(sys.platform, LINUX))))
     if sys.platform == "win32":
-        yield _webgpu_kind("warp", ("DX12",), {})
+        yield Kind("warp", {}, ("webgpu", "DX12"))
     if sys.platform == "linux":
         if vulkan := vulkan_environment(LAVAPIPE):
-            yield _webgpu_kind("lavapipe", ("Vulkan",), vulkan)
-        yield _webgpu_kind("llvmpipe", ("GL",), LLVMPIPE)
+            yield Kind("lavapipe", vulkan, ("webgpu", "Vulkan"))
+        yield Kind("llvmpipe", LLVMPIPE, ("webgpu", "GL"))
         if vulkan := vulkan_environment(SWIFTSHADER):
-            yield _webgpu_kind("swiftshader", ("Vulkan",), vulkan)
+            yield Kind("swiftshader", vulkan, ("webgpu", "Vulkan"))
 
 
 def software_adapter(adapter: Mapping[str, str]) -> str | None:
@@ -180,7 +166,7 @@ def _found(kinds: Sequence[Kind]) -> Found:
     for kind, answer in zip(kinds, answers, strict=True):
         if any(device.name == kind.name for device in devices):
             continue
-        wanted = kind.wanted(answer["devices"])
+        wanted = _wanted(kind, answer["devices"])
         problems.extend(f"{kind.name}: {problem}" for problem in answer["problems"])
         problems.extend(
             f"{kind.name}: EGL opened '{told['renderer']}' instead"
@@ -190,7 +176,9 @@ def _found(kinds: Sequence[Kind]) -> Found:
         for number, told in enumerate(wanted):
             name = f"gpu{number}" if kind.name == "gpu" else kind.name
             details = {key: value for key, value in told.items() if key != "software"}
-            devices.append(Device(name, kind.software(told), kind.environment, details))
+            egl = kind.asked[0] == "egl"
+            software = is_software(told["renderer"]) if egl else bool(software_adapter(told))
+            devices.append(Device(name, software, kind.environment, details))
     return tuple(devices), tuple(problems)
 
 

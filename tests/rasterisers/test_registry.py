@@ -114,7 +114,10 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
         "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
         "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
     }
-    ways = [devices.egl_kind("zink", {"WAY": way}) for way in ("first", "second", "second")]
+    ways = [
+        devices.Kind("zink", {"WAY": way}, ("egl", "software"))
+        for way in ("first", "second", "second")
+    ]
     monkeypatch.setattr(devices, "_egl_kinds", lambda: ways)
     monkeypatch.setattr(
         devices, "ask", lambda asked: [answers[environment["WAY"]] for _, environment in asked]
@@ -129,7 +132,9 @@ def test_two_gpus_are_numbered(monkeypatch):
         {"renderer": name, "egl_index": k}
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
-    monkeypatch.setattr(devices, "_egl_kinds", lambda: [devices.egl_kind("gpu", {})])
+    monkeypatch.setattr(
+        devices, "_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
+    )
     monkeypatch.setattr(devices, "ask", lambda asked: [{"devices": cards, "problems": []}])
     found, problems = devices.of_egl.__wrapped__()
     assert [(d.name, d.details["egl_index"], d.software) for d in found] == [

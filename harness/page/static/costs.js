@@ -1,6 +1,6 @@
 "use strict";
 /* What follows from a profile's times: seconds of each draw, time against aspect, which criterion to triangulate by. As
-   harness/profile/measured.py, aspects.py and advice.py have it; only the device's own optimum is left to Python. */
+   harness/profile/measured.py and advice.py have it; only the device's own optimum is left to Python. */
 
 const CONTROL = "(control)";
 const MOST_DRIFT = 1.5, MOST_APART = 0.03, LEAST_R2 = 0.8, LEAST_EPOCHS = 4;
