@@ -76,35 +76,32 @@ class Plan:
         UsageError
             if it is none, or was damaged
         """
-        from pydantic import TypeAdapter, ValidationError
+        from pydantic import ValidationError, create_model
 
-        names, numbers = tuple[str, ...], dict[str, float] | None
-        kinds: dict[str, Any] = {
-            "scene": str,
-            "seed": int,
-            "timeout_s": float,
-            "timing": TimingSettings,
-            "triangulators": names,
-            "rasterisers": names,
-            "devices": names,
-            "views": tuple[View, ...],
-            "options": tuple[Options, ...],
-            "calibration": numbers,
-        }
-        parts: dict[str, Any] = {}
-        for name, kind in kinds.items():
-            if name in values:
-                try:
-                    told = json.dumps(values[name])
-                    parts[name] = TypeAdapter(kind).validate_json(told, strict=True)
-                except ValidationError as error:
-                    raise UsageError(f"plan: {name}: {error.errors()[0]['msg']}") from None
-        missing = kinds.keys() - parts.keys() - {"seed", "timeout_s", "calibration"}
-        if missing:
-            raise UsageError(f"plan: {min(missing)} is missing")
-        seed, calibration = parts.get("seed", 0), parts.pop("calibration", None)
+        names = tuple[str, ...]
+        written = create_model(
+            "Plan",
+            scene=(str, ...),
+            seed=(int, 0),
+            timeout_s=(float, TIMEOUT_S),
+            timing=(TimingSettings, ...),
+            triangulators=(names, ...),
+            rasterisers=(names, ...),
+            devices=(names, ...),
+            views=(tuple[View, ...], ...),
+            options=(tuple[Options, ...], ...),
+            calibration=(dict[str, float] | None, None),
+        )
+        try:
+            parts = dict(written.model_validate_json(json.dumps(values), strict=True))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = "".join(f"{name}: " for name in first["loc"][:1])
+            told = f"{where}{first['msg']}".replace(": Field required", " is missing")
+            raise UsageError(f"plan: {told}") from None
+        calibration = parts.pop("calibration")
         parts["triangulators"] = parse_all(
-            parts["triangulators"], seed=seed, calibration=calibration
+            parts["triangulators"], seed=parts["seed"], calibration=calibration
         )
         return cls(**parts)
 

@@ -21,14 +21,14 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
 from harness.figures.intervals import median_interval, paired_ratio
 from harness.figures.run_state import ENOUGH, undisturbed
 from harness.machine import system
-from harness.rasterisers.base import Sample
+from harness.rasterisers.base import Drawing, Sample
 from harness.settings import TimingSettings
 
 Timer = Literal["gpu", "cpu", "wall"]
@@ -56,16 +56,8 @@ MIN_ROUNDS = 12
 EPOCH_ROUNDS = 2
 """The fewest rounds of an epoch: with `TimingSettings.epochs` of them, `MIN_ROUNDS`."""
 
-Renew = Callable[[Sequence[str]], Mapping[str, "Timeable"]]
+Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
 """Gives up all drawings and prepares them anew, in the given order of names."""
-
-
-class Timeable(Protocol):
-    """Whatever can be drawn `repeats` times and say how long that took."""
-
-    def sample(self, repeats: int) -> Sample:
-        """Draw `repeats` times and return the seconds of all together."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -155,7 +147,7 @@ class Times:
         return median_interval(self.undisturbed_s)
 
 
-def self_test(big_draw: Timeable, *, software: bool = False) -> TimerTest:
+def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     """Draw something known and big; believe a timer only if it sees the whole of it.
 
     What the CPU draws (`software`) is timed by the CPU time of all threads of its process: other
@@ -195,7 +187,7 @@ def self_test(big_draw: Timeable, *, software: bool = False) -> TimerTest:
 
 
 def time_together(
-    drawings: Mapping[str, Timeable],
+    drawings: Mapping[str, Drawing],
     settings: TimingSettings,
     test: TimerTest,
     *,
@@ -266,7 +258,7 @@ def time_together(
                 return times
 
 
-def _sample(name: str, drawing: Timeable, repeats: int) -> Sample:
+def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
     """Draw so often; the reference, which tells the machine's state, once before that.
 
     A large drawing in its turn before it has emptied the caches.
@@ -304,7 +296,7 @@ class _Epochs:
         long_enough = self.rounds[-1] >= self._least and self._clock() >= self._until
         return self._wanted > 1 and long_enough
 
-    def begin(self, order: Sequence[str]) -> Mapping[str, Timeable]:
+    def begin(self, order: Sequence[str]) -> Mapping[str, Drawing]:
         """Return the drawings of the next epoch, prepared in the given order."""
         assert self._renew is not None
         drawings = self._renew(order)
@@ -348,7 +340,7 @@ def _compared_precisely(
 
 
 def _warm_up(
-    drawing: Timeable, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
+    drawing: Drawing, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
 ) -> tuple[int, float]:
     """Draw until times are stable.
 

@@ -56,7 +56,7 @@ def _plugins() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def _load(reference: str) -> Any:
+def load(reference: str) -> Any:
     """Import what "module:attribute" names."""
     module, _, attribute = reference.partition(":")
     return getattr(import_module(module), attribute)
@@ -76,10 +76,10 @@ def get(name: str) -> type[Rasteriser]:
         if there is none, or a third party's cannot be loaded
     """
     if name in BUILT_IN:
-        found = _load(BUILT_IN[name])
+        found = load(BUILT_IN[name])
     elif name in _plugins() or ":" in name:
         try:
-            found = _plugins()[name].load() if name in _plugins() else _load(name)
+            found = _plugins()[name].load() if name in _plugins() else load(name)
         except Exception as error:
             raise UsageError(f"rasteriser '{name}' cannot be loaded: {error}") from error
     else:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields
-from importlib import import_module
 from typing import Any, ClassVar
 
 from harness.errors import UsageError, unknown
 from harness.frame import Frame
+from harness.rasterisers import load
 from harness.rasterisers.base import Counters, Device, Options, Rasteriser, Triangles
 from harness.rasterisers.reference import SHADED
 from harness.rasterisers.simulated.building import Lacking, Sources, lacking
@@ -61,8 +61,7 @@ class Design(ABC):
 
 def design(name: str) -> type[Design]:
     """Return the design called `name`."""
-    module, _, attribute = DESIGNS[name].partition(":")
-    found: type[Design] = getattr(import_module(module), attribute)
+    found: type[Design] = load(DESIGNS[name])
     return found
 
 
