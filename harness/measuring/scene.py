@@ -41,23 +41,17 @@ class Group:
     cases: dict[Recipe, Case]
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A triangulator's result for one view, ready to be measured on every device."""
-
-    triangulation: FrameTriangulation
-    triangles: NDArray[np.int32]
-
-
 @dataclass
 class _View:
     """What a view's groups share: its frame, what triangulators made of it, what is known of it.
 
+    made, triangles : by recipe; and what is drawn of each, (m, 3), by its name
     limits : quads (p,) by name, see `lower_limits.Limits`; {} unless the baseline was triangulated
     """
 
     frame: Frame
-    prepared: dict[Recipe, Prepared] = field(default_factory=dict)
+    made: dict[Recipe, FrameTriangulation] = field(default_factory=dict)
+    triangles: dict[str, NDArray[np.int32]] = field(default_factory=dict)
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
 
@@ -98,12 +92,9 @@ class SceneRun:
             self._prepare(now, groups)
             if self.rounds:
                 self._time_triangulating(now)
-            triangles = {str(recipe): ready.triangles for recipe, ready in now.prepared.items()}
-            self.keeper.triangulated(now.frame, triangles)
+            self.keeper.triangulated(now.frame, now.triangles)
             for group in groups:
-                left = {
-                    recipe: case for recipe, case in group.cases.items() if recipe in now.prepared
-                }
+                left = {recipe: case for recipe, case in group.cases.items() if recipe in now.made}
                 if left and not self.bench.stopping:
                     self._measure(now, replace(group, cases=left))
 
@@ -154,14 +145,17 @@ class SceneRun:
         limits: lower_limits.Limits | None = None
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
-                result: Prepared | tuple[str, str] = ("failed", self.broken.get(recipe, ""))
+                result: FrameTriangulation | tuple[str, str] = (
+                    "failed",
+                    self.broken.get(recipe, ""),
+                )
                 if recipe not in self.broken:
                     result = self._prepare_one(now.frame, recipe, stage.wait)
-                if isinstance(result, Prepared):
-                    now.prepared[recipe] = result
+                if isinstance(result, FrameTriangulation):
+                    now.made[recipe] = result
+                    now.triangles[str(recipe)] = now.frame.join(result.parts)
                     if recipe == BASELINE:
-                        parts = result.triangulation.parts
-                        limits = lower_limits.Limits(now.frame, parts, self.bench)
+                        limits = lower_limits.Limits(now.frame, result.parts, self.bench)
                 else:
                     for group in groups:
                         if recipe in group.cases:
@@ -174,7 +168,7 @@ class SceneRun:
 
     def _prepare_one(
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
-    ) -> Prepared | tuple[str, str]:
+    ) -> FrameTriangulation | tuple[str, str]:
         """Return a triangulator's result, or (status, reason) if it has none."""
 
         def tell(waited: float) -> None:
@@ -198,13 +192,12 @@ class SceneRun:
         self.reporter.detail(result.trace)
         for note in result.notes:
             self.reporter.warn_once(note)
-        triangles = frame.join(result.parts)
-        if not len(triangles):
+        if not any(part is not None and len(part) for part in result.parts):
             status = "failed" if result.failed else "skipped"
             return status, records.incomplete(
                 result
             ) or "no polygon is left on the grid of 1/256 px: draw larger, or fewer"
-        return Prepared(result, triangles)
+        return result
 
     def _triangulate(
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
@@ -225,15 +218,15 @@ class SceneRun:
     def _time_triangulating(self, now: _View) -> None:
         """Triangulate again in rounds, so that it is known how much the time of it scatters."""
         once = {
-            recipe: ready.triangulation.seconds
-            for recipe, ready in now.prepared.items()
+            recipe: made.seconds
+            for recipe, made in now.made.items()
             if not recipe.upright and recipe.base != ORIGINAL
         }
         polygons = (now.frame.flat or now.frame).polygons
         budget_s, seed = self.plan.timing.budget_s, self.plan.seed
         found = self.bench.time_triangulating(once, polygons, budget_s, seed)
         for recipe, samples in found.items():
-            triangulation = now.prepared[recipe].triangulation
+            triangulation = now.made[recipe]
             triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
 
     # -- counts and times ------------------------------------------------------------------------
@@ -269,22 +262,22 @@ class SceneRun:
         covered = None
         frame, backend, options, cases = now.frame, group.backend, group.options, group.cases
         limits = now.limits if options.samples == 1 else {}  # they are of pixels' centres
-        names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.prepared]
+        names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.made]
         with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
             for recipe in names:
-                prepared = now.prepared[recipe]
+                triangulation, triangles = now.made[recipe], now.triangles[str(recipe)]
                 try:
-                    counters = self.bench.count(backend, frame, prepared.triangles, options)
+                    counters = self.bench.count(backend, frame, triangles, options)
                 except HarnessError as error:
                     if recipe in cases:
                         self.keeper.finished(records.problem(cases[recipe], "failed", str(error)))
                 else:
                     if recipe == BASELINE:
-                        covered = records.covered(counters, prepared.triangulation.parts)
+                        covered = records.covered(counters, triangulation.parts)
                     if recipe in cases:
-                        made = (frame, prepared.triangulation, counters, covered, limits)
+                        made = (frame, triangulation, counters, covered, limits)
                         record = records.measured(cases[recipe], *made)
-                        columns = _columns(now, prepared, counters, limits)
+                        columns = _columns(now, triangulation, counters, limits)
                         if timed:
                             ready[recipe] = record
                         (self.keeper.counted if timed else self.keeper.finished)(record, columns)
@@ -302,10 +295,7 @@ class SceneRun:
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 backend,
-                {
-                    str(recipe): (now.frame, now.prepared[recipe].triangles, group.options)
-                    for recipe in ready
-                },
+                {name: (now.frame, now.triangles[name], group.options) for name in map(str, ready)},
                 settings,
                 self.plan.seed,
                 lambda waited: stage.complete(min(waited, likely_s)),
@@ -320,11 +310,14 @@ class SceneRun:
 
 
 def _columns(
-    now: _View, prepared: Prepared, counters: Counters, limits: Mapping[str, NDArray[np.int64]]
+    now: _View,
+    triangulation: FrameTriangulation,
+    counters: Counters,
+    limits: Mapping[str, NDArray[np.int64]],
 ) -> records.Columns | None:
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(now.frame.source) == 1:
         return None
-    columns = prepared.triangulation.predicted.columns
+    columns = triangulation.predicted.columns
     predicted = {f"predicted_{name}": column for name, column in columns.items()}
     return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

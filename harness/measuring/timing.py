@@ -146,6 +146,11 @@ class Times:
         """Distribution-free 95 % confidence interval of the median, in seconds."""
         return median_interval(self.undisturbed_s)
 
+    def is_precise(self, precision: float) -> bool:
+        """Whether half of that interval is at most a share `precision` of the median."""
+        low, high = self.ci95_s
+        return (high - low) / 2 <= precision * self.median_s
+
 
 def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     """Draw something known and big; believe a timer only if it sees the whole of it.
@@ -244,7 +249,7 @@ def time_together(
             # An empty draw is all noise: it must not keep the others waiting.
             precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
-                entry.precision_reached = name in precise or _is_precise(entry, settings.precision)
+                entry.precision_reached = name in precise or entry.is_precise(settings.precision)
             if (
                 over
                 or clock() >= deadline
@@ -309,11 +314,6 @@ class _Epochs:
     def are_few(self) -> bool:
         """Whether there must be more of them, or the present one must go on."""
         return len(self.rounds) < self._wanted or self.rounds[-1] < self._least
-
-
-def _is_precise(entry: Times, precision: float) -> bool:
-    low, high = entry.ci95_s
-    return (high - low) / 2 <= precision * entry.median_s
 
 
 def _compared_precisely(

@@ -15,7 +15,6 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
-from harness.figures.intervals import median_interval
 from harness.figures.registry import PREDICTED
 from harness.frame import SUBPIXEL, View
 from harness.measuring import records
@@ -264,13 +263,10 @@ def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
         return None
     settings = TimingSettings(budget_s=result.budget_s)
     group = {}
+    epochs = [count for count in view.epochs if count]
     for each in (name, EMPTY, REFERENCE):
-        samples = times[each].samples_s
-        low, high = median_interval(samples)
-        middle = float(np.median(samples))
-        precise = (high - low) / 2 <= settings.precision * middle
-        epochs = [count for count in view.epochs if count]
-        group[each] = Times(times[each].repeats, samples, epochs, precise)
+        group[each] = Times(times[each].repeats, times[each].samples_s, epochs)
+        group[each].precision_reached = group[each].is_precise(settings.precision)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))
     return records.time_fields(group, name, test, settings)
 
