@@ -145,12 +145,11 @@ class SceneRun:
         limits: lower_limits.Limits | None = None
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
-                result: FrameTriangulation | tuple[str, str] = (
-                    "failed",
-                    self.broken.get(recipe, ""),
+                result = (
+                    ("failed", self.broken[recipe])
+                    if recipe in self.broken
+                    else self._prepare_one(now.frame, recipe, stage.wait)
                 )
-                if recipe not in self.broken:
-                    result = self._prepare_one(now.frame, recipe, stage.wait)
                 if isinstance(result, FrameTriangulation):
                     now.made[recipe] = result
                     now.triangles[str(recipe)] = now.frame.join(result.parts)
