@@ -208,6 +208,9 @@ def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
 
 PROFILE_FORMAT = "raster-harness profile page"
 
+ABOUT = ("kind", "name", "group", "work", "aspect", "area")
+"""What is told of each draw."""
+
 STEPS = (1, 2, 4, 8, 16)
 """Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
 
@@ -223,7 +226,7 @@ def content_of_profile(bench: Bench, seed: int = 0) -> Content:
         "harness": __version__,
         "design": DESIGN,
         "seed": seed,
-        "draws": [_about(draw) for draw in made],
+        "draws": [{name: getattr(draw, name) for name in ABOUT} for draw in made],
         "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
         "fitted": _groups(made, fitted, seed),
         "plain": _groups(made, plain, seed),
@@ -256,11 +259,6 @@ def grid_of(made: Sequence[Draw]) -> Content:
         "counters": {name: [each[name] for each in counted] for name in counted[0]},
         "predicted": _short(predicted),
     }
-
-
-def _about(draw: Draw) -> Content:
-    about = asdict(draw)
-    return {name: about[name] for name in ("kind", "name", "group", "work", "aspect", "area")}
 
 
 def _groups(made: Sequence[Draw], places: list[int], seed: int) -> Content:

@@ -113,9 +113,6 @@ def terms_of(
     return {name: rows[kept] for name, rows in found.items()} if kept.any() else None
 
 
-LANES = "helper_lanes"
-
-
 def aspects(
     draws: Sequence[Draw], design: Design, measured: Measured, law: Law
 ) -> list[dict[str, Any]]:
@@ -129,37 +126,36 @@ def aspects(
     shares : of what the thinnest takes more than the widest, how much each term of the law is; each
         with its interval
     """
-    return [_of_area(area, draws, design, measured, law) for area in AREAS]
-
-
-def _of_area(
-    area: int, draws: Sequence[Draw], design: Design, measured: Measured, law: Law
-) -> dict[str, Any]:
-    rows = [
-        [n for n, draw in enumerate(draws) if (draw.area, draw.aspect) == (area, aspect)]
-        for aspect in ASPECTS
-    ]
-    times = np.stack([measured.epochs[:, row].mean(axis=1) for row in rows], axis=1)
-    # A timer's noise must not make a draw shorter than nothing.
-    net = np.maximum(times - measured.empty, 1e-3 * times)
-    ratios = net / net[:, :1]
-    ends = np.exp([_over_epochs(np.log(column)) for column in ratios.T])
-    counts = np.stack([design[row].mean(axis=0) for row in rows])
-    whole = np.exp(np.log(net).mean(axis=0))
-    lane = law.costs[list(TERMS).index(LANES)]
-    shaded = counts[:, list(TERMS).index("fragments")] + counts[:, list(TERMS).index(LANES)]
-    more = counts[:, list(TERMS).index(LANES)] - counts[0, list(TERMS).index(LANES)]
-    return {
-        "area": area,
-        "aspects": list(ASPECTS),
-        "ratios": ends[:, 0].tolist(),
-        "low": ends[:, 1].tolist(),
-        "high": ends[:, 2].tolist(),
-        "lanes": (shaded / shaded[0]).tolist(),
-        "lanes_alone": (1.0 + lane * more / whole[0]).tolist(),
-        "doubled_at": _doubled(ratios),
-        "shares": _shares(counts[-1] - counts[0], float(whole[-1] - whole[0]), law),
-    }
+    found = []
+    lane, pixel = (list(TERMS).index(name) for name in ("helper_lanes", "fragments"))
+    for area in AREAS:
+        rows = [
+            [n for n, draw in enumerate(draws) if (draw.area, draw.aspect) == (area, aspect)]
+            for aspect in ASPECTS
+        ]
+        times = np.stack([measured.epochs[:, row].mean(axis=1) for row in rows], axis=1)
+        # A timer's noise must not make a draw shorter than nothing.
+        net = np.maximum(times - measured.empty, 1e-3 * times)
+        ratios = net / net[:, :1]
+        ends = np.exp([_over_epochs(np.log(column)) for column in ratios.T])
+        counts = np.stack([design[row].mean(axis=0) for row in rows])
+        whole = np.exp(np.log(net).mean(axis=0))
+        shaded = counts[:, pixel] + counts[:, lane]
+        more = counts[:, lane] - counts[0, lane]
+        found.append(
+            {
+                "area": area,
+                "aspects": list(ASPECTS),
+                "ratios": ends[:, 0].tolist(),
+                "low": ends[:, 1].tolist(),
+                "high": ends[:, 2].tolist(),
+                "lanes": (shaded / shaded[0]).tolist(),
+                "lanes_alone": (1.0 + law.costs[lane] * more / whole[0]).tolist(),
+                "doubled_at": _doubled(ratios),
+                "shares": _shares(counts[-1] - counts[0], float(whole[-1] - whole[0]), law),
+            }
+        )
+    return found
 
 
 def _over_epochs(values: Any) -> tuple[float, float, float]:
