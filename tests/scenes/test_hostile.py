@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
+from scenes.cleaning.clean import in_rows
 from scenes.readers import guard
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import NAMES, packed, sample, sound_or_refused, unpacked
@@ -121,6 +122,13 @@ def test_arbitrary_geojson(tmp_path, many, kind):
     path = tmp_path / "a.geojson"
     path.write_text(json.dumps(collection))
     sound_or_refused(path)
+
+
+def test_a_record_separator_begins_a_sequence_and_no_polygons_are_no_rows(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_bytes(b"\x1e{}\n")
+    assert guard.is_sequence(path)
+    assert in_rows([], gap=0.5, aspect=1.0) == []
 
 
 @pytest.mark.parametrize("size", [1e9, 1e-12, 1e-300])
