@@ -9,8 +9,6 @@ import platform
 import signal
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import typer
@@ -83,7 +81,11 @@ def main() -> None:
 
         serving.start()  # it loads what takes long while this process does, too
     # Unless it was started to ignore a signal.
-    with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN), _closed_pipes_seen():
+    with (
+        system.stopped_by(_stop, lambda before: before != signal.SIG_IGN),
+        contextlib.redirect_stdout(_Output(sys.stdout)),
+        contextlib.redirect_stderr(_Output(sys.stderr)),
+    ):
         try:
             _asked.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)
@@ -131,15 +133,12 @@ def _explain(error: BaseException) -> int | str | None:
 
 def _of_input(error: BaseException) -> bool:
     """Whether a scene or a triangulator refused what it was given; loads neither for that."""
-    for module, names in (
-        ("scenes.scene", ("SceneError",)),
-        ("triangulators.errors", ("UnknownName", "TriangulationError")),
-    ):
-        if module in sys.modules:
-            kinds = tuple(getattr(sys.modules[module], name) for name in names)
-            if isinstance(error, kinds):
-                return True
-    return False
+    known = {
+        "scenes.scene": ("SceneError",),
+        "triangulators.errors": ("UnknownName", "TriangulationError"),
+    }
+    loaded = {sys.modules[name]: kinds for name, kinds in known.items() if name in sys.modules}
+    return any(isinstance(error, getattr(m, kind)) for m, kinds in loaded.items() for kind in kinds)
 
 
 def _misused(error: ClickException) -> tuple[str, int]:
@@ -180,16 +179,6 @@ class _Output:
             self._stream.flush()
         except BrokenPipeError:
             raise ReaderGone from None
-
-
-@contextmanager
-def _closed_pipes_seen() -> Iterator[None]:
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Output(sys.stdout), _Output(sys.stderr)
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = before
 
 
 _asked: list[int] = []

@@ -59,15 +59,12 @@ class ReaderGone(BaseException):
     """
 
 
-def of_system(error: OSError, advice: str = "") -> str:
-    """Return one line for what the system refused, with what to do.
-
-    advice : what to do where the disk is full
-    """
+def of_system(error: OSError) -> str:
+    """Return one line for what the system refused, with what to do."""
     where = f"{error.filename}: " if error.filename else ""
     reason = f"{where}{error.strerror or error or type(error).__name__}"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"{reason}; {advice or 'free some space, and try again'}"
+        return f"{reason}; free some space, and try again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
         return f"{reason}; name a place that can be read and written, e.g. with --out"
     return reason

@@ -188,17 +188,11 @@ class Reporter:
         if self._verbose and message:
             self.console.print(message.rstrip(), markup=False, style="dim", soft_wrap=True)
 
-    def once(self, message: str) -> None:
-        """Show one plain line, unless it was shown before."""
+    def once(self, message: str, *, warn: bool = False) -> None:
+        """Show one plain line, or a warning, unless it was shown before."""
         if message not in self._shown:
             self._shown.add(message)
-            self.say(message)
-
-    def warn_once(self, message: str) -> None:
-        """Show one line, with --quiet, too, unless it was shown before."""
-        if message not in self._shown:
-            self._shown.add(message)
-            self.warn(message)
+            (self.warn if warn else self.say)(message)
 
     def warn(self, message: str) -> None:
         """Show one line that is shown with --quiet, too."""

@@ -50,7 +50,11 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 MOST_SEED = 2**63 - 1
 
 TIMEOUT_S = 600.0
-"""Seconds after which a triangulator or a device is stopped."""
+QUICK_TIMEOUT_S = 60.0
+"""Seconds after which a triangulator or a device is stopped, and with --quick."""
+
+MOST_REPEATS = 1000
+"""Processes that everything may be timed in; a thousand is hours of the smallest run."""
 
 MOST_S = 1e6
 """Seconds that nothing of ours takes; more is a mistake."""

@@ -141,7 +141,6 @@ def scatter(
     of: Look,
     label: str,
     *,
-    size: float = 7,
     alpha: float = 0.5,
     rasterized: bool = False,
 ) -> None:
@@ -149,7 +148,7 @@ def scatter(
     panel.scatter(
         x,
         y,
-        s=size,
+        s=7,
         alpha=alpha,
         linewidths=0,
         color=of.colour,
@@ -185,16 +184,24 @@ def panels(
 
     size : of a panel, in inches; shared : what Matplotlib's `subplots` takes
     """
-    from matplotlib.figure import Figure
-
     wide = min(across, count)
     high = -(-count // wide)
-    figure = Figure(figsize=(max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6))
-    places = figure.subplots(high, wide, squeeze=False, **shared).ravel().tolist()
+    inches = (max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6)
+    figure, places = grid(inches, high, wide, **shared)
     for panel in places[count:]:
         panel.set_visible(False)
     figure.suptitle(title, fontsize=9)
     return figure, places[:count]
+
+
+def grid(
+    size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of this size in inches, and its panels, row by row; shared: as above."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size)
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel().tolist()
 
 
 def legend_below(figure: Figure, places: Sequence[Axes], columns: int) -> None:
@@ -265,3 +272,9 @@ def figure(value: float) -> str:
     """Write a number with as many digits as matter."""
     whole = float(value).is_integer() or abs(value) >= 1000
     return f"{value:,.0f}" if whole else f"{value:,.4g}"
+
+
+def step(before: float, after: float) -> str:
+    """Write `99,275 → 111,496 (+12.3 %)`."""
+    growth = f" ({percent(after / before - 1)})" if before else ""
+    return f"{figure(before)} → {figure(after)}{growth}"

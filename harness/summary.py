@@ -24,7 +24,6 @@ from harness.figures.registry import (
     predictions,
 )
 from harness.figures.verdict import (
-    AFTER,
     Decision,
     Standing,
     advice,
@@ -193,11 +192,13 @@ def write_csv(records: Sequence[Record], file: Path) -> None:
     """Write one row per case: its identity, its counters and every metric, as `file`."""
     import pandas as pd
 
-    rows = []
-    for members in groups(records):
-        base = base_of(members)
-        rows += [row_of(record, base) for record in members]
-    atomic.write(file, pd.DataFrame(rows).to_csv(index=False).encode())
+    atomic.write(file, pd.DataFrame(rows_of(records)).to_csv(index=False).encode())
+
+
+def rows_of(records: Sequence[Record]) -> list[dict[str, Any]]:
+    """Return `row_of` each record, group by group."""
+    found = [(members, base_of(members)) for members in groups(records)]
+    return [row_of(record, base) for members, base in found for record in members]
 
 
 def row_of(record: Record, base: Record | None) -> dict[str, Any]:
@@ -207,11 +208,9 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
     row |= {name: record.get(name) for name in ("status", "reason", "polygons", "conforming")}
     row |= dict(record.get("counters") or {})
     row |= {name: figure(record) for name, figure in (METRICS | predictions()).items()}
-    low, high = (record.get("time") or {}).get("ci95_s", (None, None))
-    row |= {
-        "draw_low_ms": None if low is None else low * 1e3,
-        "draw_high_ms": None if high is None else high * 1e3,
-    }
+    ends = (record.get("time") or {}).get("ci95_s")
+    low, high = (end * 1e3 for end in ends) if ends else (None, None)
+    row |= {"draw_low_ms": low, "draw_high_ms": high}
     over = views.over_views(record, base) if record["status"] == "ok" else None
     if over is not None:
         row |= {
@@ -234,10 +233,11 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
         }
         even = break_even(record, base)
         if even is not None:
+            after = even.kind == "after"
             row |= {
                 "break_even": even.written,
-                "break_even_draws": even.draws if even.kind == AFTER else None,
-                "break_even_low": even.low if even.kind == AFTER else None,
-                "break_even_high": _finite(even.high) if even.kind == AFTER else None,
+                "break_even_draws": even.draws if after else None,
+                "break_even_low": even.low if after else None,
+                "break_even_high": _finite(even.high) if after else None,
             }
     return row

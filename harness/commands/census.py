@@ -273,7 +273,6 @@ def census(
     drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
     command, given again, does what is missing.
     """
-    from harness.errors import UsageError
     from harness.scaling.census import Options, TileOptions
     from harness.scaling.parts import files
     from scenes.slices import chosen, in_degrees

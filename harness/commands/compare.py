@@ -6,9 +6,8 @@ import json
 import os
 import sys
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -22,24 +21,8 @@ if TYPE_CHECKING:
 
     from harness.compare.model import Comparison
     from harness.compare.polygons import Grown
-    from harness.history.series import Series
+    from harness.history import Series
     from harness.stored.folder import Run
-
-
-class Format(StrEnum):
-    """What is written to standard output."""
-
-    table = "table"
-    markdown = "markdown"
-    json = "json"
-
-
-class Normalise(StrEnum):
-    """How times are corrected for the machine."""
-
-    auto = "auto"
-    reference = "reference"
-    none = "none"
 
 
 def compare(
@@ -54,7 +37,7 @@ def compare(
         typer.Option(help="Growth that is allowed, e.g. time=5% or quads=0%; repeatable."),
     ] = None,
     normalise: Annotated[
-        Normalise | None,
+        Literal["auto", "reference", "none"] | None,
         typer.Option(
             help="How to correct times for the machine's speed: auto (by other cases of the same "
             "rounds, else by the reference draw), reference, or none."
@@ -73,8 +56,9 @@ def compare(
         bool, typer.Option("--allow-missing-baseline", help="Exit with 0 if BASE is not there yet.")
     ] = False,
     output: Annotated[
-        Format, typer.Option("--format", help="What to write to standard output.")
-    ] = Format.table,
+        Literal["table", "markdown", "json"],
+        typer.Option("--format", help="What to write to standard output."),
+    ] = "table",
     markdown: Annotated[Path | None, typer.Option(help="Write Markdown to this file.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
     json_file: Annotated[
@@ -109,7 +93,7 @@ def compare(
         settings,
         gates=settings.gates if gate is None else parse_gates(gate),
         thresholds={**settings.thresholds, **dict(map(parse_threshold, threshold or []))},
-        normalise=settings.normalise if normalise is None else normalise.value,
+        normalise=normalise or settings.normalise,
         across_devices=across_devices,
         require_all=require_all or settings.require_all,
         allow_inconclusive=allow_inconclusive or settings.allow_inconclusive,
@@ -126,7 +110,7 @@ def compare(
 
             grown = most_grown(before, after, found)
     try:
-        typer.echo(_text(found, output.value, grown), nl=False)
+        typer.echo(_text(found, output, grown), nl=False)
         sys.stdout.flush()
     except (BrokenPipeError, ReaderGone):  # who stops reading early changes no exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -191,21 +175,21 @@ def _compare_repeated(first: Path, second: Path) -> None:
     from harness.compare.matching import repeat as agreement
     from harness.stored.folder import read_run
 
-    found = agreement(read_run(first).records, read_run(second).records)
-    if not found.cases:
+    cases, unequal, verdicts = agreement(read_run(first).records, read_run(second).records)
+    if not cases:
         raise UsageError(f"{first} and {second} have no case in common: run the same plan twice")
-    same = found.cases - len(found.unequal)
-    typer.echo(f"counters: equal in {same:,} of {found.cases:,} cases")
-    for key in found.unequal[:5]:
+    typer.echo(f"counters: equal in {cases - len(unequal):,} of {cases:,} cases")
+    for key in unequal[:5]:
         typer.echo(f"  differ: {key}")
-    for verdicts in found.verdicts:
-        where = f"{verdicts.rasteriser} on {verdicts.device}, {verdicts.pairs:,} pairs"
-        which = f"both runs say which is faster for {verdicts.decided:,}"
-        if verdicts.decided:
-            which += f", and agree on {verdicts.agreeing / verdicts.decided:.2%} of these"
-        alike = f"{verdicts.same / verdicts.pairs:.1%}"
-        typer.echo(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
-    raise typer.Exit(1 if found.unequal else 0)
+    for (rasteriser, device), (pairs, same, decided, agreeing) in verdicts.items():
+        which = f"both runs say which is faster for {decided:,}"
+        if decided:
+            which += f", and agree on {agreeing / decided:.2%} of these"
+        typer.echo(
+            f"{rasteriser} on {device}, {pairs:,} pairs: {which}; all three verdicts counted, they "
+            f"agree on {same / pairs:.1%}"
+        )
+    raise typer.Exit(1 if unequal else 0)
 
 
 def _only(kind: str) -> Any:
@@ -247,22 +231,20 @@ def history(
     --all. Studies are left out: they measure each case once.
     """
     from harness.figures import groups
-    from harness.history.plots import plot_history
-    from harness.history.series import Choice, find_runs, matching, read_series, worth_showing
+    from harness.history import find_runs, matching, plot_history, read_series, worth_showing
     from harness.stored import atomic
     from harness.style import count
 
-    found = find_runs(folders, studies=everything)
-    runs = found.runs
-    if found.studies:
-        typer.echo(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
+    runs, studies = find_runs(folders, studies=everything)
+    if studies:
+        typer.echo(f"left out: {count(studies, 'study', 'studies')}; see --all")
     if not runs:
         raise NothingMeasured("all runs are studies, which measure each case once; see --all")
-    wanted = Choice(scene or (), triangulator or (), rasteriser or (), everything)
-    series = matching(read_series(runs, metrics), wanted)
+    chosen = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
+    series = matching(read_series(runs, metrics), {k: v for k, v in chosen.items() if v})
     if not series:
         raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
-    shown = worth_showing(series, wanted)
+    shown = series if everything else worth_showing(series)
     if shown:
         with atomic.folder(out, added=True) as made:
             plot_history(runs, shown, made)
@@ -282,26 +264,15 @@ def history(
 
 def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return one line for each change: when, of what, from which level to which."""
-    import numpy as np
-
-    from harness.history.plots import run_label
-    from harness.style import figure, percent
+    from harness.history import run_label
+    from harness.style import step
 
     lines = []
     for entry in series:
-        cuts = [0, *entry.changes, len(entry.values)]
-        for before, place, after in zip(cuts, cuts[1:], cuts[2:], strict=False):
-            levels = [
-                float(np.nanmedian(entry.values[start:end]))
-                for start, end in ((before, place), (place, after))
-            ]
-            growth = f" ({percent(levels[1] / levels[0] - 1)})" if levels[0] else ""
-            where = f"{entry.name.triangulator}, {entry.name.where}"
+        where = f"{entry.metric} of {entry.name.triangulator}, {entry.name.where}"
+        for place, (before, after) in zip(entry.changes, entry.steps, strict=True):
             label = run_label(runs[place]).replace("\n", ", ")
-            lines.append(
-                f"{label}: {entry.metric} of {where}: "
-                f"{figure(levels[0])} → {figure(levels[1])}{growth}"
-            )
+            lines.append(f"{label}: {where}: {step(before, after)}")
     return lines or ["nothing changed"]
 
 

@@ -107,7 +107,7 @@ def inspect(
     if every is not None and sizes is not None:
         raise UsageError("--every and --sizes are two questions: leave one out")
     for name in ("profile", "as_json") if sizes is None else ("resolution",):
-        if given(context)(name):
+        if given(context, name):
             where = "goes with" if sizes is None else "is of one picture: leave it out, or"
             raise UsageError(f"--{name.removeprefix('as_')} {where} --sizes")
     usual = SIDE_BY_SIDE if sizes is None else COMPARED

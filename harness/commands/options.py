@@ -116,7 +116,6 @@ Base = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
 ]
-PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
 Layer = Annotated[str | None, typer.Option(help="Layer of the file to read.")]
 Where = Annotated[
     str | None,
@@ -172,9 +171,6 @@ Samples = Annotated[Several, _written("1|4|8,...", one_of(*SAMPLES), "Samples pe
 Works = Annotated[
     Several,
     _written("N,...", number(int, 0, MOST_WORK), "Iterations of arithmetic per fragment"),
-]
-Work = Annotated[
-    int, typer.Option(min=0, max=MOST_WORK, help="Iterations of arithmetic per fragment.")
 ]
 Orders = Annotated[
     Several,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -13,9 +15,11 @@ import typer
 from harness.commands.options import Base, Quiet, Several, several
 from harness.errors import UsageError
 from harness.progress import Screen
+from harness.settings import TIMEOUT_S
 
 if TYPE_CHECKING:
     from harness.page import profile_result
+    from harness.stored.folder import Run
 
 
 def report(
@@ -72,11 +76,8 @@ def page(
     if profile == (run is not None):
         raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
     if run is None:
-        bench = Bench(Worker, timeout_s=600)
-        try:
+        with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
             file = write_profile_page(bench, out)
-        finally:
-            bench.close()
     else:
         file = write_page(latest(read_run(run)), out)
     streamed = is_stream(file)
@@ -128,10 +129,7 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import checked, device_name, read_saved
-    from harness.report.page import write_report
-    from harness.stored import atomic
-    from harness.stored.folder import clear_errors, file_stem, read_run
-    from harness.summary import print_summary, write_csv
+    from harness.stored.folder import file_stem, read_run
 
     if file.is_dir():
         if summary is None:
@@ -152,18 +150,30 @@ def import_(
     name = file_stem(device) or device_name(result)
     origin = latest(read_run(run)) if run else None
     folder = folder_for(name, out, None)
+    stored = _made(folder, lambda made: import_result(result, made, name, origin), quiet=quiet)
+    for warning in stored.facts["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    if summary is not None:
+        write_summary(stored, summary)
+
+
+def _made(folder: Path, make: Callable[[Path], object], *, quiet: bool) -> Run:
+    """Make a run's folder with its table and report, whole or not at all, and print its summary."""
+    from harness.report.page import write_report
+    from harness.stored import atomic
+    from harness.stored.folder import clear_errors, read_run
+    from harness.summary import print_summary, write_csv
+
     with clear_errors(folder), atomic.folder(folder) as made:
-        stored = read_run(import_result(result, made, name, origin))
+        make(made)
+        stored = read_run(made)
         write_csv(stored.records, made / "summary.csv")
         write_report(stored)
     stored = read_run(folder)
     console = Screen(quiet=quiet)
     print_summary(stored.records, console)
-    for warning in stored.facts["warnings"]:
-        typer.echo(f"warning: {warning}", err=True)
-    if summary is not None:
-        write_summary(stored, summary)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
+    return stored
 
 
 def _import_profile(
@@ -176,11 +186,8 @@ def _import_profile(
     from harness.page.profile_result import import_profile
 
     content, trouble, warnings = import_profile(file, result, device)
-    bench = Bench(Worker, timeout_s=600)
-    try:
+    with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
         add_advice(content, bench, trouble)
-    finally:
-        bench.close()
     for warning in warnings:
         typer.echo(f"warning: {warning}", err=True)
     tell(content, out, trouble)
@@ -206,11 +213,8 @@ def merge(
     """
     from harness.compare.matching import latest
     from harness.progress import Reporter
-    from harness.report.page import write_report
     from harness.scaling import merging
-    from harness.stored import atomic
-    from harness.stored.folder import clear_errors, read_run
-    from harness.summary import print_summary, write_csv
+    from harness.stored.folder import read_run
 
     read = [latest(read_run(run)) for run in runs]
     for problem in chain.from_iterable(run.problems for run in read):
@@ -219,11 +223,4 @@ def merge(
         if len(hosts) != len(read):
             raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
         read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
-    with clear_errors(out), atomic.folder(out) as made:
-        merging.merge(read, made)
-        stored = read_run(made)
-        write_csv(stored.records, made / "summary.csv")
-        write_report(stored)
-    console = Screen(quiet=quiet)
-    print_summary(stored.records, console)
-    console.print(f"results: {os.path.relpath(out)}", markup=False, soft_wrap=True)
+    _made(out, lambda made: merging.merge(read, made), quiet=quiet)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 from harness.commands import options
 from harness.errors import Inconclusive
 from harness.progress import Reporter, Screen
+from harness.settings import TIMEOUT_S
 from harness.stored.folder import file_stem
 
 if TYPE_CHECKING:
@@ -54,8 +56,7 @@ def profile(
     backend = Backend(name, rasterisers.find_device(name, device))
     kind = rasterisers.get(name)
     draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
-    bench = Bench(Worker, timeout_s=600)
-    try:
+    with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
         step = bench.open(backend).details.get("step") or 1
         draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
@@ -76,8 +77,6 @@ def profile(
         }
         content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
         add_advice(content, bench, found.trouble)
-    finally:
-        bench.close()
     if found.unit == "s" and len(found.rounds) < measured.EPOCHS:
         typer.echo(
             f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"

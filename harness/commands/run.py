@@ -17,15 +17,13 @@ from harness.settings import (
     CHOSEN_FITS,
     DEFAULT_TRIANGULATORS,
     MODEL_TRIANGULATORS,
+    MOST_REPEATS,
+    QUICK_TIMEOUT_S,
     TIMEOUT_S,
     TimingSettings,
 )
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
-QUICK_TIMEOUT_S = 60.0
-
-MOST_REPEATS = 1000
-"""Processes that everything may be timed in; a thousand is hours of the smallest run."""
 
 NO_CONTEXT = cast("typer.Context", None)
 """What `study` runs with, which gives no options by the command line."""
@@ -129,7 +127,7 @@ def run(
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         running.refuse_another_view(context, scene)
-        if is_seen(scene) and not running.given(context)("triangulators"):
+        if is_seen(scene) and not running.given(context, "triangulators"):
             triangulators = options.Several(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),

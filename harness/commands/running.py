@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
-from harness.figures.groups import base_of, groups, machine_words
+from harness.figures.groups import machine_words
 from harness.figures.verdict import COVERED
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.plan import Plan
@@ -24,7 +24,7 @@ from harness.measuring.run import run as carry_out
 from harness.measuring.two_versions import Beside, version
 from harness.progress import Reporter
 from harness.stored.folder import Run, clear_errors, file_stem, read_run
-from harness.summary import print_summary, row_of, write_csv
+from harness.summary import print_summary, rows_of, write_csv
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from scenes import Scene
 from scenes.registry import is_seen, is_tiled
@@ -171,18 +171,14 @@ def load_ahead(*, plots: bool) -> None:
 def refuse_another_view(context: typer.Context | None, scene: str) -> None:
     """Raise UsageError if the user gives a view to what has one: map tiles, a model's views."""
     own = "view" if is_seen(scene) else "tile" if is_tiled(scene) else ""
-    if own and any(map(given(context), ("resolution", "rotation", "fit"))):
+    if own and given(context, "resolution", "rotation", "fit"):
         raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
 
 
-def given(context: typer.Context | None) -> Callable[[str], bool]:
-    """Return what says whether the user wrote an option; none was where there is no context."""
-
-    def written(name: str) -> bool:
-        source = None if context is None else context.get_parameter_source(name)
-        return getattr(source, "name", "") == "COMMANDLINE"
-
-    return written
+def given(context: typer.Context | None, *names: str) -> bool:
+    """Whether the user wrote any of the options; none was where there is no context."""
+    sources = map(context.get_parameter_source, names) if context else ()
+    return any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)
 
 
 def stored_plan(folder: Path) -> Plan:
@@ -196,12 +192,11 @@ def stored_plan(folder: Path) -> Plan:
 
 def told(outcome: RunResult) -> dict[str, Any]:
     """Return what `--json` writes: where the run is, and each case as in summary.csv."""
-    rows = []
-    for members in groups(read_run(outcome.path).records):
-        base = base_of(members)
-        rows += [row_of(record, base) for record in members]
-    place = os.path.relpath(outcome.path)
-    return {"results": place, "interrupted": outcome.interrupted, "cases": rows}
+    return {
+        "results": os.path.relpath(outcome.path),
+        "interrupted": outcome.interrupted,
+        "cases": rows_of(read_run(outcome.path).records),
+    }
 
 
 def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: bool = True) -> None:

@@ -6,7 +6,7 @@ import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,7 +14,8 @@ from harness.commands import options
 from harness.commands.run import run
 from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.progress import Reporter, Screen
-from harness.settings import StudySize
+from harness.settings import StudySize, TimingSettings
+from harness.stored import atomic
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,8 +69,6 @@ def validate(
     from harness.measuring.run import Part
     from harness.rasterisers.base import Options
     from harness.report.page import write_report
-    from harness.settings import TimingSettings
-    from harness.stored import atomic
     from harness.study import correlations, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
     from harness.triangulating.recipes import parse_all
@@ -143,7 +142,6 @@ def gains(
 
     from harness.figures import groups
     from harness.figures.run_state import state_of
-    from harness.stored import atomic
     from harness.stored.folder import read_run
     from harness.study.gains import best, by_order, gain_table, plot
     from harness.triangulating.recipes import parse_all
@@ -214,21 +212,16 @@ def _say_orders(found: pd.DataFrame) -> None:
         Screen().print(table)
 
 
-PARETO_POLYGONS = 6
-
-PARETO_S = 0.4
-
-
 def pareto(
     scene: options.SceneName = "paper",
     polygons: Annotated[
         int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
-    ] = PARETO_POLYGONS,
+    ] = 6,
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,
     resolution: options.Resolution = 512,
     seed: options.Seed = 0,
-    budget: options.Budget = PARETO_S,
+    budget: options.Budget = 0.4,
     out: Annotated[Path | None, options.study_folder("pareto")] = None,
     resume: options.Resume = None,
     force: options.Force = False,
@@ -244,8 +237,6 @@ def pareto(
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.report.page import write_report
-    from harness.settings import TimingSettings
-    from harness.stored import atomic
     from harness.study import pareto as fronts_of
     from harness.triangulating.recipes import parse_all
     from scenes.spec import label
@@ -284,15 +275,6 @@ def pareto(
 ANGLES = options.Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
 
 
-class _Part(NamedTuple):
-    """One measurement of each data set: a command with its options, and bases of its gains."""
-
-    name: str
-    command: Callable[..., None]
-    options: dict[str, Any]
-    bases: tuple[str, ...] = ()
-
-
 def study(
     scenes: Annotated[list[str], typer.Argument(help="Scenes or files of polygons.")],
     out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
@@ -314,7 +296,6 @@ def study(
     was found beside what we found. A study that is there already is not measured again. The exit
     code is 5 where cases failed or times were disturbed, and 4 where nothing could be judged.
     """
-    from harness.stored import atomic
     from harness.stored.folder import file_stem
     from harness.study import replication
     from scenes.spec import label
@@ -338,32 +319,29 @@ def study(
     bases = (replication.USUAL, replication.DELAUNAY)
     once = (f"{replication.USUAL}{replication.TURNED}",)
     idle = options.Several((0,))
-    parts = (
-        _Part("validate", validate, {**shared, **every, "polygons": polygons, "work": idle}),
-        _Part("choice", run, {**shots, **every}, bases),
-        _Part(
-            "walked",
-            run,
-            {**shots, "resolution": largest, "order": options.Several(("walk",))},
-            bases,
-        ),
-        _Part("turned", run, {**turned, "resolution": largest, "rotation": ANGLES}, once),
-    )
+    walk = {"resolution": largest, "order": options.Several(("walk",))}
+    # A command with its options, and the bases of its gains, by the name of its folder.
+    parts: dict[str, tuple[Callable[..., None], dict[str, Any], tuple[str, ...]]] = {
+        "validate": (validate, {**shared, **every, "polygons": polygons, "work": idle}, ()),
+        "choice": (run, {**shots, **every}, bases),
+        "walked": (run, {**shots, **walk}, bases),
+        "turned": (run, {**turned, "resolution": largest, "rotation": ANGLES}, once),
+    }
     found = []
     failed = 0
     refused: list[UsageError] = []
     for scene, name in zip(scenes, names, strict=True):
         folder = out / name
         console.print(f"{scene}:", markup=False)
-        for part in parts:
-            console.print(f"  {part.name} ...", markup=False)
+        for part, what in parts.items():
+            console.print(f"  {part} ...", markup=False)
             try:
-                _carry_out(scene, folder / part.name, part)
+                _carry_out(scene, folder / part, *what)
             except (UsageError, NothingMeasured, Inconclusive) as error:
                 # What one study cannot do, the others may.
                 failed += isinstance(error, Inconclusive)
                 refused += [error] if isinstance(error, UsageError) else []
-                console.print(f"  {part.name}: {error}", markup=False, soft_wrap=True)
+                console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
         found.append((name, replication.read(folder)))
     if len(refused) == len(scenes) * len(parts):
         raise refused[-1]
@@ -388,17 +366,23 @@ def study(
         raise Inconclusive(f"{failed} of {number} parts of the study are not whole")
 
 
-def _carry_out(scene: str, folder: Path, part: _Part) -> None:
+def _carry_out(
+    scene: str,
+    folder: Path,
+    command: Callable[..., None],
+    given: dict[str, Any],
+    bases: tuple[str, ...],
+) -> None:
     """Measure one part, or go on with it, and its gains, if it has bases."""
     begun = (folder / "run.json").is_file()
     where: dict[str, Any] = {"resume": folder} if begun else {"out": folder}
     with contextlib.redirect_stdout(io.StringIO()):  # its tables are in its report
         failed = None
         try:
-            part.command(scene=scene, **where, **part.options)
+            command(scene=scene, **where, **given)
         except Inconclusive as error:  # the cases that did not fail are there
             failed = error
-        if part.bases:
-            gains([folder], out=folder, bases=options.Several(part.bases))
+        if bases:
+            gains([folder], out=folder, bases=options.Several(bases))
         if failed is not None:
             raise failed

@@ -95,10 +95,8 @@ def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
 
 def _across(matches: Sequence[Match]) -> bool:
     """Whether any case ran on another device in BASE."""
-    return any(
-        found.base and found.head and found.base.get("device") != found.head.get("device")
-        for found in matches
-    )
+    devices = [(m.base.get("device"), m.head.get("device")) for m in matches if m.base and m.head]
+    return any(before != after for before, after in devices)
 
 
 def _counted(found: Match, settings: Settings, *, missing: str | None) -> CaseChange:
@@ -106,21 +104,19 @@ def _counted(found: Match, settings: Settings, *, missing: str | None) -> CaseCh
 
     missing : why HEAD should have the case, None where it need not
     """
-    status, reason = _status(found.base, found.head)
-    if found.base is None or found.head is None:
-        measured = found.base is not None and found.base.get("status") == "ok"
-        if measured and missing is not None:
-            status, reason = "not-done", missing
+    base, head = found.base, found.head
+    status, reason = _status(base, head)
+    if head is None and base is not None and base.get("status") == "ok" and missing is not None:
+        status, reason = "not-done", missing
+    if base is None or head is None or status != "compared":
         return CaseChange(found.name, status, reason)
-    if status != "compared":
-        return CaseChange(found.name, status, reason)
-    return CaseChange(
-        found.name,
-        status,
-        reason,
-        compare_counters(found.base, found.head, settings),
-        lost_counters(found.base, found.head, settings),
-    )
+    before, after = exact_figures(base), exact_figures(head)
+    changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
+    counted = head.get("counters") or {}
+    lost = [counter_name(n) for n in base.get("counters") or {} if n not in counted]
+    # Of gated counters that BASE has and HEAD does not, nothing can be said.
+    gated = (name for name in lost if settings.threshold(name) is not None)
+    return CaseChange(found.name, status, reason, tuple(changes), tuple(gated))
 
 
 def _status(base: Record | None, head: Record | None) -> tuple[Status, str]:
@@ -136,11 +132,6 @@ def _status(base: Record | None, head: Record | None) -> tuple[Status, str]:
         return "now-measured", f"BASE: {_reason(base)}"
     if good == (False, False):
         return "not-measured", _reason(head)
-    return _comparable(base, head)
-
-
-def _comparable(base: Record, head: Record) -> tuple[Status, str]:
-    """The same for two records that were measured."""
     hashes = base.get("scene_hash"), head.get("scene_hash")
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
@@ -163,7 +154,8 @@ def _timed(
     groups: dict[str, dict[int, times.Pair]] = defaultdict(dict)
     for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
         if case.status == "compared" and found.base and found.head:
-            same_work = _same_work(case.counters)
+            counted = [c for c in case.counters if find(c.metric).kind in ("counter", "count")]
+            same_work = bool(counted) and all(change.exact == "equal" for change in counted)
             pair = times.read_pair(
                 found.base, found.head, same_work=same_work, machines_differ=machines_differ
             )
@@ -180,12 +172,6 @@ def _timed(
         drifts.append(drift)
     corrected = dict(zip(judged, times.correct(list(judged.values()), settings), strict=True))
     return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
-
-
-def _same_work(counters: Sequence[CounterChange]) -> bool:
-    """Whether all that was counted is equal."""
-    counted = [c for c in counters if find(c.metric).kind in ("counter", "count")]
-    return bool(counted) and all(change.exact == "equal" for change in counted)
 
 
 def _facts(run: Run) -> RunFacts:
@@ -280,24 +266,11 @@ def counter_name(name: str) -> str:
     return name if find(name).kind == "counter" else f"counted_{name}"
 
 
-def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
-    """Compare every exact figure that both records have."""
-    before, after = exact_figures(base), exact_figures(head)
-    return tuple(
-        _change(name, before[name], after[name], settings) for name in after if name in before
-    )
-
-
-def lost_counters(base: Record, head: Record, settings: Settings) -> tuple[str, ...]:
-    """Return the gated counters that BASE has and HEAD does not: of these nothing can be said."""
-    before, after = base.get("counters") or {}, head.get("counters") or {}
-    lost = [counter_name(name) for name in before if name not in after]
-    return tuple(name for name in lost if settings.threshold(name) is not None)
-
-
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
     exact: Exact = "equal"
-    if not _equal(base, head):
+    whole = float(base).is_integer() and float(head).is_integer()
+    # Sums of square roots may differ in their last digits.
+    if base != head and (whole or not math.isclose(base, head, rel_tol=1e-12)):
         worse_up = {"lower": True, "higher": False}.get(find(name).better)
         exact = (
             "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
@@ -307,13 +280,6 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
     wrong = exact == "worse" or (exact == "changed" and find(name).is_shared)
     change = relative(base, head)
     return CounterChange(name, base, head, change, exact, threshold, beyond and wrong)
-
-
-def _equal(base: float, head: float) -> bool:
-    """Whether two figures agree; sums of square roots may differ in their last digits."""
-    if float(base).is_integer() and float(head).is_integer():
-        return base == head
-    return math.isclose(base, head, rel_tol=1e-12)
 
 
 def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from harness.compare.model import CaseChange, Comparison, Outcome
-from harness.compare.polygons import Grown, grown_text
 from harness.compare.wording import (
     NOT_GATED,
     ORDER,
     TOTALS_HEADING,
     affected_totals,
     groups,
+    grown_text,
     headline,
     in_order,
     kind,
@@ -21,6 +22,9 @@ from harness.compare.wording import (
 )
 from harness.figures.registry import find
 from harness.webpages import template
+
+if TYPE_CHECKING:
+    from harness.compare.polygons import Grown
 
 MOST = 60
 """Cases in a plot; those that regressed come first."""

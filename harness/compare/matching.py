@@ -7,7 +7,7 @@ plan, software and machine, is told.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -20,7 +20,7 @@ from harness.figures.groups import group_of, groups, time_ratio, without_twins
 from harness.figures.intervals import UNDECIDED
 from harness.machine.environment import label_of, same
 from harness.stored.folder import Record, Run
-from harness.stored.schema import USUAL_OPTIONS
+from harness.stored.schema import USUAL_OPTIONS, flat
 
 ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governor")
 """What of a run's environment is compared."""
@@ -178,44 +178,27 @@ def missing_from(head: Run, case: CaseName) -> str | None:
 
 
 def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
-    """Whether the plan names the case; a part that an older plan lacks names everything."""
-    names = (("triangulators", case.triangulator), ("rasterisers", case.rasteriser))
-    if any(isinstance(plan.get(key), list) and name not in plan[key] for key, name in names):
-        return False
+    """Whether the plan names the case; a part that it lacks names everything."""
+    view = {"resolution": case.resolution, "rotation": case.rotation, "fit": case.fit}
+    parts: tuple[tuple[str, Any, dict[str, Any]], ...] = (
+        ("triangulators", case.triangulator, {}),
+        ("rasterisers", case.rasteriser, {}),
+        ("views", view, {"rotation": 0.0, "fit": "box"}),
+        ("options", dict(case.options), USUAL_OPTIONS),
+    )
+    for name, wanted, usual in parts:
+        named = plan.get(name)
+        if isinstance(named, list) and wanted not in [
+            {**usual, **each} if isinstance(each, Mapping) else each for each in named
+        ]:
+            return False
     scenes = {str(record.get("scene")) for record in head.records}
     if case.scene not in scenes and case.scene != Path(str(plan.get("scene", case.scene))).name:
         return False
-    return (
-        _on_device(plan.get("devices"), case, head)
-        and _viewed(plan.get("views"), case)
-        and _drawn(plan.get("options"), case)
-    )
-
-
-def _on_device(devices: Any, case: CaseName, head: Run) -> bool:
-    """Whether the case's device is named; where none is, HEAD's records tell which was chosen."""
-    if isinstance(devices, list) and case.device in devices:
-        return True
+    # Where no device is named, HEAD's records tell which was chosen.
+    devices = plan.get("devices")
     used = [r.get("device") for r in head.records if r.get("rasteriser") == case.rasteriser]
-    return not used or case.device in used
-
-
-def _viewed(views: Any, case: CaseName) -> bool:
-    if not isinstance(views, list):
-        return True
-    wanted = (case.resolution, case.rotation, case.fit)
-    found = [view for view in views if isinstance(view, Mapping)]
-    return wanted in [
-        (view.get("resolution"), view.get("rotation", 0.0), view.get("fit", "box"))
-        for view in found
-    ]
-
-
-def _drawn(options: Any, case: CaseName) -> bool:
-    if not isinstance(options, list):
-        return True
-    wanted = dict(case.options)
-    return wanted in [{**USUAL_OPTIONS, **each} for each in options if isinstance(each, Mapping)]
+    return not used or case.device in (*used, *(devices if isinstance(devices, list) else ()))
 
 
 def machine(facts: Mapping[str, Any]) -> str:
@@ -241,7 +224,7 @@ def plan_changes(base: Run, head: Run) -> list[str]:
     before, after = base.facts.get("plan") or {}, head.facts.get("plan") or {}
     if not before or not after:
         return []
-    return _changes("plan", _flat(before), _flat(after))
+    return _changes("plan", flat(before), flat(after))
 
 
 def environment_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
@@ -252,26 +235,11 @@ def environment_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> 
 def _facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     environment = facts.get("environment") or {}
     found = {name: environment.get(name) for name in ENVIRONMENT}
-    found |= {name: (environment.get("packages") or {}).get(name) for name in _packages(facts)}
+    found |= environment.get("packages") or {}
     for label, device in (facts.get("devices") or {}).items():
         details = (device or {}).get("details") or {}
         found |= {f"{label}: {key}": details.get(key) for key in ("renderer", "version")}
     return {name: value for name, value in found.items() if value is not None}
-
-
-def _packages(facts: Mapping[str, Any]) -> list[str]:
-    return list((facts.get("environment") or {}).get("packages") or {})
-
-
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Write {"timing": {"precision": 1}} as {"timing.precision": 1}."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= {f"{name}.{inner}": deeper for inner, deeper in _flat(value).items()}
-        else:
-            flat[name] = value
-    return flat
 
 
 def _changes(kind: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
@@ -291,61 +259,32 @@ def _short(value: Any) -> str:
     return str(value)
 
 
-@dataclass(frozen=True)
-class Verdicts:
-    """How two runs' verdicts on the same pairs agree, on one rasteriser and device.
-
-    pairs : pairs of triangulations timed together in both runs
-    same : pairs with the same verdict in both: faster, slower, or no difference shown
-    decided : pairs for which both runs say which one is faster
-    agreeing : pairs among `decided` for which they say the same
-    """
-
-    rasteriser: str
-    device: str
-    pairs: int
-    same: int
-    decided: int
-    agreeing: int
-
-
-@dataclass(frozen=True)
-class Repeat:
-    """How two runs of the same cases agree.
-
-    cases : counted in both runs; unequal : keys of those with a counter that differs
-    """
-
-    cases: int
-    unequal: tuple[str, ...]
-    verdicts: tuple[Verdicts, ...]
-
-
-def repeat(first: Sequence[Record], second: Sequence[Record]) -> Repeat:
+def repeat(
+    first: Sequence[Record], second: Sequence[Record]
+) -> tuple[int, list[str], dict[tuple[str, str], tuple[int, int, int, int]]]:
     """Compare two runs' counters case by case, and their verdicts pair by pair.
 
     Pairs are of triangulations of the same polygons, on one device in one view; two names of one
     triangulation are no pair.
+
+    Returns how many cases both counted; the keys of those with a counter that differs; and for each
+    (rasteriser, device) how many pairs were timed together in both runs, have the same verdict in
+    both (faster, slower, or no difference shown), are decided in both, and of these alike.
     """
     others = {record["key"]: record for record in second if record["status"] == "ok"}
     common = [r for r in first if r["status"] == "ok" and r["key"] in others]
     unequal = [r["key"] for r in common if r["counters"] != others[r["key"]]["counters"]]
-    found = []
+    found = {}
     for place in dict.fromkeys((r["rasteriser"], r["device"]) for r in common):
         here = [r for r in common if (r["rasteriser"], r["device"]) == place]
         one, other = _verdicts(here), _verdicts([others[record["key"]] for record in here])
-        both = Counter((one[pair], other[pair]) for pair in one.keys() & other.keys())
-        decided = {pair: count for pair, count in both.items() if UNDECIDED not in pair}
-        found.append(
-            Verdicts(
-                *place,
-                pairs=both.total(),
-                same=sum(count for (a, b), count in both.items() if a == b),
-                decided=sum(decided.values()),
-                agreeing=sum(count for (a, b), count in decided.items() if a == b),
+        if pairs := one.keys() & other.keys():
+            decided = [pair for pair in pairs if UNDECIDED not in (one[pair], other[pair])]
+            same, agreeing = (
+                sum(one[pair] == other[pair] for pair in some) for some in (pairs, decided)
             )
-        )
-    return Repeat(len(common), tuple(unequal), tuple(v for v in found if v.pairs))
+            found[place] = (len(pairs), same, len(decided), agreeing)
+    return len(common), unequal, found
 
 
 def _verdicts(records: Sequence[Record]) -> dict[tuple[object, ...], str]:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from harness import errors
 from harness.errors import UsageError, unknown
+from harness.figures.counters import CYCLES
 from harness.figures.registry import figures as registered
 from harness.figures.registry import find
 from harness.stored.schema import USUAL_OPTIONS
+
+FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
+"""Counters that stand for the cost best, the best first."""
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""
@@ -239,9 +243,9 @@ class Comparison:
     head: RunFacts
     settings: Settings
     machines_differ: bool = False
-    cases: tuple[CaseChange, ...] = ()
     totals: tuple[Total, ...] = ()
     drifts: tuple[Drift, ...] = ()
+    cases: tuple[CaseChange, ...] = ()
     notes: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
 
@@ -320,22 +324,12 @@ class Settings:
 
     def threshold(self, counter: str) -> float | None:
         """Relative growth of a counter that is let pass; None where it is not gated."""
-        if "counters" not in self.gates or not is_gated(counter, self.thresholds):
+        figure = find(counter)
+        # A counter that every triangulation shares is gated in both directions.
+        gated = figure.is_cost or (counter in self.thresholds and figure.has_direction)
+        if "counters" not in self.gates or not gated:
             return None
         return self.thresholds.get(counter, self.thresholds.get("counters", 0.0))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the settings as JSON-ready values."""
-        return {**asdict(self), "gates": list(self.gates), "thresholds": dict(self.thresholds)}
-
-
-def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
-    """Whether growth of `counter` is a regression: it is a count, or a threshold names it.
-
-    A counter that every triangulation shares is gated in both directions.
-    """
-    figure = find(counter)
-    return figure.is_cost or (counter in thresholds and figure.has_direction)
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -398,11 +392,9 @@ def from_project(folder: Path) -> Settings:
     UsageError
         if the file is not TOML, or the table holds what is not a setting
     """
-    for parent in (folder, *folder.parents):
-        file = parent / "pyproject.toml"
-        if file.is_file():
-            break
-    else:
+    files = (parent / "pyproject.toml" for parent in (folder, *folder.parents))
+    file = next(filter(Path.is_file, files), None)
+    if file is None:
         return Settings()
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8")).get("tool", {}).get(TABLE, {})
@@ -417,7 +409,11 @@ def from_project(folder: Path) -> Settings:
 def _from_table(table: Mapping[str, Any]) -> Settings:
     readers: dict[str, tuple[str, type | tuple[type, ...], Callable[[Any], Any]]] = {
         "gate": ("gates", (str, list), parse_gates),
-        "threshold": ("thresholds", dict, _parse_thresholds),
+        "threshold": (
+            "thresholds",
+            dict,
+            _parse_thresholds,
+        ),
         "normalise": ("normalise", str, str),
         "require-all": ("require_all", bool, bool),
         "allow-inconclusive": ("allow_inconclusive", bool, bool),

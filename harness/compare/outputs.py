@@ -11,7 +11,6 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from harness.compare.matching import printable
 from harness.compare.model import BROKEN, STATUS_TEXT, CaseChange, Comparison, Drift, TimeChange
-from harness.compare.polygons import Grown, grown_text
 from harness.compare.wording import (
     NOT_GATED,
     TOTALS_HEADING,
@@ -20,6 +19,7 @@ from harness.compare.wording import (
     affected_totals,
     counter_text,
     groups,
+    grown_text,
     headline,
     run_lines,
     time_text,
@@ -32,35 +32,25 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from harness.compare.polygons import Grown
+
 
 SCHEMA_VERSION = 2
 
 
 def to_json(comparison: Comparison) -> dict[str, Any]:
     """Return all that `comparison` found; docs/ci/compare.schema.json describes it."""
+    found = asdict(comparison)
+    for case, told in zip(comparison.cases, found["cases"], strict=True):
+        told["name"]["options"] = dict(case.name.options)
+        told["regressed"] = comparison.is_regressed(case)
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": comparison.verdict,
         "exit_code": comparison.exit_code,
         "headline": headline(comparison),
-        "base": asdict(comparison.base),
-        "head": asdict(comparison.head),
-        "settings": comparison.settings.to_json(),
-        "machines_differ": comparison.machines_differ,
-        "totals": [asdict(total) for total in comparison.totals],
-        "drifts": [asdict(drift) for drift in comparison.drifts],
-        "cases": [_json_case(comparison, case) for case in comparison.cases],
-        "notes": list(comparison.notes),
-        "changes": list(comparison.changes),
+        **found,
     }
-
-
-def _json_case(comparison: Comparison, case: CaseChange) -> dict[str, Any]:
-    values = asdict(case)
-    values["name"]["options"] = dict(case.name.options)
-    values["counters"] = list(values["counters"])
-    values["lost"] = list(values["lost"])
-    return {**values, "regressed": comparison.is_regressed(case)}
 
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
@@ -105,14 +95,10 @@ def _rich_table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) ->
 
     from harness.style import plain_table
 
-    table = plain_table(Text(title))
-    for number, name in enumerate(heading):
-        table.add_column(
-            name,
-            justify="left" if number in words else "right",
-            no_wrap=number < len(heading) - 1,
-            overflow="fold",
-        )
+    names = (name if number in words else f">{name}" for number, name in enumerate(heading))
+    table = plain_table(Text(title), *names)
+    for column in table.columns[:-1]:
+        column.no_wrap = True
     return table
 
 

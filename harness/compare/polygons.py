@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.compare.matching import Match, latest, match
-from harness.compare.model import Comparison
-from harness.compare.wording import FIRST, spaced
+from harness.compare.model import FIRST, Comparison
 from harness.frame import SUBPIXEL, Frame, frame_as_it_is
 from harness.stored import drawings
 from harness.stored.folder import Record, Run, read_arrays
-from harness.style import count, figure, percent
 
 MOST = 3
 """Polygons that are shown, of all cases that regressed."""
@@ -54,15 +52,6 @@ class Grown:
         content = io.BytesIO()
         draw_heatmaps(self.frame, 0, self.triangles, content)
         return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
-
-
-def grown_text(grown: Grown) -> str:
-    """Write `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
-    growth = f" ({percent(grown.head / grown.base - 1)})" if grown.base else ""
-    return (
-        f"polygon {grown.polygon} ({count(grown.vertices, 'vertex', 'vertices')}) of {grown.case}: "
-        f"{spaced([grown.metric])} {figure(grown.base)} → {figure(grown.head)}{growth}"
-    )
 
 
 def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:

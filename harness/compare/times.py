@@ -95,11 +95,6 @@ class Pair:
         """Log of HEAD's time over BASE's."""
         return log_ratio(self.base, self.head)
 
-    @cached_property
-    def reference_log_ratio(self) -> float | None:
-        """The same of the reference draw, None where there is none."""
-        return None if self.reference is None else log_ratio(*self.reference)
-
 
 def read_pair(
     base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
@@ -201,7 +196,7 @@ def _against_reference(
 
     The drift lies between none and the reference's; on other machines only the latter will do.
     """
-    reference = pair.reference_log_ratio
+    reference = None if pair.reference is None else log_ratio(*pair.reference)
     if reference is None or settings.normalise == "none":
         if machines_differ:
             return _undecided(pair.base, pair.head, "the machines differ: no reference draw")
@@ -236,18 +231,10 @@ def _judge(
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A difference needs both the test and the interval, so the weaker of the two is corrected.
     q_value = max(p_value, _p_of_interval(least, most, low, high, settings.confidence))
+    ends = (math.exp(middle), math.exp(low), math.exp(high), math.exp(raw))
+    medians = in_short(pair.base, pair.head)
     return TimeChange(
-        outcome=outcome,
-        reason=reason,
-        ratio=math.exp(middle),
-        low=math.exp(low),
-        high=math.exp(high),
-        raw_ratio=math.exp(raw),
-        against=against,
-        threshold=threshold,
-        p_value=p_value,
-        q_value=q_value,
-        **in_short(pair.base, pair.head),
+        outcome, reason, *ends, against, threshold, p_value=p_value, q_value=q_value, **medians
     )
 
 
@@ -284,17 +271,9 @@ def _drift(
     outcome, reason = decide(least, most, low, high, settings.time_threshold_of(paired=False))
     if machines_differ:
         outcome, reason = "inconclusive", "the machines differ"
-    return Drift(
-        where=where,
-        cases=len(pairs),
-        outcome=outcome,
-        reason=reason,
-        ratio=math.exp(shift),
-        low=math.exp(low),
-        high=math.exp(high),
-        reference=None if reference is None else math.exp(reference),
-        gated=False,
-    )
+    ends = (math.exp(shift), math.exp(low), math.exp(high))
+    whole = None if reference is None else math.exp(reference)
+    return Drift(where, len(pairs), outcome, reason, *ends, reference=whole, gated=False)
 
 
 def _normal(confidence: float) -> float:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from harness.compare.model import (
     BROKEN,
+    FIRST,
     MISSING,
     STATUS_TEXT,
     CaseChange,
@@ -19,10 +21,10 @@ from harness.compare.model import (
 )
 from harness.figures.counters import CYCLES
 from harness.figures.registry import find
-from harness.style import count, figure, percent
+from harness.style import count, figure, percent, step
 
-FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
-"""Counters that stand for the cost best, the best first."""
+if TYPE_CHECKING:
+    from harness.compare.polygons import Grown
 
 NOT_GATED = "not gated"
 """What is shown and does not decide the exit code is always called so, and never regressed."""
@@ -45,10 +47,15 @@ def headline(comparison: Comparison) -> str:
 
 def counter_text(change: CounterChange) -> str:
     """Write `99,275 → 111,496 (+12.3 %)`, or only the value where nothing changed."""
-    if change.exact == "equal":
-        return figure(change.head)
-    growth = "" if change.change is None else f" ({percent(change.change)})"
-    return f"{figure(change.base)} → {figure(change.head)}{growth}"
+    return figure(change.head) if change.exact == "equal" else step(change.base, change.head)
+
+
+def grown_text(grown: Grown) -> str:
+    """Write `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
+    return (
+        f"polygon {grown.polygon} ({count(grown.vertices, 'vertex', 'vertices')}) of {grown.case}: "
+        f"{spaced([grown.metric])} {step(grown.base, grown.head)}"
+    )
 
 
 def time_text(change: TimeChange | None) -> str:
@@ -155,11 +162,9 @@ def _regression(comparison: Comparison) -> str:
     detail = detail or ": ".join(filter(None, said))
     more = len(regressed) - 1
     rest = f"; {count(more, 'more case')} regressed" if more else ""
-    return f"{worst.name.triangulator} on {worst.name.device}: {detail}, {_view(worst)}{rest}"
-
-
-def _view(case: CaseChange) -> str:
-    return f"in {case.name.where.replace(f' on {case.name.device}', '')}"
+    name = worst.name
+    view = name.where.replace(f" on {name.device}", "")
+    return f"{name.triangulator} on {name.device}: {detail}, in {view}{rest}"
 
 
 def _severity(case: CaseChange) -> tuple[bool, float, float]:
@@ -322,7 +327,8 @@ def _row(comparison: Comparison, case: CaseChange, shown: list[str], timed: bool
     reason = case.reason or (case.time.reason if case.time is not None else "")
     cells.append(f"{verdict}: {reason}" if reason and verdict != "unchanged" else verdict)
     found = kind(comparison, case)
-    return Row(tuple(cells), found, found != "plain" or _differs(case))
+    same = case.status == "compared" and all(change.exact == "equal" for change in case.counters)
+    return Row(tuple(cells), found, found != "plain" or not same)
 
 
 def _counter_cell(change: CounterChange | None) -> str:
@@ -345,10 +351,6 @@ def kind(comparison: Comparison, case: CaseChange) -> Kind:
         return "good"
     unsure = verdict.startswith("inconclusive") or case.status in (*MISSING, "content-changed")
     return "unsure" if unsure else "plain"
-
-
-def _differs(case: CaseChange) -> bool:
-    return case.status != "compared" or any(change.exact != "equal" for change in case.counters)
 
 
 def _find(case: CaseChange, metric: str) -> CounterChange | None:

@@ -34,119 +34,94 @@ class Counter:
 
 _TILES = (("", "", "bounding boxes"), ("_exact", ", exactly", "the triangles themselves"))
 
+
+def _counter(name: str, label: str, unit: str, description: str, **more: Any) -> Counter:
+    return Counter(name, label, unit, description=description, **more)
+
+
 _COUNTERS = (
-    Counter(
-        CYCLES,
-        "cycles",
-        "cycles",
+    _counter(
+        *(CYCLES, "cycles", "cycles"),
+        "cycles that a simulated design takes, which are its time",
         heading="cycles",
-        description="cycles that a simulated design takes, which are its time",
     ),
-    Counter(
-        "helper_lanes",
-        "helper lanes",
-        "lanes",
+    _counter(
+        *("helper_lanes", "helper lanes", "lanes", "lanes of shaded 2x2 quads that cover nothing"),
         best_case=0.0,
         heading="helpers",
-        description="lanes of shaded 2x2 quads that cover nothing",
     ),
-    Counter(
-        "bbox_tests",
-        "bounding-box tests",
-        "tests",
+    _counter(
+        *("bbox_tests", "bounding-box tests", "tests", "pixel centres tested in bounding boxes"),
         heading="tests",
-        description="pixel centres tested in bounding boxes",
     ),
-    Counter("rows", "rows walked", "rows", description="pixel rows that triangles reach"),
+    _counter("rows", "rows walked", "rows", "pixel rows that triangles reach"),
     *(
-        Counter(
+        _counter(
             f"tiles_{size}{suffix}",
             f"tiles of {size} px{note}",
             "tiles",
-            description=f"tiles of {size} x {size} px that {what} touch",
+            f"tiles of {size} x {size} px that {what} touch",
         )
         for suffix, note, what in _TILES
         for size in (16, 32, 64)
     ),
-    Counter("tiles", "tiles", "tiles", description="tiles that triangles are put into"),
-    Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
-    Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
-    Counter("beats", "beats", "beats", description="cycles in which covered quads leave"),
-    Counter(
-        "traversal_cycles",
-        "traversal",
-        "cycles",
-        description="cycles in which the rasteriser descends",
+    _counter("tiles", "tiles", "tiles", "tiles that triangles are put into"),
+    _counter("nodes", "squares tested", "squares", "squares tested on the way down"),
+    _counter("tested_blocks", "blocks tested", "blocks", "blocks tested by pixels"),
+    _counter("beats", "beats", "beats", "cycles in which covered quads leave"),
+    _counter("traversal_cycles", "traversal", "cycles", "cycles in which the rasteriser descends"),
+    _counter(
+        *("empty_quads", "empty quads", "quads"),
+        "quads that the rasteriser tries and that cover nothing",
     ),
-    Counter(
-        "empty_quads",
-        "empty quads",
-        "quads",
-        description="quads that the rasteriser tries and that cover nothing",
+    _counter(
+        *("busiest_pipe_quads", "quads of the busiest pipe", "quads"),
+        "quads of the pipe that writes most",
     ),
-    Counter(
-        "busiest_pipe_quads",
-        "quads of the busiest pipe",
-        "quads",
-        description="quads of the pipe that writes most",
-    ),
-    Counter("colour_misses", "misses", "lines", description="lines the colour cache lacks"),
-    Counter("colour_bytes", "colour bytes", "bytes", description="colour read and written"),
-    Counter("shaded_vertices", "vertices shaded", "vertices", description="vertices shaded"),
-    Counter("quads", "quads", "quads", description="2x2 quads shaded"),
-    Counter(
-        "partial_quads",
-        "partial quads",
-        "quads",
+    _counter("colour_misses", "misses", "lines", "lines the colour cache lacks"),
+    _counter("colour_bytes", "colour bytes", "bytes", "colour read and written"),
+    _counter("shaded_vertices", "vertices shaded", "vertices", "vertices shaded"),
+    _counter("quads", "quads", "quads", "2x2 quads shaded"),
+    _counter(
+        *("partial_quads", "partial quads", "quads"),
+        "2x2 quads shaded of which a lane covers nothing",
         best_case=0.0,
-        description="2x2 quads shaded of which a lane covers nothing",
     ),
-    Counter("blocks", "4x4 blocks", "blocks", description="4x4 pixel blocks touched"),
-    Counter("fragments", "fragments", "pixels", better="none", description="covered pixels"),
-    Counter(
-        "hits", "hits", "pixels", better="none", description="covered pixels, found by testing"
-    ),
-    Counter(
-        "depth_ties",
-        "ties of depth",
-        "pixels",
+    _counter("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks touched"),
+    _counter("fragments", "fragments", "pixels", "covered pixels", better="none"),
+    _counter("hits", "hits", "pixels", "covered pixels, found by testing", better="none"),
+    _counter(
+        *("depth_ties", "ties of depth", "pixels"),
+        "depth tests that rounding decides, so that devices may differ",
         better="none",
-        description="depth tests that rounding decides, so that devices may differ",
     ),
-    Counter(
-        "samples_passed",
-        "samples passed",
-        "samples",
+    _counter(
+        *("samples_passed", "samples passed", "samples"),
+        "covered samples, by the driver's own query",
         better="none",
-        description="covered samples, by the driver's own query",
     ),
 )
 
 COUNTERS = {counter.name: counter for counter in _COUNTERS}
 """Counters of the built-in rasterisers, in the order in which they are shown."""
 
-_learned: dict[str, Counter] = {}
+_known = dict(COUNTERS)
+"""These, and then those that third parties' rasterisers told."""
 
 
 def describe(name: str) -> Counter:
     """Return what is known of the counter `name`; one never heard of is taken to be work."""
-    known = COUNTERS.get(name) or _learned.get(name)
-    if known is not None:
-        return known
-    return Counter(name, name.replace("_", " "))
+    return _known.get(name) or Counter(name, name.replace("_", " "))
 
 
 def learn(counters: Iterable[Counter]) -> None:
     """Know how a third party's rasteriser wants its counters shown; built-in ones stay."""
-    _learned.update({counter.name: counter for counter in counters})
+    _known.update({counter.name: counter for counter in counters} | COUNTERS)
 
 
-def place(name: str) -> tuple[int, int, str]:
+def place(name: str) -> tuple[int, str]:
     """Return the sort key of a counter: built-in ones first, then learned ones, then others."""
-    for rank, known in enumerate((COUNTERS, _learned)):
-        if name in known:
-            return rank, list(known).index(name), name
-    return 2, 0, name
+    return list(_known).index(name) if name in _known else len(_known), name
 
 
 Columns = Mapping[str, Any]

@@ -90,7 +90,7 @@ def time_ratio(record: Record, base: Record | None, among: int = 1) -> Ratio | N
     if CYCLES in times and CYCLES in base_times:
         return Ratio.of_counts(times[CYCLES], base_times[CYCLES])
     # Without the rounds of both, which damage can take away, nothing is paired.
-    if not (_has_rounds(times) and _has_rounds(base_times)):
+    if not all({"samples_s", "reference_s"} <= each.keys() for each in (times, base_times)):
         return None
     if times["reference_s"] != base_times["reference_s"]:
         return None
@@ -100,10 +100,6 @@ def time_ratio(record: Record, base: Record | None, among: int = 1) -> Ratio | N
     kept = kept_pairs(times, base_times)
     found = paired_ratio(times["samples_s"], base_times["samples_s"], *parts, kept, among)
     return replace(of_any_run(found, among), quiet=record.get("state", QUIET) == QUIET)
-
-
-def _has_rounds(times: dict[str, Any]) -> bool:
-    return "samples_s" in times and "reference_s" in times
 
 
 ON_THE_CPU = ("cpu", "zink", "osmesa")
@@ -128,14 +124,14 @@ def several_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
     return {name: kinds for name, found in labels.items() if (kinds := differ(found))}
 
 
-def by_processor(runs: Sequence[Run]) -> list[Run]:
-    """Return the runs with the processor in the name of each device that several had."""
+def by_processor(runs: Sequence[Run], field: str = "device", how: str = "{} ({})") -> list[Run]:
+    """Return the runs with the processor in a field of what drew on a device that several had."""
     mixed = several_processors(runs)
 
     def named(run: Run, record: Record) -> Record:
         if record.get("device") not in mixed or not of_cpu(run, record):
             return record
-        return {**record, "device": f"{record['device']} ({label_of(run.facts)})"}
+        return {**record, field: how.format(record.get(field), label_of(run.facts))}
 
     return [replace(run, records=[named(run, each) for each in run.records]) for run in runs]
 

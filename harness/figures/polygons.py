@@ -56,25 +56,6 @@ def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | 
     return None if np.isnan(found) else found
 
 
-def correlation_of_ratios(
-    columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> float | None:
-    """Return how well a criterion's ratios rank a counter's, over polygons and triangulators.
-
-    columns : triangulator -> its columns; those of `base` are what the others are divided by
-    """
-    pair = _both(columns, base, criterion, measure)
-    return None if pair is None else rank_correlation(*pair)
-
-
-def error_of_ratios(
-    columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> float | None:
-    """Return by how much a prediction's ratios are off a counter's, as a share: see `error_of`."""
-    pair = _both(columns, base, criterion, measure)
-    return None if pair is None else error_of(*pair)
-
-
 def error_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
     """Return the root of the mean square of log(x / y), which is the share that x is off by."""
     fits = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
@@ -83,16 +64,21 @@ def error_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
     return float(np.sqrt(np.mean(np.log(x[fits] / y[fits]) ** 2)))
 
 
-def _both(
+def ratio_pairs(
     columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the ratios of predictions and of counters, one a polygon and triangulator."""
-    others = [each for name, each in columns.items() if name != base]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ratios of predictions and of counters, one a polygon and triangulator.
+
+    columns : triangulator -> its columns; those of `base` are what the others are divided by. Where
+        one lacks the criterion, or the base the measure, there are no ratios
+    """
     name = PREDICTED + criterion
-    if not others or measure not in columns[base] or any(name not in each for each in others):
-        return None
-    if name not in columns[base]:
-        return None
-    x = np.concatenate([ratios(each, columns[base], name) for each in others])
-    y = np.concatenate([ratios(each, columns[base], measure) for each in others])
+    known = measure in columns[base] and all(name in each for each in columns.values())
+    others = [each for other, each in columns.items() if other != base and known]
+    if not others:
+        return np.empty(0), np.empty(0)
+    x, y = (
+        np.concatenate([ratios(each, columns[base], which) for each in others])
+        for which in (name, measure)
+    )
     return x, y

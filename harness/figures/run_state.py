@@ -314,12 +314,10 @@ def _read(path: Path) -> dict[str, tuple[float, int]]:
     """Return what the file holds, without what is no draw."""
     try:
         content = json.loads(path.read_bytes())
-        return {str(name): _checked(*value) for name, value in content.items()}
+        return {
+            name: (float(best), int(runs))
+            for name, (best, runs) in content.items()
+            if 0 < best < math.inf and runs >= 1
+        }
     except (OSError, ValueError, TypeError, AttributeError):
         return {}
-
-
-def _checked(best: float, runs: int) -> tuple[float, int]:
-    if not (0 < best < math.inf and runs >= 1):
-        raise ValueError("no draw")
-    return float(best), int(runs)

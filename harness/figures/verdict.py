@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -21,11 +21,6 @@ from harness.figures.run_state import QUIET, State
 from harness.stored.folder import Record
 
 Kind = Literal["at once", "after", "up to", "not shown", "never"]
-AT_ONCE: Final = "at once"
-AFTER: Final = "after"
-UP_TO: Final = "up to"
-NOT_SHOWN: Final = "not shown"
-NEVER: Final = "never"
 
 FEWEST_ROUNDS = 4
 """With fewer, how much the time of triangulating scatters cannot be told."""
@@ -35,11 +30,11 @@ FEWEST_ROUNDS = 4
 class BreakEven:
     """From which draw on triangulating and drawing take less than the base's, together.
 
-    kind : AT_ONCE: drawing is shown to be faster, triangulating to take no longer; AFTER: drawing
-        is shown to be faster; UP_TO: drawing is shown to be slower and triangulating quicker, so it
-        pays for fewer draws; NOT_SHOWN: no difference of drawing is shown; NEVER: drawing is shown
-        to be slower, and triangulating is not shown to be quicker
-    draws, low, high : of AFTER and UP_TO: draws, with a 95 % interval; infinite where it has no
+    kind : "at once": drawing is shown to be faster, triangulating to take no longer; "after":
+        drawing is shown to be faster; "up to": drawing is shown to be slower and triangulating
+        quicker, so it pays for fewer draws; "not shown": no difference of drawing is shown;
+        "never": drawing is shown to be slower, and triangulating is not shown to be quicker
+    draws, low, high : of "after" and "up to": draws, with a 95 % interval; infinite where it has no
         end, None where triangulating was timed once, so that nobody knows
     """
 
@@ -51,7 +46,7 @@ class BreakEven:
     @property
     def written(self) -> str:
         """E.g. after 12 draws (11 to 14); at once; not shown; never (shown to be slower)."""
-        if self.kind == NEVER:
+        if self.kind == "never":
             return "never (shown to be slower)"
         if self.draws is None:
             return self.kind
@@ -59,8 +54,8 @@ class BreakEven:
         draws = f"{count:,} draw{'' if count == 1 else 's'}"
         if self.low is None or self.high is None:
             return f"{self.kind} about {draws} (triangulated once)"
-        if count <= 0 and self.kind == AFTER:
-            return f"{AT_ONCE} ({self._ends(' to ')} draws)"
+        if count <= 0 and self.kind == "after":
+            return f"at once ({self._ends(' to ')} draws)"
         return f"{self.kind} {draws} ({self._ends(' to ')})"
 
     @property
@@ -68,13 +63,13 @@ class BreakEven:
         """The same for a narrow column: 12 (11-14)."""
         if self.draws is None:
             return self.kind
-        begin = "up to " if self.kind == UP_TO else ""
+        begin = "up to " if self.kind == "up to" else ""
         ends = "?" if self.low is None else self._ends("-")
         return f"{begin}{self._whole(self.draws):,} ({ends})"
 
     def _whole(self, draws: float) -> int:
         """The first draw that pays, or the last."""
-        return math.floor(draws) if self.kind == UP_TO else math.ceil(draws)
+        return math.floor(draws) if self.kind == "up to" else math.ceil(draws)
 
     def _ends(self, between: str) -> str:
         """The interval, outwards to whole draws: a narrow one still shows that it is one."""
@@ -111,16 +106,16 @@ def break_even(record: Record, base: Record | None) -> BreakEven | None:
         longer = _Estimate(*[once - usually] * 3)
     if ratio.verdict == FASTER:
         if longer.high <= 0:
-            return BreakEven(AT_ONCE)
-        return _over(AFTER, longer, _saved(ratio, base), known)
+            return BreakEven("at once")
+        return _over("after", longer, _saved(ratio, base), known)
     if ratio.verdict == SLOWER:
         if longer.high >= 0:
-            return BreakEven(NEVER)
+            return BreakEven("never")
         quicker = _Estimate(-longer.value, -longer.high, -longer.low)
         saved = _saved(ratio, base)
         lost = _Estimate(-saved.value, -saved.high, -saved.low)
-        return _over(UP_TO, quicker, lost, known)
-    return BreakEven(NOT_SHOWN)
+        return _over("up to", quicker, lost, known)
+    return BreakEven("not shown")
 
 
 def _saved(ratio: Ratio, base: Record) -> _Estimate:
@@ -164,15 +159,7 @@ def _end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int
     return (top * bottom + sign * math.sqrt(max(0.0, inside))) / below
 
 
-Ground = Literal["faster", "base", "counters", "undecided", "equal", "few", "alone", "part"]
-SHOWN: Final = "faster"
-KEEP: Final = "base"
-COUNTED: Final = "counters"
-OPEN: Final = "undecided"
-EQUAL: Final = "equal"
-FEW: Final = "few"
-ALONE: Final = "alone"
-PART: Final = "part"
+Ground = Literal["shown", "keep", "counted", "open", "equal", "few", "alone", "part"]
 
 TIME = "draw_ms"
 COVERED = "fragments"
@@ -216,16 +203,16 @@ class Decision:
 
     standings : every record that was measured: the complete ones first, the cheapest on top
     base : what they are compared with
-    ground : SHOWN: times show that the choice is faster than the base; KEEP: that all others are
-        slower; COUNTED: they show neither, and the choice has the least of an exact counter among
-        those that are not shown to be slower; OPEN: nothing tells them apart; EQUAL: no counter
-        does, either; FEW: fewer than `LEAST_PIXELS` are covered; ALONE: nothing to choose from;
-        PART: each left polygons out. By the last four nothing is advised
+    ground : "shown": times show that the choice is faster than the base; "keep": that all others
+        are slower; "counted": they show neither, and the choice has the least of an exact counter
+        among those that are not shown to be slower; "open": nothing tells them apart; "equal": no
+        counter does, either; "few": fewer than `LEAST_PIXELS` are covered; "alone": nothing to
+        choose from; "part": each left polygons out. By the last four nothing is advised
     choice : what to take, the base where nothing speaks for another
     alike : names of others that are not shown to be slower than the choice, where it is shown
     measure : the main counter, None if nothing was counted
     timed : whether times of two or more are compared
-    saving : of SHOWN: the choice's ratio to the base, with an interval that holds for the best of
+    saving : of "shown": the choice's ratio to the base, with an interval that holds for the best of
         all others at once: the best of several noisy ratios looks better than it is
     state : the state that the machine was in (`run_state`); where it was not quiet, times show
         nothing, and rows are in the order of the main counter
@@ -257,11 +244,11 @@ def decide(members: Sequence[Record]) -> Decision | None:
     base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
     if not rivals and len(ranked) > 1:
-        return Decision(tuple(ranked), base, PART, ranked[0], (), measure, timed=False)
+        return Decision(tuple(ranked), base, "part", ranked[0], (), measure, timed=False)
     rivals = rivals or ranked
     ground, choice, saving = _choose(rivals, base, measure)
     alike = []
-    for each in rivals if ground == SHOWN else ():
+    for each in rivals if ground == "shown" else ():
         if each is not choice and each is not base:
             ratio = time_ratio(each.record, choice.record)
             if ratio is not None and ratio.verdict != SLOWER:
@@ -323,29 +310,29 @@ def _choose(
     # Strongest ground first: what is too little to judge, then times, then counters, then nothing.
     others = [each for each in rivals if each is not base]
     if not others:
-        return ALONE, rivals[0], None
+        return "alone", rivals[0], None
     usual = base if base in rivals else rivals[0]
     covered = (usual.record.get("counters") or {}).get(COVERED)
     if covered is not None and covered < LEAST_PIXELS:
-        return FEW, usual, None
+        return "few", usual, None
     for each in others:
         if each.verdict == FASTER:
             saving = time_ratio(each.record, base.record, among=len(others))
             if saving is not None and saving.verdict == FASTER:
-                return SHOWN, each, saving
+                return "shown", each, saving
     if all(each.verdict == SLOWER for each in others):
-        return KEEP, base, None
+        return "keep", base, None
     open_ = [each for each in rivals if each.verdict != SLOWER]
     counts = {each.name: (each.record.get("counters") or {}).get(measure) for each in open_}
     known = [each for each in open_ if counts[each.name] is not None]
     # The base first: where nothing is counted less, nothing speaks for a change.
     known.sort(key=lambda each: (counts[each.name], each is not base))
     if known and counts[known[0].name] != counts[known[-1].name]:
-        return COUNTED, known[0], None
+        return "counted", known[0], None
     every = [each.record.get("counters") or {} for each in rivals]
     if known and all(counters == every[0] for counters in every):
-        return EQUAL, usual, None
-    return OPEN, base if base in rivals else open_[0], None
+        return "equal", usual, None
+    return "open", base if base in rivals else open_[0], None
 
 
 def explained(decision: Decision) -> str | None:
@@ -380,35 +367,35 @@ def advice(decision: Decision | None) -> str:
 def _advice(decision: Decision, scene: str) -> str:
     choice, base = decision.choice, decision.base
     take = f"triangulate {scene} by {choice.name}"
-    if decision.ground == SHOWN and decision.saving:
+    if decision.ground == "shown" and decision.saving:
         ratio = decision.saving
         if ratio.exact:
             return f"{take}: it takes {_share(1 - ratio.value)} fewer cycles than {base.name}"
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
         words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
-        if choice.pays is not None and choice.pays.kind in (AT_ONCE, AFTER):
+        if choice.pays is not None and choice.pays.kind in ("at once", "after"):
             words += f", and pays {choice.pays.written}"
         if decision.alike:
             words += f"; no difference to {listed(decision.alike)} is shown"
         return words
-    if decision.ground == KEEP:
+    if decision.ground == "keep":
         return f"{take}: every other triangulator is shown to draw slower"
-    if decision.ground == COUNTED:
+    if decision.ground == "counted":
         words = f"{take}: it has the least by exact count, {_counted(decision)}"
         return words + (f"; {_times(decision)}" if decision.timed else "")
-    if decision.ground == ALONE:
+    if decision.ground == "alone":
         return f"{scene} was triangulated by {choice.name} alone, so there is nothing to compare"
-    if decision.ground == PART:
+    if decision.ground == "part":
         most, whole = choice.record["polygons"], polygons_of(choice.record)
         return (
             f"nothing is advised for {scene}: each triangulator left polygons out, "
             f"{choice.name} the fewest ({most:,} of {whole:,} are drawn)"
         )
-    if decision.ground == FEW:
+    if decision.ground == "few":
         covered = choice.record["counters"][COVERED]
         pixels = f"{covered:,} pixel{'s' * (covered != 1)}"
         return f"nothing is advised for {scene}: it covers {pixels}, too few to tell"
-    if decision.ground == EQUAL:
+    if decision.ground == "equal":
         times = "no time differs" if decision.state == QUIET else _times(decision)
         return f"nothing is advised for {scene}: all counters are equal, and {times}"
     if decision.timed and decision.state != QUIET:

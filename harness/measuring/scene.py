@@ -190,7 +190,7 @@ class SceneRun:
             return "failed", str(error)
         self.reporter.detail(result.trace)
         for note in result.notes:
-            self.reporter.warn_once(note)
+            self.reporter.once(note, warn=True)
         if not any(part is not None and len(part) for part in result.parts):
             status = "failed" if result.failed else "skipped"
             return status, records.incomplete(

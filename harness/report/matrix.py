@@ -204,16 +204,14 @@ def read(run: Run, view: View) -> pd.DataFrame | None:
     return None if table.empty else table
 
 
-def estimate(table: pd.DataFrame, criterion: str, measure: str) -> Estimate:
-    """Return the rank correlation within polygons: the median, with its interval over polygons."""
-    columns = [
-        (polygon[criterion].to_numpy(float), polygon[measure].to_numpy(float))
-        for _, polygon in table.groupby("polygon")
-    ]
-    return within(columns)
-
-
 def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
-    """Return `estimate` of each criterion that ranks anything."""
-    found = {name: estimate(table, name, measure) for name in predictions() if name in table}
+    """Return the rank correlation within polygons of each criterion that ranks anything."""
+    parts = [polygon for _, polygon in table.groupby("polygon")]
+    found = {
+        name: within(
+            [(part[name].to_numpy(float), part[measure].to_numpy(float)) for part in parts]
+        )
+        for name in predictions()
+        if name in table
+    }
     return {name: each for name, each in found.items() if np.isfinite(each.value)}

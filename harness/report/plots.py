@@ -14,9 +14,9 @@ from harness.figures.groups import base_of, groups
 from harness.figures.polygons import (
     Columns,
     columns_of,
-    correlation_of_ratios,
     error_of,
     rank_correlation,
+    ratio_pairs,
     ratios,
 )
 from harness.figures.registry import PREDICTED, find, measures, predictions
@@ -28,6 +28,7 @@ from harness.style import (
     MOST_VECTOR_MARKS,
     TWO_COLUMNS,
     draw,
+    grid,
     looks,
     scatter,
     scatter_over_medians,
@@ -87,7 +88,7 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     ranks = {
         name: rank
         for name in predictions()
-        if (rank := correlation_of_ratios(columns, base, name, measure)) is not None
+        if (rank := rank_correlation(*ratio_pairs(columns, base, name, measure))) is not None
     }
     where = members[0]
     return _judged(
@@ -118,11 +119,8 @@ def _judged(
     predictions in that unit; where there are none or one, the paper's criterion and the best one
     fill up; against : what marks are in ratio to
     """
-    from matplotlib.figure import Figure
-
     panels = [*estimates, *(name for name in _panels(ranks) if name not in estimates)][:2]
-    figure = Figure(figsize=(TWO_COLUMNS, height))
-    axes = figure.subplots(1, len(panels) + 1)
+    figure, axes = grid((TWO_COLUMNS, height), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
         x, y = mark(panel, criterion)
         in_unit = criterion in estimates
@@ -204,8 +202,9 @@ def _share_axes(panels: Sequence[Axes]) -> None:
     """Give scatter plots the same logarithmic axes, so that their dashed lines can be compared."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    ends = [end for panel in panels for end in _ends_of_data(panel)] or [1.0]
-    low, high = min([*ends, 1.0]) / 1.05, max([*ends, 1.0]) * 1.05
+    marks = [np.asarray(each.get_offsets()) for panel in panels for each in panel.collections]
+    ends = [1.0, *(float(end) for each in marks if len(each) for end in (each.min(), each.max()))]
+    low, high = min(ends) / 1.05, max(ends) * 1.05
     for panel in panels:
         panel.set_xscale("log", base=2)
         panel.set_yscale("log", base=2)
@@ -218,12 +217,6 @@ def _share_axes(panels: Sequence[Axes]) -> None:
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
     words: Any = {"textcoords": "offset points", "fontsize": 6, "ha": "right", "va": "top"}
     panels[0].annotate("equal ratios", (high, high), (-3, -8), **words)
-
-
-def _ends_of_data(panel: Axes) -> list[float]:
-    offsets = [np.asarray(marks.get_offsets()) for marks in panel.collections]
-    values = [each for each in offsets if len(each)]
-    return [float(end) for each in values for end in (each.min(), each.max())]
 
 
 def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:

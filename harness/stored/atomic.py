@@ -149,6 +149,7 @@ class Output:
         self._forced = forced
         self._stack = ExitStack()
         self._finished: list[tuple[Path, Path]] = []
+        self._open: list[IO[Any]] = []
 
     def __enter__(self) -> Output:
         parent = self.target.parent
@@ -186,7 +187,7 @@ class Output:
 
     def publish(self) -> list[Path]:
         """Close everything and move the results to where they belong; returns their paths."""
-        for stream in self._streams():
+        for stream in self._open:
             stream.close()
         for made, final in self._finished:
             move(made, final, forced=self._forced)
@@ -198,8 +199,5 @@ class Output:
         newline = None if "b" in mode else "\n"
         stream = path.open(mode, encoding=encoding, newline=newline)
         self._stack.callback(stream.close)
-        self._open = [*self._streams(), stream]
+        self._open.append(stream)
         return stream
-
-    def _streams(self) -> list[IO[Any]]:
-        return getattr(self, "_open", [])

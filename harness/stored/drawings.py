@@ -16,6 +16,8 @@ FOLDER = "frames"
 
 _TRIANGLES = "triangles "
 
+_COLUMNS = ("points", "offsets", "source", "ring_ends")
+
 
 @dataclass(frozen=True)
 class Geometry:
@@ -44,12 +46,7 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
     before = _read(Run(store.path, {}, []), key)
     if before is not None and np.array_equal(before.points, frame.points):
         triangles = {**before.triangles, **triangles}
-    columns: dict[str, NDArray[Any]] = {
-        "points": frame.points,
-        "offsets": frame.offsets,
-        "source": frame.source,
-        "ring_ends": frame.ring_ends,
-    }
+    columns: dict[str, NDArray[Any]] = {name: getattr(frame, name) for name in _COLUMNS}
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
     store.write_arrays(key, columns | named, FOLDER)
 
@@ -71,12 +68,11 @@ def name_of(view: View) -> str:
 
 def _read(run: Run, key: str) -> Geometry | None:
     arrays = read_arrays(run, key, FOLDER)
-    columns = ("points", "offsets", "source", "ring_ends")
-    if arrays is None or not {*columns} <= set(arrays):
+    if arrays is None or not {*_COLUMNS} <= set(arrays):
         return None
     triangles = {
         name.removeprefix(_TRIANGLES): rows
         for name, rows in arrays.items()
         if name.startswith(_TRIANGLES)
     }
-    return Geometry(**{name: arrays[name] for name in columns}, triangles=triangles)
+    return Geometry(**{name: arrays[name] for name in _COLUMNS}, triangles=triangles)

@@ -108,6 +108,8 @@ class _Lines:
 
     def append(self, record: Record, *, forced: bool) -> None:
         """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
+        if self._descriptor < 0:
+            self.open()
         line = (json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n").encode()
         size = os.fstat(self._descriptor).st_size
         left = line
@@ -123,12 +125,8 @@ class _Lines:
         self._digest.update(line)
         self._bytes += len(line)
 
-    @property
-    def is_open(self) -> bool:
-        return self._descriptor >= 0
-
     def close(self) -> None:
-        if self.is_open:
+        if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
@@ -155,7 +153,8 @@ class Store:
         with clear_errors(path):
             path.mkdir(parents=True, exist_ok=True)
             # A process that was killed at once leaves an empty file.
-            if _size(store._cases.path) or (path / FACTS).exists():
+            cases = store._cases.path
+            if (cases.exists() and cases.stat().st_size) or (path / FACTS).exists():
                 raise UsageError(f"{path} already holds a run; give another --out, or --resume it")
             store._cases.open()
         return store
@@ -184,7 +183,8 @@ class Store:
         if facts.get("interrupted") is False:
             content[WRITTEN] = {**self._cases.written, ARRAYS: self._arrays}
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        self._replace(FACTS, (text + "\n").encode())
+        with clear_errors(self.path):
+            atomic.write(self.path / FACTS, (text + "\n").encode(), forced=True)
 
     def write_arrays(
         self, key: str, arrays: Mapping[str, NDArray[Any]], folder: str = POLYGONS
@@ -192,10 +192,10 @@ class Store:
         """Store arrays as `<folder>/<key>.npz`; by default a case's columns, each (p,)."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
+        name = f"{folder}/{key}.npz"
         with clear_errors(self.path):
             (self.path / folder).mkdir(exist_ok=True)
-        name = f"{folder}/{key}.npz"
-        self._replace(name, content.getvalue(), forced=False)
+            atomic.write(self.path / name, content.getvalue())
         self._arrays[name] = hashlib.sha256(content.getvalue()).hexdigest()
 
     def append(self, record: Record) -> None:
@@ -212,8 +212,6 @@ class Store:
     def append_counted(self, record: Record) -> None:
         """Add the record of a case that is counted but not finished; raises as `append` does."""
         with clear_errors(self.path):
-            if not self._counted.is_open:
-                self._counted.open()
             self._counted.append(record, forced=False)
 
     def drop_counted(self) -> None:
@@ -232,15 +230,6 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _replace(self, name: str, content: bytes, *, forced: bool = True) -> None:
-        """Write a file, whole or not at all; `forced`: it outlives a power cut, too."""
-        with clear_errors(self.path):
-            atomic.write(self.path / name, content, forced=forced)
-
-
-def _size(file: Path) -> int:
-    return file.stat().st_size if file.exists() else 0
 
 
 def parsed(content: bytes) -> Any:
@@ -298,7 +287,7 @@ def read_run(path: Path) -> Run:
     if isinstance(size, int) and len(content) < size:
         cut_off = f"{cases} was cut off: it has {len(content):,} of {size:,} bytes"
         problems.append(cut_off)
-    elif written and not _is_as_written(content, written):
+    elif written and hashlib.sha256(content).hexdigest() != written.get("sha256"):
         problems.append(
             f"{cases} is not as the run left it: something else, such as a plugin's process, has "
             "written there; trust none of its records that you did not measure again"
@@ -331,12 +320,6 @@ def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
         with contextlib.suppress(OSError):
             if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != digest:
                 yield name
-
-
-def _is_as_written(content: bytes, written: dict[str, Any]) -> bool:
-    return len(content) == written.get("bytes") and (
-        hashlib.sha256(content).hexdigest() == written.get("sha256")
-    )
 
 
 def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
@@ -419,22 +402,18 @@ def file_stem(text: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in text)
 
 
-class clear_errors(contextlib.AbstractContextManager[None]):  # noqa: N801 - used as a function
+@contextlib.contextmanager
+def clear_errors(path: Path, advice: str = "") -> Iterator[None]:
     """Turn an OSError about the folder into one clear line.
 
     advice : how to go on once there is space on a disk that is full; by default by --resume
     """
-
-    def __init__(self, path: Path, advice: str = "") -> None:
-        self._path = path
-        self._advice = advice
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if not isinstance(error, OSError):
-            return
+    try:
+        yield
+    except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise UsageError(
-                f"the disk of {self._path} is full; what was measured so far is safe: "
-                f"free some space, then {self._advice or f'--resume {self._path}'}"
+                f"the disk of {path} is full; what was measured so far is safe: "
+                f"free some space, then {advice or f'--resume {path}'}"
             ) from error
-        raise UsageError(f"cannot use {self._path}: {error.strerror}") from error
+        raise UsageError(f"cannot use {path}: {error.strerror}") from error

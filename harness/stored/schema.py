@@ -7,6 +7,7 @@ line.
 from __future__ import annotations
 
 import statistics
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -121,9 +122,6 @@ class Record(_Part):
     time: Time | Cycles | None = None
 
 
-NUMBERS = tuple(
-    name for name, field in Record.model_fields.items() if field.annotation in (Number | None,)
-)
 USUAL_OPTIONS = Options().model_dump()
 
 
@@ -148,10 +146,6 @@ def completed(record: dict[str, Any]) -> dict[str, Any]:
     return {**record, **usual}
 
 
-def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
-
-
 def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
     """Return the content of run.json with tables where tables are, all the way to a device's.
 
@@ -170,9 +164,8 @@ def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
         if isinstance(device, dict)
         and all(isinstance(device.get(part) or {}, dict) for part in ("details", "timer"))
     }
-    if not all(
-        isinstance(each, str) for each in _listed(good.get("plan", {}).get("triangulators"))
-    ):
+    names = good.get("plan", {}).get("triangulators")
+    if isinstance(names, list) and not all(isinstance(each, str) for each in names):
         problems.append("run.json: the plan's triangulators are not usable; ignored")
         good["plan"] = {**good["plan"], "triangulators": []}
     environment = dict(good.get("environment", {}))
@@ -183,3 +176,15 @@ def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
     good["environment"] = environment
     good["warnings"] = [line for line in good.get("warnings", []) if isinstance(line, str)]
     return good
+
+
+def flat(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:
+    """Write {"timing": {"precision": 1}} as {"timing.precision": 1}."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping) and value:
+            inner = flat(value, between).items()
+            found |= {f"{name}{between}{deeper}": each for deeper, each in inner}
+        else:
+            found[name] = value
+    return found

@@ -8,7 +8,7 @@ criterion. The pooled figure is given to show this.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from rich.console import Console
+from rich.table import Table
 
 from harness.figures.groups import SAME
 from harness.figures.intervals import median_over
@@ -143,7 +144,9 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
         options = record["options"]
         told = {**record, "polygon": record["scene"], "samples": options["samples"]}
         key = tuple(told[name] for name in KEYS)
-        row = rows.setdefault(key, _predictions(record))
+        predicted = record["predicted"]
+        known = [name for name in (*predictors(), *FEATURES_KEPT) if name in predicted]
+        row = rows.setdefault(key, {name: predicted[name] for name in known})
         counted = record["counters"]
         row |= {name: counted[name] for name in measures(counted)}
         if "median_s" in (record.get("time") or {}):
@@ -153,18 +156,9 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     )
     if table.empty:
         return table
-    return _with_exact(_without_twins(table))
-
-
-def _predictions(record: Record) -> dict[str, object]:
-    predicted = record["predicted"]
-    return {name: predicted[name] for name in [*predictors(), *FEATURES_KEPT] if name in predicted}
-
-
-def _without_twins(table: pd.DataFrame) -> pd.DataFrame:
     same = [name for name in KEYS if name != "triangulator"]
-    rounded = table[list(SAME)].round(6)
-    return table[~pd.concat([table[same], rounded], axis=1).duplicated()].reset_index(drop=True)
+    twins = pd.concat([table[same], table[list(SAME)].round(6)], axis=1).duplicated()
+    return _with_exact(table[~twins].reset_index(drop=True))
 
 
 def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
@@ -264,17 +258,16 @@ def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     Returns the correlations; correlations_by_resolution.csv is written where there are several, and
     criteria_compared.csv where polygons rank two criteria.
     """
-    table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
-    correlations = correlate(table)
-    correlations.to_csv(folder / "correlations.csv", index=False, float_format="%.6g")
-    compared = compare_all(table)
-    if not compared.empty:
-        file = folder / "criteria_compared.csv"
-        compared.to_csv(file, index=False, float_format="%.6g")
-    sizes = by_resolution(table)
-    if not sizes.empty:
-        sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")
-    return correlations
+    tables = {
+        "measured": table,
+        "correlations": correlate(table),
+        "criteria_compared": compare_all(table),
+        "correlations_by_resolution": by_resolution(table),
+    }
+    for name, content in tables.items():
+        if name in ("measured", "correlations") or not content.empty:
+            content.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
+    return tables["correlations"]
 
 
 def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
@@ -294,15 +287,18 @@ PAPER = "overdraw"
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in _by_device(correlations):
-        measures = list(dict.fromkeys(part["measure"]))
+        told = zip(part["criterion"], part["measure"], part["value"], strict=True)
+        cells = {(name, of): "-" if np.isnan(value) else f"{value:.3f}" for name, of, value in told}
         title = f"rank correlation within polygons: {rasteriser} on {device}"
-        headings = (f">{label(measure)}" for measure in measures)
-        table = plain_table(title, "criterion", *headings)
-        for criterion in dict.fromkeys(part["criterion"]):
-            row = part[part["criterion"] == criterion].set_index("measure")["value"]
-            cells = [row.get(measure, np.nan) for measure in measures]
-            table.add_row(criterion, *("-" if np.isnan(c) else f"{c:.3f}" for c in cells))
-        console.print(table)
+        console.print(by_criterion(title, cells, list(dict.fromkeys(part["measure"]))))
+
+
+def by_criterion(title: str, cells: Mapping[tuple[str, str], str], shown: Sequence[str]) -> Table:
+    """Return a table of (criterion, measure) -> cell, a column for each measure that is shown."""
+    table = plain_table(title, "criterion", *(f">{label(measure)}" for measure in shown))
+    for name in dict.fromkeys(name for name, _ in cells):
+        table.add_row(name, *(cells.get((name, measure), "-") for measure in shown))
+    return table
 
 
 def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:

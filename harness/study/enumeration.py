@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.style import COLOURS, draw
+from harness.style import COLOURS, draw, grid
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.methods.exhaustive import enumerate_triangulations
@@ -62,10 +62,7 @@ def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
 
 
 def _figure(table: pd.DataFrame, front: NDArray[np.float64]) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.5, 3.2))
-    axes = figure.subplots()
+    figure, (axes,) = grid((3.5, 3.2))
     for conforming, label, marker in ((True, "conforming", "o"), (False, "T-junctions", "x")):
         part = table[table["conforming"] == conforming]
         if len(part):

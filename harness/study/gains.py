@@ -12,7 +12,7 @@ from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.intervals import FASTER
 from harness.figures.registry import find
 from harness.stored.folder import Record
-from harness.style import draw, looks
+from harness.style import draw, grid, looks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,10 +124,7 @@ def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
 
 
 def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.6, 3.6))
-    axes = figure.subplots()
+    figure, (axes,) = grid((4.6, 3.6))
     # Only this axis varies; all else is fixed where this axis has most values.
     others = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())

@@ -27,9 +27,9 @@ from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
-from harness.study.correlations import TIME, label
+from harness.study.correlations import TIME, by_criterion, label
 from harness.study.subjects import LEAST
-from harness.style import COLOURS, draw, family_of, plain_table
+from harness.style import COLOURS, draw, family_of, grid, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,17 +100,27 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
         first = good[0]
         where = {name: first[name] for name in ("rasteriser", "device", "resolution", "rotation")}
         where |= {"samples": first["options"]["samples"], "polygon": first["scene"]}
-        chosen = list(_choices(good))
+        found = {}
         # Counters do not depend on the work a fragment does: once for all of them.
         if tuple(where.values()) not in counted:
             counted.add(tuple(where.values()))
             for measure in measures(first["counters"]):
-                if all(r["counters"].get(measure) is not None for r in good):
-                    rows += _of_counter(good, chosen, {**where, "measure": measure})
-        timed = [r for r in good if "samples_s" in (r.get("time") or {})]
-        if len(timed) == len(good):
-            measure = f"{TIME}{first['options']['work']}"
-            rows += _of_time(good, chosen, {**where, "measure": measure})
+                values = [r["counters"].get(measure) for r in good]
+                if None not in values:
+                    found[measure] = _of_counter(values)
+        samples = [(r.get("time") or {}).get("samples_s") or () for r in good]
+        if min(map(len, samples)) > 1:
+            found[f"{TIME}{first['options']['work']}"] = _of_time(samples, first["time"])
+        proven = any(r["triangulator"] == LEAST and r.get("proven") == r["polygons"] for r in good)
+        for measure, (best, ends) in found.items():
+            known = proven and measure in OF_QUADS and where["samples"] == 1
+            told = {"measure": measure, "best": good[best]["triangulator"], "least_known": known}
+            for kind, name, place in _choices(good):
+                low, high = ends[place]
+                values_of = {"regret": (low + high) / 2, "regret_low": low, "regret_high": high}
+                chosen = {"kind": kind, "name": name, "triangulator": good[place]["triangulator"]}
+                if not np.isnan(low):
+                    rows.append(where | told | chosen | values_of)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -127,55 +137,22 @@ def _choices(good: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
             yield "triangulator", family, place
 
 
-def _of_counter(
-    good: Sequence[Record], chosen: Sequence[tuple[str, str, int]], where: Mapping[str, Any]
-) -> Iterator[dict[str, Any]]:
-    measure = where["measure"]
-    values = [record["counters"][measure] for record in good]
-    best = int(np.argmin(values))
-    exact = any(r["triangulator"] == LEAST and r.get("proven") == r["polygons"] for r in good)
-    least_known = exact and measure in OF_QUADS and where["samples"] == 1
-    for kind, name, place in chosen:
-        if values[best] > 0 or values[place] == 0:
-            ratio = values[place] / values[best] if values[best] else 1.0
-            yield {
-                **where,
-                **_names(good, kind, name, place, best),
-                "least_known": least_known,
-                **dict.fromkeys(("regret", "regret_low", "regret_high"), ratio - 1.0),
-            }
+def _of_counter(values: Sequence[float]) -> tuple[int, list[tuple[float, float]]]:
+    """Return the place of the best, and both ends of each one's regret; NaN where the best is 0."""
+    best = min(values)
+    regrets = [0.0 if each == best else each / best - 1.0 if best else np.nan for each in values]
+    return values.index(best), [(each, each) for each in regrets]
 
 
 def _of_time(
-    good: Sequence[Record], chosen: Sequence[tuple[str, str, int]], where: Mapping[str, Any]
-) -> Iterator[dict[str, Any]]:
-    rounds = min(len(record["time"]["samples_s"]) for record in good)
-    if rounds < 2:
-        return
-    timing = good[0]["time"]
-    times = np.array([record["time"]["samples_s"][:rounds] for record in good])
-    times = times / np.array(timing["reference_s"][:rounds])
+    samples: Sequence[Sequence[float]], timing: Mapping[str, Any]
+) -> tuple[int, list[tuple[float, float]]]:
+    """Return the same of times, of which `timing` has the reference draw and the parts."""
+    rounds = min(map(len, samples))
+    times = np.array([each[:rounds] for each in samples]) / np.array(timing["reference_s"][:rounds])
     values = np.stack([np.median(times[:, block], axis=1) for block in blocks(timing, rounds)], 1)
     best = int(np.argmin(np.log(values).mean(axis=1)))
-    for kind, name, place in chosen:
-        low, high = regret_ends(values, place)
-        yield {
-            **where,
-            **_names(good, kind, name, place, best),
-            "least_known": False,
-            "regret": (low + high) / 2,
-            "regret_low": low,
-            "regret_high": high,
-        }
-
-
-def _names(good: Sequence[Record], kind: str, name: str, place: int, best: int) -> dict[str, str]:
-    return {
-        "kind": kind,
-        "name": name,
-        "triangulator": good[place]["triangulator"],
-        "best": good[best]["triangulator"],
-    }
+    return best, [regret_ends(values, place) for place in range(len(samples))]
 
 
 def summarise(table: pd.DataFrame) -> pd.DataFrame:
@@ -231,15 +208,8 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
     for (rasteriser, device, resolution, *_), part in wanted.groupby(list(VIEW), sort=False):
         shown = main_measures(list(dict.fromkeys(part["measure"])))
         title = f"regret, by criterion: {rasteriser} on {device}, {resolution} px"
-        table = plain_table(title, "criterion", *(f">{label(measure)}" for measure in shown))
-        cells = part.set_index(["name", "measure"])
-        for name in dict.fromkeys(part["name"]):
-            row = [
-                written(cells.loc[(name, measure)]) if (name, measure) in cells.index else "-"
-                for measure in shown
-            ]
-            table.add_row(str(name), *row)
-        console.print(table)
+        cells = {(row["name"], row["measure"]): written(row) for row in part.to_dict("records")}
+        console.print(by_criterion(title, cells, shown))
 
 
 def written(row: Any) -> str:
@@ -272,21 +242,18 @@ def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
 
 
 def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
-    from matplotlib.figure import Figure
-
     first = part[part["measure"] == shown[0]]
     # Criteria above triangulators, each from the least regret down.
     ordered = first.sort_values(["kind", "mean"])
     names = list(zip(ordered["kind"], ordered["name"], strict=True))[::-1]
-    figure = Figure(figsize=(1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names)))
-    row = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    size = (1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names))
+    figure, row = grid(size, columns=len(shown), sharey=True)
     for panel, measure in zip(row, shown, strict=True):
         _panel(panel, part[part["measure"] == measure], names)
         panel.set_xlabel(f"{label(measure)}\nabove the best there is")
     titles = [find(name).title if kind == "criterion" else name for kind, name in names]
     row[0].set_yticks(range(len(names)), titles, fontsize=6.5)
-    handles, labels = row[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, row, columns=2)
     proof = "that there are" if first["least_known"].mean() == 1 else "that were measured"
     figure.suptitle(
         f"What does trusting it cost? {where}\n"

@@ -43,8 +43,6 @@ REGRET_OF_Q = "0.01 % (0.00 to 0.02) (city, 1024 px)"
 H_TURNED = "0.92 at the worst angle (city, 512 px)"
 A_TURNED = "0.99 at the worst angle (city, 512 px)"
 
-_NOTHING = pd.DataFrame()
-
 
 @dataclass(frozen=True)
 class Evidence:
@@ -54,12 +52,12 @@ class Evidence:
     order in which triangulators give triangles, in walk order, and turned
     """
 
-    correlations: pd.DataFrame = field(default_factory=lambda: _NOTHING)
-    compared: pd.DataFrame = field(default_factory=lambda: _NOTHING)
-    regret: pd.DataFrame = field(default_factory=lambda: _NOTHING)
-    choice: pd.DataFrame = field(default_factory=lambda: _NOTHING)
-    walked: pd.DataFrame = field(default_factory=lambda: _NOTHING)
-    turned: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    correlations: pd.DataFrame = field(default_factory=pd.DataFrame)
+    compared: pd.DataFrame = field(default_factory=pd.DataFrame)
+    regret: pd.DataFrame = field(default_factory=pd.DataFrame)
+    choice: pd.DataFrame = field(default_factory=pd.DataFrame)
+    walked: pd.DataFrame = field(default_factory=pd.DataFrame)
+    turned: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 @dataclass(frozen=True)
@@ -91,22 +89,19 @@ class Figure:
         point = np.isnan(self.low) or self.low == self.high
         return (value if point else f"{value} ({low} to {high})") + self.beside
 
-    def provided(self, holds: Callable[[Figure], bool]) -> Figure:
-        """Return the figure of a claim that holds where `holds` says so."""
-        return replace(self, holds=bool(holds(self)))
-
 
 @dataclass(frozen=True)
 class Claim:
     """One sentence of our findings.
 
     ours : the figure that docs/findings.md gives; check : evidence -> the same figure here, None
-    where the studies do not tell
+    where the studies do not tell; holds : whether that figure bears the claim out
     """
 
     sentence: str
     ours: str
     check: Callable[[Evidence], Figure | None]
+    holds: Callable[[Figure], bool] = lambda figure: figure.holds
 
 
 def _row(table: pd.DataFrame, *, walker: bool = False, **where: str) -> pd.Series[Any] | None:
@@ -145,13 +140,6 @@ def _correlation(
     return _figure(row, "value", "ci_low", "ci_high")
 
 
-def _at_least(
-    evidence: Evidence, criterion: str, measure: str, least: float, *, walker: bool = False
-) -> Figure | None:
-    found = _correlation(evidence, criterion, measure, walker=walker)
-    return found and found.provided(lambda figure: figure.value >= least)
-
-
 def _ahead(evidence: Evidence, criterion: str, other: str, measure: str) -> Figure | None:
     """Check that a criterion ranks better than another, by differences within each polygon."""
     one, two = (_correlation(evidence, name, measure) for name in (criterion, other))
@@ -181,14 +169,13 @@ def _shape_is_last(evidence: Evidence) -> Figure | None:
     shape = found["shape"]
     if shape is None or len(values) < len(RANKED):
         return None
-    return shape.provided(lambda _: min(values, key=values.__getitem__) == "shape")
+    return replace(shape, holds=min(values, key=values.__getitem__) == "shape")
 
 
-def _faster(table: pd.DataFrame, base: str) -> Figure | None:
-    """Check that the best for H is drawn faster than `base` in the largest view."""
+def _time_ratio(table: pd.DataFrame, base: str) -> Figure | None:
+    """Return the time of the best for H in ratio to that of `base`, in the largest view."""
     row = _row(table, triangulator=BEST, base=base)
-    found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
-    return found and found.provided(lambda figure: figure.high < 1)
+    return _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
 
 
 def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Figure | None:
@@ -199,7 +186,7 @@ def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Fi
         return None
     # Where all lose the same, the most that any lost has to do.
     least_known = float(row["worst"]) if np.isnan(found.high) else found.high
-    return found.provided(lambda _: least_known <= most)
+    return replace(found, holds=least_known <= most)
 
 
 def _at_worst(table: pd.DataFrame, triangulator: str) -> Figure | None:
@@ -217,7 +204,8 @@ CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
         Q_RANKS_LANES,
-        lambda e: _at_least(e, "expected-quads", "helper_lanes", 0.95),
+        lambda e: _correlation(e, "expected-quads", "helper_lanes"),
+        lambda found: found.value >= 0.95,
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
@@ -232,7 +220,8 @@ CLAIMS = (
     Claim(
         "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
         A_RANKS_TESTS,
-        lambda e: _at_least(e, "overdraw", "bbox_tests", 0.999, walker=True),
+        lambda e: _correlation(e, "overdraw", "bbox_tests", walker=True),
+        lambda found: found.value >= 0.999,
     ),
     Claim(
         "D, the shape, predicts helper lanes worst of the criteria that can rank",
@@ -242,17 +231,20 @@ CLAIMS = (
     Claim(
         "The best for H is drawn faster than ear clipping's triangles",
         H_AGAINST_EAR_CLIPPING,
-        lambda e: _faster(e.choice, USUAL),
+        lambda e: _time_ratio(e.choice, USUAL),
+        lambda found: found.high < 1,
     ),
     Claim(
         "The best for H is drawn faster than Delaunay's triangles",
         H_AGAINST_DELAUNAY,
-        lambda e: _faster(e.choice, DELAUNAY),
+        lambda e: _time_ratio(e.choice, DELAUNAY),
+        lambda found: found.high < 1,
     ),
     Claim(
         "It is so in the same order of triangles, too: the gain is one of diagonals",
         H_AGAINST_DELAUNAY_WALKED,
-        lambda e: _faster(e.walked, DELAUNAY),
+        lambda e: _time_ratio(e.walked, DELAUNAY),
+        lambda found: found.high < 1,
     ),
     Claim(
         "Trusting Q costs at most 1 % more quads than the fewest there are",
@@ -263,24 +255,22 @@ CLAIMS = (
         "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
         " or less",
         H_TURNED,
-        lambda e: (
-            (f := _at_worst(e.turned, BEST)) and f.provided(lambda worst: worst.value <= 0.95)
-        ),
+        lambda e: _at_worst(e.turned, BEST),
+        lambda found: found.value <= 0.95,
     ),
     Claim(
         "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
         A_TURNED,
-        lambda e: (
-            (f := _at_worst(e.turned, "optimal:overdraw"))
-            and f.provided(lambda worst: worst.value > 0.95)
-        ),
+        lambda e: _at_worst(e.turned, "optimal:overdraw"),
+        lambda found: found.value > 0.95,
     ),
 )
 
 
 def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:
     """Return each claim with what the evidence says of it."""
-    return [(claim, claim.check(evidence)) for claim in CLAIMS]
+    found = [(claim, claim.check(evidence)) for claim in CLAIMS]
+    return [(c, figure and replace(figure, holds=c.holds(figure))) for c, figure in found]
 
 
 def read(folder: Path) -> Evidence:
@@ -288,7 +278,7 @@ def read(folder: Path) -> Evidence:
 
     def table(*parts: str) -> pd.DataFrame:
         file = folder.joinpath(*parts)
-        return pd.read_csv(file) if file.is_file() else _NOTHING
+        return pd.read_csv(file) if file.is_file() else pd.DataFrame()
 
     return Evidence(
         correlations=table("validate", "correlations.csv"),

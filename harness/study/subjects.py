@@ -59,7 +59,7 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
     UsageError
         if the scene has no suitable polygon
     """
-    sizes = _sizes(scene.polygons)
+    sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
     fit = [
         number
         for number in np.argsort(sizes, kind="stable").tolist()
@@ -81,15 +81,10 @@ def evenly(numbers: Sequence[int], most: int) -> list[int]:
     return list(dict.fromkeys(numbers[round(step)] for step in steps.tolist()))
 
 
-def _sizes(polygons: Sequence[Polygon]) -> NDArray[np.int64]:
-    return np.asarray(shapely.get_num_coordinates(np.array(polygons, dtype=object)) - 1)
-
-
 def _alone(scene: Scene, number: int) -> Scene:
     attributes = None if scene.attributes is None else scene.attributes.iloc[[number]]
-    polygons = [scene.polygons[number]]
-    alone = replace(scene, polygons=polygons, attributes=attributes, tiling=None, viewing=None)
-    return replace(alone, dropped=[], repaired=[])
+    alone = replace(scene, polygons=[scene.polygons[number]], attributes=attributes)
+    return replace(alone, tiling=None, viewing=None, dropped=[], repaired=[])
 
 
 def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:

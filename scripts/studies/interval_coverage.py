@@ -37,7 +37,7 @@ from harness.figures.intervals import (
     paired_ratio,
     ratio_interval,
 )
-from harness.figures.verdict import AFTER, break_even, decide
+from harness.figures.verdict import break_even, decide
 from harness.stored.folder import Record
 from harness.study.correlations import by_polygon, median_estimate
 from harness.study.regret import regret_ends, regret_interval
@@ -342,7 +342,7 @@ def _break_even(ratio: float, scatter: float, rounds: int, rng: np.random.Genera
 
     base = record(rng, DRAW_S, ONCE_S)
     even = break_even(record(rng, ratio * DRAW_S, LONGER_S), base)
-    if even is None or even.kind != AFTER or even.high is None:
+    if even is None or even.kind != "after" or even.high is None:
         return Trial(UNKNOWN, None, truth)
     return Trial((even.low or 0.0, even.high), None, truth)
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.history.series import (
+from harness.history import (
     LEAST_STEP,
     MOST,
     TOGETHER,
@@ -39,12 +39,12 @@ def year(tmp_path) -> Path:
 
 
 def test_runs_are_found_below_folders_and_ordered_by_when_they_were_made(year):
-    runs = find_runs([year, year / "run-98"]).runs
+    runs = find_runs([year, year / "run-98"])[0]
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
 
 
 def test_changes_are_where_they_were_made(year):
-    series = read_series(find_runs([year]).runs)
+    series = read_series(find_runs([year])[0])
     found = {(s.metric, s.name.triangulator): s.changes for s in series if s.changes}
     assert found == {
         ("quads", "ear-clipping"): (5,),
@@ -64,14 +64,14 @@ def test_a_new_content_is_no_change_of_code(tmp_path):
     for number in range(1, 7):
         edits = {"*": other} if number > 3 else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
-    assert not any(series.changes for series in read_series(find_runs([tmp_path]).runs))
+    assert not any(series.changes for series in read_series(find_runs([tmp_path])[0]))
 
 
 def test_gaps_are_no_changes(tmp_path):
     for number in range(1, 5):
         leave_out = ("fan",) if number == 2 else ()
         write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
-    fan = next(s for s in read_series(find_runs([tmp_path]).runs) if s.name.triangulator == "fan")
+    fan = next(s for s in read_series(find_runs([tmp_path])[0]) if s.name.triangulator == "fan")
     assert np.isnan(fan.values).tolist() == [False, True, False, False]
     assert fan.changes == ()
 
@@ -83,7 +83,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
     for number in range(1, 7):
         edits = {"delaunay": read_back} if number in (2, 5) else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
-    found = read_series(find_runs([tmp_path]).runs, ["triangulate_ms"])
+    found = read_series(find_runs([tmp_path])[0], ["triangulate_ms"])
     delaunay = next(series for series in found if series.name.triangulator == "delaunay")
     assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
     assert np.nanmax(delaunay.values) == 50
@@ -140,13 +140,13 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
 def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, year):
     write_run(year / "study", seed=3)
     (year / "study/correlations.csv").write_text("")
-    environment = {"command": ["harness", "validate", "--scene", "city"]}
+    environment = {"command": ["harness", "study", "validate", "--scene", "city"]}
     write_run(year / "stopped-study", seed=3, facts={"environment": environment})
     write_run(year / "run-98/base", seed=3, facts={"beside": {"is_base": True}})
-    found = find_runs([year])
-    assert (len(found.runs), found.studies) == (16, 2)
-    assert len(find_runs([year], studies=True).runs) == 18
-    assert len(find_runs([year / "study"]).runs) == 1  # named, so wanted
+    runs, studies = find_runs([year])
+    assert (len(runs), studies) == (16, 2)
+    assert len(find_runs([year], studies=True)[0]) == 18
+    assert len(find_runs([year / "study"])[0]) == 1  # named, so wanted
     out, _ = ends_well(harness("history", str(year), "--out", "plots"))
     assert out.startswith("left out: 2 studies; see --all")
 

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import RUN_SCATTER
-from harness.figures.verdict import COUNTED, BreakEven, advice, break_even, decide, explained
-from harness.report.report_data import content_of
+from harness.figures.verdict import BreakEven, advice, break_even, decide, explained
+from harness.report.page import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
 from tests.harness.test_summary import SAMPLES, printed, record
@@ -230,7 +230,7 @@ def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
 def test_two_that_cost_alike_cost_less_than_a_third():
     found = [made(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
     decision = decide([made("ear-clipping", "untimed"), *found])
-    assert (decision.ground, decision.choice.name) == (COUNTED, "delaunay")
+    assert (decision.ground, decision.choice.name) == ("counted", "delaunay")
 
 
 def test_where_the_usual_base_left_polygons_out_another_is_taken():

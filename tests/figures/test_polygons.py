@@ -8,11 +8,10 @@ import scipy.stats
 
 from harness.figures.polygons import (
     columns_of,
-    correlation_of_ratios,
     error_of,
-    error_of_ratios,
     rank_correlation,
     ranks,
+    ratio_pairs,
     ratios,
     spearman,
 )
@@ -53,10 +52,11 @@ def test_ratios_of_polygons_that_both_drew():
 
 def test_a_prediction_is_set_against_a_counter_over_the_base():
     both = {"base": BASE, "other": OTHER}
-    assert correlation_of_ratios(both, "base", "half_perimeter", "quads") == pytest.approx(1)
-    assert error_of_ratios(both, "base", "half_perimeter", "quads") == pytest.approx(0)
+    pairs = ratio_pairs(both, "base", "half_perimeter", "quads")
+    assert rank_correlation(*pairs) == pytest.approx(1)
+    assert error_of(*pairs) == pytest.approx(0)
     double = {"base": BASE, "other": OTHER | {"quads": 2 * OTHER["quads"]}}
-    error = error_of_ratios(double, "base", "half_perimeter", "quads")
+    error = error_of(*ratio_pairs(double, "base", "half_perimeter", "quads"))
     assert error == pytest.approx(np.log(2))
     assert error_of(np.array([np.nan, 0.0]), np.ones(2)) is None
 
@@ -71,7 +71,7 @@ def test_what_one_of_them_lacks_is_not_compared():
         {"base": no_cost, "other": OTHER},
         {"base": BASE},
     ):
-        assert correlation_of_ratios(known, "base", "half_perimeter", "quads") is None
+        assert rank_correlation(*ratio_pairs(known, "base", "half_perimeter", "quads")) is None
 
 
 def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_not():

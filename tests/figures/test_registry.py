@@ -15,7 +15,7 @@ from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.figures import counters, registry
 from harness.figures.registry import Figure, figures_of, find, limit_of, measures, predictions
-from harness.report.report_data import content_of
+from harness.report.page import content_of
 from harness.stored.folder import read_run
 from harness.study import correlations
 from harness.style import looks

@@ -20,7 +20,7 @@ from harness.figures.run_state import (
     two_modes,
     undisturbed,
 )
-from harness.figures.verdict import COUNTED, EQUAL, SHOWN, advice, decide
+from harness.figures.verdict import advice, decide
 from scripts.studies.machines import ROUNDS, quiet, sliced, timed, two_speeds
 from tests.measuring.test_run import measure, plan_for
 
@@ -30,7 +30,7 @@ def test_the_best_of_several_is_not_shown_by_chance(machine):
     """Seven that cost the same: of the runs, at most one in twenty says that one saves."""
     rng = np.random.default_rng(3)
     count = 150
-    shown = sum(decide(timed(rng, machine, (1.0,) * 7)).ground == SHOWN for _ in range(count))
+    shown = sum(decide(timed(rng, machine, (1.0,) * 7)).ground == "shown" for _ in range(count))
     assert shown / count <= 0.05
 
 
@@ -135,14 +135,14 @@ def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
     for record in records:
         record["state"] = DISTURBED
     decision = decide(records)
-    assert (decision.ground, decision.choice.name) == (COUNTED, "rival 2")
+    assert (decision.ground, decision.choice.name) == ("counted", "rival 2")
     assert [each.name for each in decision.standings] == ["rival 2", "ear-clipping", "rival 1"]
     sentence = advice(decide(records))
     assert "its times are disturbed and show nothing" in sentence
     assert "measure again" in sentence
     for record in records:
         record["counters"] = {"quads": 9}
-    assert decide(records).ground == EQUAL
+    assert decide(records).ground == "equal"
     assert "its times are disturbed and show nothing" in advice(decide(records))
 
 

@@ -16,7 +16,7 @@ from harness.figures.groups import (
     processor_words,
     several_processors,
 )
-from harness.history.series import read_series
+from harness.history import read_series
 from harness.machine import environment
 from harness.machine.environment import COMMITS, commit_of
 from harness.scaling import merging
@@ -88,7 +88,7 @@ def test_a_run_that_knows_the_harness_alone_tells_of_it():
 def test_comparison_and_history_tell_the_users_commit(tmp_path):
     from harness.compare.comparison import compare_runs
     from harness.compare.wording import run_lines
-    from harness.history.plots import run_label
+    from harness.history import run_label
     from tests.compare.runs import MACHINE, write_run
 
     ours, theirs = {"commit": "a" * 40, "dirty": False}, {"commit": "b" * 40, "dirty": False}

@@ -13,7 +13,7 @@ import pytest
 
 from harness import __version__
 from harness.errors import UsageError
-from harness.history.series import changes_of_noisy
+from harness.history import changes_of_noisy
 from scenes import SceneError
 from scenes.readers import meshes
 from tests.paths import ROOT

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from harness.figures.counters import ESTIMATES, estimated, of_measure
-from harness.figures.polygons import columns_of, error_of, error_of_ratios
+from harness.figures.polygons import columns_of, error_of, ratio_pairs
 from harness.figures.registry import PREDICTED, find
 from harness.report.plots import NAME, plot_run
 from harness.stored.folder import read_run
@@ -106,7 +106,7 @@ def test_an_estimate_is_nearer_than_its_criterion(folder):
     records = [record for record in run.records if record["resolution"] == 256]
     columns = {record["triangulator"]: columns_of(run, record) for record in records}
     error = {
-        name: error_of_ratios(columns, "ear-clipping", name, "helper_lanes")
+        name: error_of(*ratio_pairs(columns, "ear-clipping", name, "helper_lanes"))
         for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
     }
     assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]

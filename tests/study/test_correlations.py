@@ -12,7 +12,7 @@ from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
 from harness.report import matrix
 from harness.report.matrix import criteria_of
-from harness.report.report_data import content_of
+from harness.report.page import content_of
 from harness.stored.folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (

@@ -216,11 +216,8 @@ def test_two_runs_agree_where_both_decide(monkeypatch):
     steady = [1.0] * 12
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
     swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]
-    found = repeat(first, swapped)
-    assert (found.cases, found.unequal) == (3, ("c",))
-    (verdicts,) = found.verdicts
-    assert (verdicts.pairs, verdicts.same) == (3, 2)
-    assert (verdicts.decided, verdicts.agreeing) == (3, 2)
+    cases, unequal, verdicts = repeat(first, swapped)
+    assert (cases, unequal) == (3, ["c"])
+    assert verdicts == {("r", "d"): (3, 2, 3, 2)}
     undecided = [scripted("a", steady), scripted("b", [0.5, 2.0] * 6), scripted("c", [3.0] * 12)]
-    (verdicts,) = repeat(first, undecided).verdicts
-    assert (verdicts.same, verdicts.decided, verdicts.agreeing) == (2, 2, 2)
+    assert repeat(first, undecided)[2] == {("r", "d"): (3, 2, 2, 2)}

@@ -1,4 +1,4 @@
-"""Turns a pile of runs into one series for each case and metric.
+"""Turns a pile of runs into one series for each case and metric, and draws them.
 
 An exact figure changes wherever it differs from the run before. A noisy one is cut into stretches
 of constant median by the pruned exact linear time search of Killick, Fearnhead & Eckley (2012);
@@ -12,11 +12,13 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from harness.compare.matching import case_name, latest
@@ -26,10 +28,15 @@ from harness.errors import UsageError, unknown
 from harness.figures import groups
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
-from harness.machine.environment import label_of
+from harness.machine.environment import commit_of
 from harness.settings import HISTORY_METRICS
 from harness.stored.folder import Record, Run, read_facts, read_run
+from harness.style import COLOURS, MARKERS, draw, grid, legend_below
 from scenes.spec import install
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 STUDIES = ("validate", "pareto")
 """Commands whose runs measure thousands of triangulations of single polygons, each once."""
@@ -54,7 +61,6 @@ class Series:
     values : (runs,) float64, nan where a run lacks it; for `time` relative to the median run
     content : (runs,) the scene's content hash, "" where unknown; of times with the processor, where
         that is the device
-    changes : positions of the first run after each change; a change of content is none
     """
 
     name: CaseName
@@ -62,18 +68,32 @@ class Series:
     exact: bool
     values: NDArray[np.float64]
     content: tuple[str, ...]
-    changes: tuple[int, ...]
+
+    @cached_property
+    def changes(self) -> tuple[int, ...]:
+        """Positions of the first run after each change; a change of content is none."""
+        known = np.flatnonzero(np.isfinite(self.values))
+        cuts = [
+            n for n, (a, b) in enumerate(pairwise(known), 1) if self.content[a] != self.content[b]
+        ]
+        found: list[int] = []
+        for stretch in np.split(known, cuts):
+            part = self.values[stretch]
+            places = changes_of_exact(part) if self.exact else changes_of_noisy(np.log(part))
+            found += stretch[places].tolist()
+        return tuple(found)
+
+    @property
+    def steps(self) -> list[tuple[float, float]]:
+        """The levels, which are medians, before and after each change."""
+        cuts = [0, *self.changes, len(self.values)]
+        return list(pairwise(float(np.nanmedian(self.values[a:b])) for a, b in pairwise(cuts)))
 
 
-class Found(NamedTuple):
-    """Runs in the order they were made, and how many studies were left out."""
+def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[Run], int]:
+    """Read the runs in `folders` and below them, in the order they were made.
 
-    runs: list[Run]
-    studies: int
-
-
-def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
-    """Read the runs in `folders` and below them.
+    Returns them, and how many studies were left out.
 
     studies : read them, too, but for those that another run was measured beside, which are older
         states of the code; a folder that is named is always read
@@ -99,13 +119,13 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
             continue
         kept.append(latest(read_run(path)))
     kept.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
-    return Found(kept, left)
+    return kept, left
 
 
 def is_study(path: Path, facts: Mapping[str, Any]) -> bool:
     """Whether a run is a study's, which has no history: no case of it is measured again."""
     command = (facts.get("environment") or {}).get("command")
-    named = isinstance(command, list) and len(command) > 1 and command[1] in STUDIES
+    named = isinstance(command, list) and command[1:3] in [["study", name] for name in STUDIES]
     return named or any((path / name).is_file() for name in STUDY_FILES)
 
 
@@ -135,7 +155,8 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
                 run if state_of(run.facts, run.records).is_quiet else replace(run, records=[])
                 for run in runs
             ]
-            found += _times(_on_their_processor(quiet))
+            # Where the processor is the device, it is part of the content.
+            found += _times(_cases(groups.by_processor(quiet, "scene_hash", "{} on {}")))
         else:
             found += [_series(name, metric, records) for name, records in cases.items()]
     return [series for series in found if np.isfinite(series.values).any()]
@@ -151,24 +172,12 @@ def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
     return dict(cases)
 
 
-def _on_their_processor(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
-    """Return `_cases` with the processor as part of the content where it is the device."""
-    mixed = groups.several_processors(runs)
-
-    def told(run: Run, record: Record) -> Record:
-        if record.get("device") not in mixed or not groups.of_cpu(run, record):
-            return record
-        return {**record, "scene_hash": f"{record.get('scene_hash')} on {label_of(run.facts)}"}
-
-    return _cases([replace(run, records=[told(run, each) for each in run.records]) for run in runs])
-
-
 def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:
     if metric == MEASURED_ONCE:
         records = [None if (record or {}).get("polygons_cached") else record for record in records]
     figures = [find(metric)(record) if record else None for record in records]
     values = np.array([np.nan if value is None else value for value in figures], np.float64)
-    return _with_changes(name, metric, find(metric).exact, values, _contents(records))
+    return Series(name, metric, find(metric).exact, values, _contents(records))
 
 
 def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
@@ -189,22 +198,17 @@ def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
         names = [name for name, good in zip(names, timed, strict=True) if good]
         logs = logs[timed]
         logs = logs - np.nanmedian(logs, axis=1, keepdims=True)
-        together = _median_of_columns(logs)
+        together = pd.DataFrame(logs).median().to_numpy()
         contents = [_contents(cases[name]) for name in names]
         if len(names) > 1:
             whole = CaseName(**{**vars(names[0]), "triangulator": TOGETHER})
-            found.append(_with_changes(whole, TIME, False, np.exp(together), contents[0]))
+            found.append(Series(whole, TIME, False, np.exp(together), contents[0]))
             logs = logs - together
         found += [
-            _with_changes(name, TIME, False, np.exp(row), content)
+            Series(name, TIME, False, np.exp(row), content)
             for name, row, content in zip(names, logs, contents, strict=True)
         ]
     return found
-
-
-def _median_of_columns(logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    columns = [column[np.isfinite(column)] for column in logs.T]
-    return np.array([np.median(column) if len(column) else np.nan for column in columns])
 
 
 def _log_time(record: Record | None) -> float:
@@ -216,95 +220,51 @@ def _contents(records: Sequence[Record | None]) -> tuple[str, ...]:
     return tuple(str((record or {}).get("scene_hash") or "") for record in records)
 
 
-def _with_changes(
-    name: CaseName,
-    metric: str,
-    exact: bool,
-    values: NDArray[np.float64],
-    content: tuple[str, ...],
-) -> Series:
-    """Find the changes, each stretch of the same content by itself."""
-    find = changes_of_exact if exact else changes_of_noisy
-    known = np.flatnonzero(np.isfinite(values))
-    changes = []
-    for stretch in _stretches(known, content):
-        part = values[stretch]
-        changes += [int(stretch[place]) for place in find(part if exact else np.log(part))]
-    return Series(name, metric, exact, values, content, tuple(changes))
-
-
-def _stretches(known: NDArray[np.intp], content: Sequence[str]) -> list[NDArray[np.intp]]:
-    """Split the positions `known` wherever the content differs from the one before."""
-    cuts = [n for n in range(1, len(known)) if content[known[n]] != content[known[n - 1]]]
-    return [part for part in np.split(known, cuts) if len(part)]
-
-
 MOST = 12
 """Series that are shown unless all are asked for: as many as one can follow."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What is wanted of a history; () for no restriction."""
+def matching(series: Sequence[Series], wanted: Mapping[str, Sequence[str]]) -> list[Series]:
+    """Return the series of the scenes, triangulators and rasterisers that were asked for.
 
-    scenes: tuple[str, ...] = ()
-    triangulators: tuple[str, ...] = ()
-    rasterisers: tuple[str, ...] = ()
-    all: bool = False
-
-
-def matching(series: Sequence[Series], choice: Choice) -> list[Series]:
-    """Return the series that were asked for.
+    wanted : names by "scene", "triangulator" and "rasteriser"
 
     Raises
     ------
     UsageError
         if no run has what was asked for
     """
-    wanted = (
-        ("scene", choice.scenes, lambda entry: entry.name.scene),
-        ("triangulator", choice.triangulators, lambda entry: entry.name.triangulator),
-        ("rasteriser", choice.rasterisers, lambda entry: entry.name.rasteriser),
-    )
     left = list(series)
-    for kind, names, value in wanted:
-        known = {value(entry) for entry in left}
+    for kind, names in wanted.items():
+        known = {getattr(entry.name, kind) for entry in left}
         for name in names:
             if name not in known:
                 raise unknown(kind, name, known)
-        left = [entry for entry in left if not names or value(entry) in names]
+        left = [entry for entry in left if getattr(entry.name, kind) in names]
     return left
 
 
-def worth_showing(series: Sequence[Series], choice: Choice) -> list[Series]:
-    """Return what changed most, then what most runs have, at most `MOST` unless all are wanted.
+def worth_showing(series: Sequence[Series]) -> list[Series]:
+    """Return what changed most, then what most runs have, at most `MOST`.
 
     What only one run has, has no history.
     """
-    if choice.all:
-        return list(series)
     several = [entry for entry in series if np.isfinite(entry.values).sum() > 1]
     first = sorted(several, key=_interest)[:MOST]
     return [entry for entry in series if any(entry is each for each in first)]
 
 
-def change_of(entry: Series) -> float:
-    """Return the largest step of a series as an absolute log ratio; inf from or to 0."""
-    cuts = [0, *entry.changes, len(entry.values)]
-    levels = [float(np.nanmedian(entry.values[a:b])) for a, b in pairwise(cuts)]
-    steps = [_step(before, after) for before, after in pairwise(levels)]
-    return max(steps, default=0.0)
+def _interest(entry: Series) -> tuple[float, bool, float]:
+    """Return a sort key: the largest step as an absolute log ratio, inf from or to 0, first."""
+    together = entry.name.triangulator == TOGETHER
+    steps = [0.0 if together else _step(*levels) for levels in entry.steps]
+    return -max(steps, default=0.0), together, -np.isfinite(entry.values).sum()
 
 
 def _step(before: float, after: float) -> float:
     if before == after:
         return 0.0
     return abs(math.log(after / before)) if before > 0 and after > 0 else math.inf
-
-
-def _interest(entry: Series) -> tuple[float, bool, float]:
-    together = entry.name.triangulator == TOGETHER
-    return -change_of(entry) if not together else 0.0, together, -np.isfinite(entry.values).sum()
 
 
 SHORTEST = 3
@@ -357,3 +317,74 @@ def _noise(logs: NDArray[np.float64]) -> float:
     median size is 0.954 s, and the mean deviation is 0.798 s.
     """
     return float(0.798 / 0.954 * np.median(np.abs(np.diff(logs))))
+
+
+LABELS = 12
+"""Most runs that are named along the axis."""
+
+
+def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) -> list[Path]:
+    """Draw each metric into `folder` as PNG and SVG; returns the files written."""
+    files = []
+    for metric in dict.fromkeys(entry.metric for entry in series):
+        chosen = [entry for entry in series if entry.metric == metric]
+        files += draw(folder, metric, metric_figure, runs, chosen)
+    return files
+
+
+def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
+    """Draw the series of one metric, changes marked by a ring and the content's by a line."""
+    titles = list(dict.fromkeys(entry.name.where for entry in series))
+    names = list(dict.fromkeys(entry.name.triangulator for entry in series))
+    figure, panels = grid((7.0, 0.8 + 2.4 * len(titles)), len(titles), sharex=True)
+    for panel, title in zip(panels, titles, strict=True):
+        for entry in series:
+            if entry.name.where == title:
+                _line(panel, entry, names.index(entry.name.triangulator))
+        _content(panel, next(entry for entry in series if entry.name.where == title))
+        panel.set_title(title, fontsize=8, loc="left")
+        panel.set_ylabel(label(series[0].metric))
+    places = range(0, len(runs), max(1, -(-len(runs) // LABELS)))
+    panels[-1].set_xticks(list(places), [run_label(runs[place]) for place in places], rotation=30)
+    panels[-1].tick_params(axis="x", labelsize=6)
+    legend_below(figure, panels, columns=3)
+    return figure
+
+
+def label(metric: str) -> str:
+    """Return what a metric's axis is called."""
+    if metric == TIME:
+        return "time, relative"
+    figure = find(metric)
+    return f"{figure.title}, {figure.unit}"
+
+
+def _line(panel: Axes, entry: Series, number: int) -> None:
+    together = entry.name.triangulator == TOGETHER
+    colour = "#999999" if together else COLOURS[number % (len(COLOURS) - 1)]
+    places = np.arange(len(entry.values))
+    style = (":" if together else "-") + MARKERS[number % len(MARKERS)]
+    label = entry.name.triangulator
+    panel.plot(places, entry.values, style, color=colour, markersize=3, linewidth=1, label=label)
+    for place in entry.changes:
+        ring: Any = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.5}
+        panel.plot(place, entry.values[place], "o", markeredgecolor=colour, **ring)
+        panel.axvline(place - 0.5, color=colour, linewidth=0.8, linestyle="--")
+
+
+def _content(panel: Axes, entry: Series) -> None:
+    """Mark where the scene's content changed, so that no one takes it for a change of code."""
+    known = [(n, text) for n, text in enumerate(entry.content) if text]
+    for (_, before), (place, now) in pairwise(known):
+        if before != now:
+            panel.axvline(place - 0.5, color="black", linewidth=1.2)
+            look: Any = {"rotation": 90, "fontsize": 6, "va": "top", "ha": "right"}
+            coordinates = ("data", "axes fraction")
+            panel.annotate("content changed", (place - 0.5, 1), xycoords=coordinates, **look)
+
+
+def run_label(run: Run) -> str:
+    """Return a run's commit if known, else the name of its folder, and its day."""
+    name = commit_of(run.facts)[:8] or run.path.name
+    day = str(run.facts.get("created") or "")[:10]
+    return f"{name}\n{day}" if day else name
