@@ -62,7 +62,7 @@ make_venv() {
     install_packages
     write_program
     # Python keeps what it compiles of a module; done here, beside what follows, no process waits.
-    .venv/bin/python -c 'import harness.measuring.run, triangulators.batch, harness.commands.run, harness.report, pandas, numba' >/dev/null 2>&1 &
+    .venv/bin/python -c 'import harness.measuring.run, triangulators.many, harness.commands.run, harness.report, pandas, numba' >/dev/null 2>&1 &
     cat "${locks[@]}" > ".venv/installed-$what.lock"
 }
 

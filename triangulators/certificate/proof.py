@@ -160,15 +160,15 @@ def prove(
     candidates = candidates_of(sight, room)
     weights = weights_of(sight.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
-    search = _Best(candidates, weights, units)
-    search.offer(_numbers(candidates, triangles))
-    potentials, lift = search.solve(alive, cost, seconds)
-    total, factor, bound = int(search.least), units.factor, search._bound(potentials, lift)
+    best = _Best(candidates, weights, units)
+    best.offer(_numbers(candidates, triangles))
+    potentials, lift = best.solve(alive, cost, seconds)
+    total, factor, bound = int(best.least), units.factor, best._bound(potentials, lift)
     # Where costs are rounded, an optimum may seem to cost a unit more for each of its triangles.
     rounded = 0 if units.exact else outline.expected_triangles - 1
     equal = (bound // factor) + rounded >= total // factor and (units.exact or units.real)
     gap = 0.0 if equal else max(total - bound, factor) / max(abs(total), 1)
-    found = candidates.triangles[search.best]
+    found = candidates.triangles[best.best]
     return Proof(found, gap, candidates, weights, units, excluded, potentials, lift)
 
 
