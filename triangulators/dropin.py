@@ -6,8 +6,8 @@
 
 - "flips", the usual one: earcut's own, their diagonals flipped to ones that are shorter in the L1
   metric, which is what a GPU's quads follow (`flip`). It takes little longer than earcut.
-- "refined": the better of flips from earcut's triangles and from Delaunay's, in an order that
-  suits a vertex cache (`refined`).
+- "refined": the better of flips from earcut's triangles and from Delaunay's, in the order of
+  a walk from neighbour to neighbour (`refined`).
 - "optimal": the least sum of the half-perimeters of bounding boxes (`optimal:half-perimeter`).
 
 Where "refined" or "optimal" gets what is not a valid polygon, earcut's own result is returned, as a

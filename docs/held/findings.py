@@ -185,7 +185,7 @@ FIRST: Held = {
     " drawing's triangles were drawn twice, {} were found": lambda: [
         alarms()[place] for place in (0, 1, 4, 3)
     ],
-    "On another CPU a ratio of times moved by up to {} % ... by up to {} %: rely on": _moved,
+    "by earlier code, a ratio of times moved by up to {} % ... by up to {} %: rely on": _moved,
     **profiles.FIRST,
 }
 """The first page's."""

@@ -323,7 +323,7 @@ TABLES: Held = {
     ],
     "| beside the run | runs | quiet | disturbed | not to be trusted | reference draw, ms"
     " | best for H | false regressions | wrong sentences | planted, found |": _states,
-    "{} of {} pairs of quiet runs' ratios to ear clipping differ": _apart,
+    "{} of {} pairs of ratios to ear clipping of runs beside nothing differ": _apart,
     "from one run to the next: {:g} %": lambda: [100 * RUN_SCATTER],
     **profiles.TABLES,
     "| interval of | kinds of data | holds, least | a simpler one | not kept |": _intervals,
