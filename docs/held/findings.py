@@ -12,6 +12,7 @@ import pandas as pd
 
 from docs.held import Held, profiles, simulated
 from docs.held.lookups import (
+    at_most,
     ends,
     one,
     some,
@@ -163,7 +164,7 @@ FIRST: Held = {
     ],
     "its drawings take {:.1%} to {:g} % longer than those of the best for H": lambda: [
         min(gain(s, 1024, REFINED, BEST_FOR_H) for s in SCENES) - 1,
-        math.ceil(1000 * (max(gain(s, 1024, REFINED, BEST_FOR_H) for s in SCENES) - 1)) / 10,
+        100 * at_most((gain(s, 1024, REFINED, BEST_FOR_H) - 1 for s in SCENES), 3),
     ],
     "its error in a scene's helper lanes, ... is {:.1f} % ... H + T, ... is {:.1f} %.": lambda: map(
         error_of_prediction, ("by_quads", "by_length")
@@ -173,7 +174,7 @@ FIRST: Held = {
     ],
     "trusting Q costs a mean of up to {:%} % ... Trusting H costs {:%} to {:%} %. Trusting A"
     " costs {:%} % on letters and {:%} % on ... ear clipping costs {:%} % and {:%} %.": lambda: [
-        max(regret(scene, 1024, "Q")["mean"] for scene in SCENES),
+        at_most((regret(scene, 1024, "Q")["mean"] for scene in SCENES), 3),
         *ends(regret(scene, 1024, "H")["mean"] for scene in SCENES),
         *(
             regret(scene, 1024, who)["mean"]

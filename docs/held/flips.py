@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from itertools import product
 from typing import Any
@@ -55,7 +54,7 @@ def _counts(measure: str) -> Callable[[], list[str]]:
 def _beyond_l1(name: str) -> tuple[float, float]:
     """Return by which parts a triangulator has more lanes than L1 flips: ends over rows."""
     views = product(LABELS, SIZES)
-    return ends(_counted(*of, name) / _counted(*of, L1) - 1.0 for of in views)
+    return ends((_counted(*of, name) / _counted(*of, L1) - 1.0 for of in views), 3)
 
 
 def _time(scene: str, of: tuple[str, str, str]) -> str:
@@ -156,19 +155,18 @@ HELD: Held = {
         least="row",
     ),
     "drawn {:.1%} to {:.1%} % slower than `refined` at 64 px, and {:.1%} to {:.1%} %": lambda: [
-        outwards(1000 * end) / 1000
+        end
         for px in (64, 1024)
-        for outwards, end in zip(
-            (math.floor, math.ceil),
-            ends(
+        for end in ends(
+            (
                 _timed(scene, L1, px)["time_ratio"] / _timed(scene, REFINED, px)["time_ratio"] - 1
                 for scene in MEASURED
             ),
-            strict=True,
+            3,
         )
     ],
     "Listed in a walk it takes {:.2f} to {:.2f} of ear clipping's time at 64 px": lambda: ends(
-        _timed(scene, L1, 64, "-walk")["time_ratio"] for scene in MEASURED
+        (_timed(scene, L1, 64, "-walk")["time_ratio"] for scene in MEASURED), 2
     ),
     "| scene | npm earcut | `refine` | L1 flips | earcut.hpp | L1 flips | mapbox_earcut |"
     " with L1 flips | all at once |": grid(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
@@ -58,10 +59,17 @@ def matched(file: str, pattern: str) -> tuple[str, ...]:
     return found[0].groups()
 
 
-def ends(found: Iterable[float]) -> tuple[float, float]:
-    """Return the least and the largest."""
+def ends(found: Iterable[float], digits: int | None = None) -> tuple[float, float]:
+    """Return the least and the largest, rounded outwards where digits after the point are given."""
     each = list(found)
-    return min(each), max(each)
+    if digits is None:
+        return min(each), max(each)
+    return math.floor(min(each) * 10**digits) / 10**digits, at_most(each, digits)
+
+
+def at_most(found: Iterable[float], digits: int) -> float:
+    """Return a bound that none exceeds, with so many digits after the point."""
+    return math.ceil(max(found) * 10**digits) / 10**digits
 
 
 def crossed(
