@@ -147,7 +147,7 @@ def each(count: int, one, tell, tmp_path: Path, at_once: int = 2) -> Counter[int
     codes = Counter(code for _, code, _ in found)
     problems = [f"{number}: {problem}" for number, _, problem in found if problem]
     tell({"inputs": count, **{f"ended with {code}": n for code, n in codes.items()}})
-    assert problems == []
+    assert problems == [], problems
     return codes
 
 
