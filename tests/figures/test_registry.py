@@ -14,6 +14,7 @@ from rich.console import Console
 from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.figures import counters, registry
+from harness.figures.groups import time_ratio
 from harness.figures.registry import Figure, figures_of, find, limit_of, measures, predictions
 from harness.report.page import content_of
 from harness.stored.folder import read_run
@@ -192,3 +193,15 @@ def test_the_limit_is_the_outline_drawn_in_one_piece():
     assert limit_of(known) == {"counters": {"fragments": 30, "quads": 11, "helper_lanes": 14}}
     assert limit_of({**known, "counters": {}}) is None
     assert limit_of({"counters": {"fragments": 30}}) is None
+
+
+def test_times_in_cycles_are_compared_where_both_are_and_rounds_where_both_have_them():
+    one, other = a_record("fan", 0, {"quads": 9}), a_record("strip", 0, {"quads": 9})
+    assert time_ratio(one, other) is not None
+    in_cycles = [{**each, "time": {**each["time"], "cycles": 7}} for each in (one, other)]
+    assert time_ratio(*in_cycles).exact
+    assert not time_ratio(in_cycles[0], other).exact
+    for name in ("samples_s", "reference_s"):
+        lacking = {**one, "time": {k: v for k, v in one["time"].items() if k != name}}
+        assert time_ratio(lacking, other) is None
+        assert time_ratio(other, lacking) is None

@@ -16,6 +16,7 @@ from harness.report.page import content_of
 from harness.stored.folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
+    FEWEST,
     SAME,
     TIME,
     by_resolution,
@@ -271,9 +272,7 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
 
 
 def test_what_failed_or_has_t_junctions_is_in_no_table():
-    good = records_of("p")
-    for length, entry in enumerate(good):
-        entry["predicted"] |= dict.fromkeys(SAME, float(length))
+    good = judged()
     bad = [{**r, **why} for r in good for why in ({"status": "failed"}, {"conforming": False})]
     table = measure_table(good)
     assert len(table) > 3
@@ -287,3 +286,24 @@ def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
     found = set(correlate(some)["measure"])
     assert {"spills", "quads"} <= found
     assert "hits" not in found
+
+
+def test_the_fewest_triangulations_that_rank_are_ranked():
+    x = np.arange(1.0, FEWEST + 1)
+    assert within([(x, x**2)] * 6).value == pytest.approx(1)
+    assert within([(x[1:], x[1:] ** 2)] * 6).polygons == 0
+
+
+def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others():
+    twice = [{**r, "triangulator": f"{r['triangulator']} {k}"} for r in judged() for k in range(2)]
+    assert len(measure_table(twice)) == len(measure_table(judged()))
+    table = ranked()
+    assert by_resolution(table.query("resolution == 64")).empty
+    assert set(by_resolution(table)["resolution"]) == {64, 256}
+
+
+def judged() -> list[dict]:
+    good = records_of("p")
+    for length, entry in enumerate(good):
+        entry["predicted"] |= dict.fromkeys(SAME, float(length))
+    return good

@@ -1,6 +1,7 @@
 """Certificates: what they claim against every triangulation listed, and what is refused."""
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import combinations, permutations
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from tests.triangulators.cases import (
     with_holes,
 )
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
-from triangulators.certificate.certify import check_certificate
+from triangulators.certificate.certify import _down, check_certificate
 from triangulators.certificate.proof import prove
 from triangulators.checking.checker import _check_potentials
 from triangulators.checking.edges import edges_of
@@ -426,3 +427,18 @@ def test_a_triangle_is_turned_to_its_lowest_corner():
         found = lowest_first(*corners)
         assert found[0] == 2
         assert found in [corners[k:] + corners[:k] for k in range(3)]
+
+
+def test_what_cannot_be_proven_in_time_has_its_cost_and_no_bound(monkeypatch):
+    monkeypatch.setattr("triangulators.certificate.certify.prove", lambda *_: None)
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    found = certify(SQUARE, best)
+    assert not found.proven
+    assert (found.lower_bound, found.gap) == (-np.inf, np.inf)
+    assert found.cost == np.ptp(vertices(SQUARE)[best], axis=1).sum()
+
+
+@pytest.mark.parametrize("value", [Fraction(1, 3), Fraction(2, 3), Fraction(-1, 3), Fraction(5)])
+def test_a_bound_is_rounded_down_by_no_more_than_a_step(value):
+    low = _down(value)
+    assert Fraction(low) <= value < Fraction(np.nextafter(low, np.inf))

@@ -1,6 +1,7 @@
 """Proofs that travel: two checkers that share no code accept the true ones and no others."""
 
 import ast
+import itertools
 import json
 import math
 import subprocess
@@ -21,6 +22,7 @@ from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
+from triangulators.checking.edges import _meets, edges_of
 from triangulators.checking.evidence import (
     Evidence,
     Refused,
@@ -301,3 +303,33 @@ def test_rows_are_lists_of_as_many_numbers_each(rows):
     with pytest.raises(TypeError, match="is no list of 2 numbers each"):
         _rows(rows, 2, _whole)
     assert _rows([[1, 2], [3, 4]], 2, _whole).tolist() == [[1, 2], [3, 4]]
+
+
+def test_a_single_side_that_is_no_edge_is_refused():
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    outline, sites, cost = about(SQUARE, best)
+    true = certify(SQUARE, best).evidence
+    checker.lower_bound(outline, sites, cost, true)
+    seen = {tuple(sorted(edge)) for edge in edges_of(outline).ends.tolist()}
+    across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
+    third = next(k for k in range(len(outline.points)) if k not in across)
+    sites[0] = [*across, third]
+    with pytest.raises(Refused, match="a side of a triangle is no edge"):
+        checker.lower_bound(outline, sites, cost, true)
+
+
+def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
+    ends = [[0, 0], [4, 0], [2, 0], [2, 3], [2, -3], [5, 0], [9, 0], [9, 1], [0, 4]]
+    points = np.array(ends, float)
+        [[0, 0], [4, 0], [2, 0], [2, 3], [2, -3], [5, 0], [9, 0], [9, 1], [0, 4]], float
+    )
+    for second, meets in (
+        ((2, 3), True),  # an end in the first one's middle
+        ((3, 4), True),  # across
+        ((5, 6), False),  # in line, apart
+        ((5, 7), False),
+        ((3, 8), False),  # beside
+    ):
+        assert _meets(points, 0, 1, *second) == meets
+        assert _meets(points, *second, 0, 1) == meets
+        assert _meets(points, 1, 0, *second[::-1]) == meets
