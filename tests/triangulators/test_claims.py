@@ -324,6 +324,7 @@ def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
     for second, meets in (
         ((2, 3), True),  # an end in the first one's middle
         ((3, 4), True),  # across
+        ((2, 5), True),  # in line, over its end
         ((5, 6), False),  # in line, apart
         ((5, 7), False),
         ((3, 8), False),  # beside
