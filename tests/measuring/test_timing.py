@@ -248,6 +248,7 @@ class Computed:
 def test_the_cpu_timer_is_believed_where_it_accounts_for_the_draw(cpu, waited, timer):
     test = self_test(Computed(cpu, waited), software=True)
     assert test.timer == timer
+    assert test.cpu_s == (None if cpu is None else pytest.approx(1e-3 * cpu))
     assert self_test(Computed(cpu, waited)).timer == "wall"
 
 

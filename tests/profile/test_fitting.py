@@ -282,6 +282,7 @@ def test_a_cost_may_be_negative_where_it_is_free():
     found = law.fit(rows, np.stack([seconds] * 3), [str(k // 4) for k in range(24)])
     assert found.free == pytest.approx([10.0, -0.1], rel=1e-6)
     assert found.costs[1] == 0.0
+    assert found.groups == 6
 
 
 @pytest.mark.parametrize(
