@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +34,8 @@ class Chunk:
     `crs` is the file's reference system. If the polygons were projected from longitude and
     latitude, `projection` is their map, which also leads back. `notes` say what was done to the
     file as a whole; each is in the first chunk that it is true of. `credit` names whose data they
-    are, where that has to be told. `labels` name the feature that each polygon is of, where known.
+    are, where that has to be told. `labels` name its features, which
+    `cleaned.source` numbers; () where they have no names.
     """
 
     cleaned: Cleaned
@@ -44,7 +45,7 @@ class Chunk:
     projection: Projection | None = None
     notes: tuple[str, ...] = ()
     credit: str = ""
-    labels: tuple[str, ...] = ()
+    labels: Sequence[str] = ()
 
 
 def read(
@@ -131,10 +132,8 @@ def read_chunks(
         table = placed.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
-        labels = tuple(placed.labels[number] for number in cleaned.source)
-        yield Chunk(
-            cleaned, table, placing.units, placing.crs, placing.projection, notes, labels=labels
-        )
+        placed_on = (placing.units, placing.crs, placing.projection)
+        yield Chunk(cleaned, table, *placed_on, notes, labels=placed.labels)
 
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:

@@ -32,8 +32,10 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
-VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
 """Parameters of a file that make it map tiles, each a view of its own: see `scenes.tiles.read`."""
+
+VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
+"""Parameters of a model that is seen from several sides: see `harness.models.seen`."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -123,7 +124,7 @@ def count(
             first, *rest = summary.set_aside.values()
             raise UsageError(first + (f" (and {len(rest):,} more)" if rest else ""))
         _warn(summary, dataset.out, reporter)
-        asked = (isinstance(options, TileOptions) and options.chosen.layers) or ()
+        asked = options.chosen.layers or () if isinstance(options, TileOptions) else ()
         if missing := [name for name in asked if known and name not in known]:
             hint = suggestion(missing[0], known, "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
@@ -175,11 +176,23 @@ def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter
         raise typer.Exit(INTERRUPTED) from None
 
 
-def left_out_line(kind: str, reason: str, count: int, named: Sequence[str]) -> str:
-    """How many polygons or features were left out or changed, why, and the first of them."""
-    more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
-    first = f" ({', '.join(named[:SHOWN])}{more})" if named else ""
-    return f"{kind} {count:,}: {reason}{first}"
+def lines_of_notes(
+    counts: Mapping[tuple[str, str], int], told: Iterable[tuple[str, str, str]]
+) -> Iterator[str]:
+    """Yield a line for each reason: how many were left out or changed, and the first of them.
+
+    counts : by kind and reason; told : (kind, which, reason)
+    """
+    from scenes.cleaning.clean import usual_reason
+
+    named = defaultdict(list)
+    for kind, which, why in told:
+        named[kind, usual_reason(why)].append(which)
+    for (kind, reason), count in sorted(counts.items()):
+        more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
+        first = named[kind, reason][:SHOWN]
+        names = f" ({', '.join(first)}{more})" if first else ""
+        yield f"{kind} {count:,}: {reason}{names}"
 
 
 def _refuse_set_aside(out: Path, summary: Summary) -> None:
@@ -195,15 +208,13 @@ def _refuse_set_aside(out: Path, summary: Summary) -> None:
 def _warn(summary: Summary, folder: Path, reporter: Reporter) -> None:
     """Say what was left out, and why."""
     from harness.scaling.dataset import LEFT_OUT
-    from scenes.cleaning.clean import usual_reason
 
-    for (kind, reason), count in sorted(summary.counts.items()):
-        named = [
-            which if summary.parts == 1 else f"{which} of {file}"
-            for file, *what, which, why in summary.left_out
-            if what == [kind] and usual_reason(why) == reason
-        ]
-        reporter.warn(left_out_line(kind, reason, count, named))
+    told = (
+        (kind, which if summary.parts == 1 else f"{which} of {file}", why)
+        for file, kind, which, why in summary.left_out
+    )
+    for line in lines_of_notes(summary.counts, told):
+        reporter.warn(line)
     if len(summary.left_out) > SHOWN:
         reporter.say(f"each that was left out: {os.path.relpath(folder / LEFT_OUT)}")
     if summary.pruned:

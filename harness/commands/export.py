@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from harness.commands.census import left_out_line, triangulate_many_files
+from harness.commands.census import lines_of_notes, triangulate_many_files
 from harness.commands.options import Dask, Layer, Limit, Quiet, Where, refuse_own_source
 from harness.errors import Inconclusive, NothingMeasured, UsageError, refuse_failed
 from harness.progress import Reporter
@@ -109,7 +109,6 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import chosen, export_file
-    from scenes.cleaning.clean import usual_reason
     from scenes.spec import joined
 
     reporter = Reporter(quiet=quiet)
@@ -152,9 +151,8 @@ def triangulate(
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
-    for (kind, reason), count in sorted(report.counts.items()):
-        named = [which for which, why in getattr(report, kind) if usual_reason(why) == reason]
-        reporter.warn(left_out_line(kind, reason, count, named))
+    for line in lines_of_notes(report.counts, report.told(*report.kept)):
+        reporter.warn(line)
     if report.flat:
         reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")
     typer.echo(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,7 +21,7 @@ from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writer
 from harness.stored.atomic import Output
 from scenes import load
-from scenes.cleaning.clean import NOTES_KEPT, Cleaned, counted_notes
+from scenes.cleaning.clean import Cleaned, Noted
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
@@ -123,12 +122,10 @@ class Certified:
 
 
 @dataclass
-class Report:
-    """What an export did.
+class Report(Noted):
+    """What an export did; "failed" are polygons that the triangulator could not do.
 
     files : what was written, the target first
-    dropped, repaired, failed : (which, reason), the first thousand of each; failed are polygons
-        that the triangulator could not do; `counts` has all of them, by kind and reason
     certified : what the triangulations cost and the least they could cost, where that was asked for
     proven : polygons whose optimum is proven by the way it was computed
     evidence : the file that proofs are written to, open while they are
@@ -141,10 +138,6 @@ class Report:
     polygons: int = 0
     vertices: int = 0
     triangles: int = 0
-    dropped: list[tuple[str, str]] = field(default_factory=list)
-    repaired: list[tuple[str, str]] = field(default_factory=list)
-    failed: list[tuple[str, str]] = field(default_factory=list)
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     proven: int = 0
     flat: int = 0
     notes: list[str] = field(default_factory=list)
@@ -152,12 +145,6 @@ class Report:
     triangulate_s: float = 0.0
     certified: Certified | None = None
     evidence: IO[str] | None = field(default=None, repr=False, compare=False)
-
-    def note(self, kind: str, notes: list[tuple[str, str]]) -> None:
-        """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
-        kept: list[tuple[str, str]] = getattr(self, kind)
-        kept.extend(notes[: NOTES_KEPT - len(kept)])
-        self.counts += counted_notes(kind, notes)
 
 
 def export_file(
@@ -364,8 +351,7 @@ def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np
 
 
 def _nothing(source: str, report: Report) -> str:
-    notes = report.failed or report.dropped
-    if notes:
-        which, reason = notes[0]
+    if notes := report.told("failed", "dropped"):
+        _, which, reason = notes[0]
         return f"{source}: no polygon could be triangulated; {which}: {reason}"
     return f"{source} holds no polygon: nothing was written"

@@ -7,8 +7,7 @@ maps draw them, cut at their tile's edge, and added up for each zoom and layer.
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,9 +33,8 @@ from harness.scaling.sums import (
     save,
     whole,
 )
-from scenes.cleaning.clean import NOTES_KEPT, counted_notes
+from scenes.cleaning.clean import Noted
 from scenes.files import Chunk, read_chunks
-from scenes.scene import Note
 from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
 from scenes.tiles.read import rounding
 from triangulators.ragged import Ragged, ragged
@@ -76,11 +74,11 @@ class TileOptions:
 
 
 class _Some(NamedTuple):
-    """Polygons of a group, and how often they are there: tiles may have just the same."""
+    """Polygons of a group, what each is called, and how often they are there in tiles."""
 
     group: Group
     polygons: NDArray[np.object_]
-    labels: Sequence[str]
+    named: Callable[[int], str]
     times: int = 1
 
 
@@ -91,8 +89,7 @@ class _Found:
     options: Options | TileOptions
     threads: int | None
     groups: dict[Group, Sums] = field(default_factory=dict)
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    left_out: list[tuple[str, str, str]] = field(default_factory=list)
+    noted: Noted = field(default_factory=Noted)
     notes: list[str] = field(default_factory=list)
     damaged: list[tuple[str, str]] = field(default_factory=list)
     known: set[str] = field(default_factory=set)
@@ -102,23 +99,16 @@ class _Found:
         """Return the sums of a group, which may be there already."""
         return self.groups.setdefault(group, Sums.empty(len(self.options.triangulators)))
 
-    def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
-        """Count notes of a kind ("dropped", "repaired", "failed"), each of `times` polygons."""
-        for which, count in counted_notes(kind, notes).items():
-            self.counts[which] += times * count
-        if kind != "repaired":
-            kept = notes[: NOTES_KEPT - len(self.left_out)]
-            self.left_out += [(kind, which, why) for which, why in kept]
-
     def add_chunk(self, chunk: Chunk, options: Options) -> None:
         """Count the footprints of a chunk, and add them up by cells of the source's coordinates."""
-        self.note("dropped", chunk.cleaned.dropped)
-        self.note("repaired", chunk.cleaned.repaired)
+        self.noted.note("dropped", chunk.cleaned.dropped)
+        self.noted.note("repaired", chunk.cleaned.repaired)
         self.notes += chunk.notes
         given = chunk.cleaned.polygons
         if not len(given):
             return
-        kept, table = self.count([_Some(FOOTPRINTS, given, chunk.labels)], options.units_per_pixel)
+        some = _Some(FOOTPRINTS, given, lambda k: chunk.labels[int(chunk.cleaned.source[k])])
+        kept, table = self.count([some], options.units_per_pixel)
         middle = shapely.get_coordinates(shapely.centroid(given[kept]))
         if chunk.projection is not None:
             middle = chunk.projection.inverse(middle)
@@ -136,7 +126,7 @@ class _Found:
         self.known.update(tile.parts.known)
         if tile.damage:
             self.damaged.append((tile.name, tile.damage))
-            self.counts["damaged", "tile or layer that cannot be read"] += tile.times
+            self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.times
         for own in tile.parts.layers:
             if not (len(own.polygons) or own.dropped):
                 continue
@@ -148,10 +138,10 @@ class _Found:
             place = f"{tile.name} {own.name}"
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
                 placed = [(f"{place} {which}", why) for which, why in notes]
-                self.note(kind, placed, tile.times)
+                self.noted.note(kind, placed, tile.times)
             extents.add(own.extent)
-            labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
-            self.waiting.append(_Some(group, own.polygons, labels, tile.times))
+            named = f"{place} polygon {{}}".format
+            self.waiting.append(_Some(group, own.polygons, named, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:
             self.count_waiting(options.chosen.pixels)
 
@@ -186,18 +176,22 @@ class _Found:
             strict=True,
         )
         table = np.stack(tables)
-        labels = [label for some in batch for label in some.labels]
+        of = np.repeat(np.arange(len(batch)), sizes)
+        first = np.cumsum([0, *sizes])
+
+        def note(kind: str, k: int, why: str) -> None:
+            which = batch[of[k]].named(k - int(first[of[k]]))
+            self.noted.note(kind, [(which, why)], int(times[k]))
+
         drawn = np.isin(np.arange(len(given)), owners)
         kept = drawn.copy()
-        for k in np.flatnonzero(~drawn):
-            self.note("dropped", [(labels[k], THIN)], int(times[k]))
+        for k in np.flatnonzero(~drawn).tolist():
+            note("dropped", k, THIN)
         for name, failed in zip(names, failures, strict=True):
             for k, why in sorted(failed.items()):
                 # what it says of itself begins with its name already
-                reason = why if why.startswith(f"{name}: ") else f"{name}: {why}"
-                self.note("failed", [(labels[k], reason)], int(times[k]))
+                note("failed", k, why if why.startswith(f"{name}: ") else f"{name}: {why}")
                 kept[k] = False
-        of = np.repeat(np.arange(len(batch)), sizes)
         for group in dict.fromkeys(some.group for some in batch):
             among = np.isin(of, [k for k, some in enumerate(batch) if some.group == group])
             own = among & kept
@@ -240,11 +234,11 @@ def _write(
         vertices=sums.vertices,
         triangles=int(sums.totals[0, MEASURES.index("triangles")]),
         proven=0,
-        counts=[[*which, count] for which, count in sorted((+found.counts).items())],
+        counts=[[*which, count] for which, count in sorted((+found.noted.counts).items())],
         certified=None,
         about=about(part, json.loads(json.dumps(asdict(options))), code),
         notes=found.notes,
-        left_out=[list(each) for each in found.left_out],
+        left_out=found.noted.told("dropped", "failed"),
     )
     save(place, done, found.groups, {"damaged": found.damaged, "known": sorted(found.known)})
     return done

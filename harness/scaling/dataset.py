@@ -65,7 +65,7 @@ class Summary:
     peak_bytes: int = 0
     certified: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    left_out: list[tuple[str, ...]] = field(default_factory=list)
+    left_out: list[tuple[str, str, str, str]] = field(default_factory=list)
 
     def add(self, done: Done) -> None:
         """Add a part that is there."""
@@ -73,7 +73,9 @@ class Summary:
         for name in ("polygons", "vertices", "triangles", "proven"):
             setattr(self, name, getattr(self, name) + getattr(done, name))
         self.counts += done.counted()
-        self.left_out += [(done.about["source"], *each) for each in done.left_out]
+        self.left_out += [
+            (done.about["source"], kind, which, why) for kind, which, why in done.left_out
+        ]
         self.peak_bytes = max(self.peak_bytes, done.peak_bytes or 0)
         if done.seconds is not None:
             self.worker_seconds += done.seconds

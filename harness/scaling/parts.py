@@ -174,7 +174,7 @@ class Done:
     seconds, cpu_seconds, peak_bytes : what it took, by the clock and of the cores, and the most
         memory its process had; None where the file was there already
     notes : what was done to the file as a whole
-    left_out : [kind, which, reason] of what was dropped or failed, the first of them
+    left_out : (kind, which, reason) of what was dropped or failed, the first of each
     """
 
     polygons: int
@@ -188,7 +188,7 @@ class Done:
     cpu_seconds: float | None = None
     peak_bytes: int | None = None
     notes: list[str] = field(default_factory=list)
-    left_out: list[list[str]] = field(default_factory=list)
+    left_out: list[tuple[str, str, str]] = field(default_factory=list)
 
     def counted(self) -> Counter[tuple[str, str]]:
         """Return `counts` by kind and reason."""

@@ -87,11 +87,7 @@ def _done(part: Part, options: Options, code: str, report: Report) -> Done:
         certified=None if certified is None else asdict(certified),
         about=about(part, asdict(options), code),
         notes=report.notes,
-        left_out=[
-            [kind, which, why]
-            for kind in ("dropped", "failed")
-            for which, why in getattr(report, kind)
-        ],
+        left_out=report.told("dropped", "failed"),
     )
 
 

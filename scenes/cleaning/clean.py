@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -28,10 +28,6 @@ _REASONS = {
     "Too few points in geometry component": "has a ring of too few distinct vertices",
     "Duplicate Rings": "has a duplicate ring",
 }
-
-
-NOTES_KEPT = 1000
-"""Notes of a kind that are kept with their names; all are counted by their reasons."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +56,32 @@ def usual_reason(reason: str) -> str:
     'self-intersects'
     """
     return reason.split(" at ")[0].split(";")[0]
+
+
+NOTES_KEPT = 1000
+"""Notes of a kind that are kept with their names; all are counted by their reasons."""
+
+
+@dataclass
+class Noted:
+    """What was done to polygons: "dropped", "repaired" or "failed".
+
+    counts : by kind and reason, of how many; kept : by kind, the first `NOTES_KEPT` notes
+    """
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    kept: dict[str, list[Note]] = field(default_factory=dict)
+
+    def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
+        """Count notes of a kind, each of `times` polygons, and keep the first of them."""
+        for which, count in counted_notes(kind, notes).items():
+            self.counts[which] += times * count
+        kept = self.kept.setdefault(kind, [])
+        kept += notes[: NOTES_KEPT - len(kept)]
+
+    def told(self, *kinds: str) -> list[tuple[str, str, str]]:
+        """Return (kind, which, reason) of the notes that were kept of these kinds."""
+        return [(kind, *note) for kind in kinds for note in self.kept.get(kind, ())]
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
