@@ -8,17 +8,19 @@ from contextlib import closing
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
-from matplotlib import font_manager, ft2font
 from numpy.typing import NDArray
 
 from scenes.cleaning.clean import Cleaned, clean, filled, moved
 from scenes.readers.guard import existing, noted, reason
 from scenes.scene import Note, Scene, SceneError
 from scenes.spec import install
+
+if TYPE_CHECKING:
+    from matplotlib.ft2font import FT2Font
 
 EXTRACT = Path("data", "Helsinki.osm.pbf")
 WHERE = {
@@ -144,6 +146,8 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     """
     if not 1 <= steps <= 100:
         raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
+    from matplotlib import font_manager  # takes longer to import than other scenes to load
+
     path = font or font_manager.findfont("DejaVu Sans")
     face = _face(path)
     characters = text or "".join(map(chr, _LETTERS))
@@ -178,16 +182,20 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     )
 
 
-def _face(path: str) -> ft2font.FT2Font:
+def _face(path: str) -> FT2Font:
+    from matplotlib.ft2font import FT2Font
+
     try:
-        return ft2font.FT2Font(str(existing(path)))
+        return FT2Font(str(existing(path)))
     except (OSError, RuntimeError) as error:
         raise SceneError(f"{path} is not a font that FreeType reads: {reason(error)}") from error
 
 
-def outline(face: ft2font.FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
+def outline(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
     """Polygons of one glyph in font units, and its advance width."""
-    glyph = face.load_char(ord(character), flags=ft2font.LoadFlags.NO_SCALE)
+    from matplotlib.ft2font import LoadFlags
+
+    glyph = face.load_char(ord(character), flags=LoadFlags.NO_SCALE)
     vertices, codes = face.get_path()
     # FreeType's unit is 1/64 pixel, and unscaled outlines are in font units
     contours = _contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)

@@ -116,10 +116,12 @@ class Projection:
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
         near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(REACH))
-        step, middle, _ = _steps(geometries)
-        step = np.abs(step)
-        long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
-        return cls(crs, None if not near or (long & (np.abs(middle) < _POLE)).any() else centre)
+        if near:
+            step, middle, _ = _steps(geometries)
+            step = np.abs(step)
+            long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
+            near = not (long & (np.abs(middle) < _POLE)).any()
+        return cls(crs, centre if near else None)
 
     def __str__(self) -> str:
         if self.centre is None:
