@@ -60,7 +60,8 @@ def spans(document: str, text: str) -> list[Span]:
         return [(start, start + re.search(r"\n(?:\n|```|$)", document[start:]).start())]
     parts = _FIELD.split(text)[::2]
     words = [r"\s+".join(map(re.escape, part.split(" "))) for part in parts]
-    pattern = f"({NUMBER})".join(words).replace(r"\s+\.\.\.\s+", _ANY)
+    whole = rf"({NUMBER})(?![.,]?\d)"  # or the words behind it might match within a figure
+    pattern = whole.join(words).replace(r"\s+\.\.\.\s+", _ANY)
     found = re.search(pattern, document)
     if found is None:
         raise ValueError(f"not in the document: {text}")

@@ -85,6 +85,15 @@ def test_the_words_between_figures_may_be_left_out_within_a_paragraph():
         spans(document.replace("\n", "\n\n"), "by {:.1%} % ... and {:%} % of all")
 
 
+def test_a_figure_is_taken_whole():
+    """The full stop behind it is none within another figure."""
+    held: Held = {"rises to {:.2f}.": lambda: [0.75]}
+    document = "It rises to 0.99 at worst. That one rises to 0.5."
+    assert written(document, held) == document.replace("0.5", "0.75")
+    with pytest.raises(ValueError, match="not in the document"):
+        spans("It rises to 0.99 at worst.", "rises to {:.2f}.")
+
+
 def test_what_is_below_a_first_line_is_written():
     held: Held = {"| a | b |": lambda: ["| 1 | 2 |"], "it says": lambda: ["7", "8"]}
     document = "| a | b |\n|---|---|\n| 3 | 4 |\n\n```text\nit says\n9\n```\n"
