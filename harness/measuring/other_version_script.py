@@ -1,4 +1,4 @@
-"""Asks another version of the code to triangulate; `harness.measuring.two_versions` runs it.
+"""Asks another version of the code to triangulate; `harness.measuring.other_version` runs it.
 
 It imports nothing of the harness, which may be of another version there, or none: only what that
 version's packages promise. The question is from a process of the same user, by a file of its own.

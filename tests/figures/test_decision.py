@@ -12,7 +12,7 @@ from rich.console import Console
 from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import RUN_SCATTER
 from harness.figures.verdict import BreakEven, advice, break_even, decide, explained
-from harness.report.page import content_of
+from harness.report.content import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
 from tests.harness.test_summary import SAMPLES, printed, record

@@ -16,7 +16,7 @@ from harness.compare.model import Settings
 from harness.figures import counters, registry
 from harness.figures.groups import time_ratio
 from harness.figures.registry import Figure, figures_of, find, limit_of, measures, predictions
-from harness.report.page import content_of
+from harness.report.content import content_of
 from harness.stored.folder import read_run
 from harness.study import correlations
 from harness.style import looks

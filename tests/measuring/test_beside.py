@@ -15,10 +15,11 @@ from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.frame import View, make_frame
 from harness.measuring import run as running
+from harness.measuring.other_version import triangulate_elsewhere
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend
 from harness.measuring.timing import TimingSettings
-from harness.measuring.two_versions import MARK, Beside, triangulate_elsewhere, version
+from harness.measuring.two_versions import MARK, Beside, version
 from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
 from harness.rasterisers.base import Options

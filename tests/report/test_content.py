@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from harness.cli import app
 from harness.errors import UsageError
 from harness.figures.groups import time_ratio
-from harness.report.page import choose, content_of, write_report
+from harness.report.content import choose, content_of
+from harness.report.page import write_report
 from harness.stored.folder import read_run
 from tests.compare.runs import read_back
 from tests.fuzz.targets.runs import sound

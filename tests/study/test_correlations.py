@@ -11,8 +11,8 @@ from harness.figures.polygons import spearman
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
 from harness.report import matrix
+from harness.report.content import content_of
 from harness.report.matrix import criteria_of
-from harness.report.page import content_of
 from harness.stored.folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
