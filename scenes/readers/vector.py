@@ -281,7 +281,8 @@ def explain(source: Source, error: Exception) -> str | None:
         return f"{source.path}: condition {source.where!r} is not valid{detail}; {has}"
     if "not recognized as being in a supported file format" in text:
         if source.path.is_dir():
-            return f"{source.path} is a folder: give a file in it"
+            hint = f"give a file in it, or of map tiles the zoom: {source.path}:zoom=14"
+            return f"{source.path} is a folder: {hint}"
         kind = f"{source.path.suffix} file" if source.path.suffix else "file with geometries"
         return f"{source.path} is not a readable {kind}: it is damaged, or of an unknown format"
     return None

@@ -21,6 +21,9 @@ from scenes.files import read_chunks
 from tests.conftest import geojson
 from tests.scenes.conftest import assert_sound
 
+LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
+"""Nearer to the equator, PROJ takes the centre to lie on it: everything is moved by up to 0.6 mm."""
+
 FEW = settings(max_examples=30)  # PROJ takes a while to make each projection
 GLOBE = pyproj.Geod(ellps="WGS84")
 FINLAND = [[25, 60], [25.01, 60], [25.01, 60.01], [25, 60.01], [25, 60]]
@@ -48,7 +51,7 @@ def area_on_globe(ring) -> float:
 
 
 @FEW
-@given(lon=st.floats(-180, 180), lat=st.floats(-80, 80))
+@given(lon=st.floats(-180, 180), lat=LATITUDES)
 def test_lengths_and_areas_at_the_centre_are_those_of_the_ellipsoid(lon, lat):
     step = 1e-3
     points = np.array([[lon, lat], [lon + step, lat], [lon, lat + step]])
