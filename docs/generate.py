@@ -46,14 +46,13 @@ def on_post_build(config: Any) -> None:
 
 def filled(markdown: str) -> str:
     """Return a page with all its generated parts written anew."""
-    for name, make in PARTS.items():
-        mark = f"<!-- generated: {name} -->\n"
-        if mark in markdown:
-            before, _, rest = markdown.partition(mark)
-            _, end, after = rest.partition("<!-- end -->")
-            assert end, f"{name} has no end"
-            markdown = f"{before}{mark}\n{make().strip()}\n\n{end}{after}"
-    return markdown
+
+    def written(found: re.Match[str]) -> str:
+        return f"{found[1]}\n\n{PARTS[found[2]](*found[3].split()).strip()}\n\n<!-- end -->"
+
+    assert markdown.count("<!-- generated: ") == markdown.count("<!-- end -->")
+    parts = r"(<!-- generated: (\w+)(.*?) -->)\n.*?<!-- end -->"
+    return re.sub(parts, written, markdown, flags=re.DOTALL)
 
 
 def commands() -> str:
@@ -88,58 +87,24 @@ def profiles() -> str:
     return _table(" | ".join(headings), rows, plain_cell)
 
 
-def python() -> str:
-    """Return a section for each public name: its signature and its docstring."""
+def python(*names: str) -> str:
+    """Return a section for each name, of a module each of its classes: signature and docstring."""
     parts = []
-    for title, names in PUBLIC.items():
-        parts.append(f"## {title}\n")
-        for name in names:
-            module, _, last = name.rpartition(".")
-            found = getattr(importlib.import_module(module), last, None)
-            shown = {name: found}
-            if found is None or inspect.ismodule(found):  # all its classes
-                found = importlib.import_module(name)
-                own = (each for each in vars(found).values() if inspect.isclass(each))
-                shown = {f"{name}.{e.__name__}": e for e in own if e.__module__ == name}
-            for path, each in shown.items():
-                try:
-                    told = f"{each.__name__}{inspect.signature(each)}\n\n"
-                except ValueError:  # an enumeration, an exception
-                    told = ""
-                parts.append(f"### {path}\n\n```text\n{told}{inspect.getdoc(each) or ''}\n```\n")
+    for name in names:
+        module, _, last = name.rpartition(".")
+        found = getattr(importlib.import_module(module), last, None)
+        shown = {name: found}
+        if found is None or inspect.ismodule(found):
+            found = importlib.import_module(name)
+            own = (each for each in vars(found).values() if inspect.isclass(each))
+            shown = {f"{name}.{e.__name__}": e for e in own if e.__module__ == name}
+        for path, each in shown.items():
+            try:
+                told = f"{each.__name__}{inspect.signature(each)}\n\n"
+            except ValueError:  # an enumeration, an exception
+                told = ""
+            parts.append(f"### {path}\n\n```text\n{told}{inspect.getdoc(each) or ''}\n```\n")
     return "\n".join(parts)
-
-
-PUBLIC = {
-    "Triangulate": [
-        "triangulators.triangulate",
-        "triangulators.vertices",
-        "triangulators.triangulate_many",
-        "triangulators.flip",
-        "triangulators.verify.verify",
-        "triangulators.criteria.predict",
-        "triangulators.criteria.Criterion",
-        "triangulators.errors",
-    ],
-    "Scenes": ["scenes.registry.load", "scenes.scene.Scene"],
-    "Measure": [
-        "harness.frame.View",
-        "harness.frame.Frame",
-        "harness.frame.make_frame",
-        "harness.measuring.plan.Plan",
-        "harness.measuring.run.run",
-        "harness.rasterisers.base",
-    ],
-    "Read runs": [
-        "harness.stored.folder.read_run",
-        "harness.stored.folder.read_arrays",
-        "harness.stored.drawings.read",
-        "harness.figures.registry.Figure",
-        "harness.figures.intervals.paired_ratio",
-        "harness.report.page.write_report",
-    ],
-    "Errors": ["harness.errors"],
-}
 
 
 def leaderboard() -> str:
@@ -198,7 +163,7 @@ def _table(headings: str, rows: Iterable[Iterable[str]], cell: Callable[[str], s
     return "\n".join(lines + ["| " + " | ".join(map(cell, row)) + " |" for row in rows])
 
 
-PARTS: dict[str, Callable[[], str]] = {
+PARTS: dict[str, Callable[..., str]] = {
     "commands": commands,
     "triangulators": lambda: _table(
         "triangulator | holes | what it does",
