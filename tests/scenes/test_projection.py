@@ -22,7 +22,7 @@ from tests.conftest import geojson
 from tests.scenes.conftest import assert_sound
 
 LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
-"""Nearer to the equator, PROJ takes the centre to lie on it: everything is moved by up to 0.6 mm."""
+"""Nearer to the equator, PROJ takes the centre to lie on it: all is moved by up to 0.6 mm."""
 
 FEW = settings(max_examples=30)  # PROJ takes a while to make each projection
 GLOBE = pyproj.Geod(ellps="WGS84")
