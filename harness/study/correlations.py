@@ -158,7 +158,7 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
         return table
     same = [name for name in KEYS if name != "triangulator"]
     twins = pd.concat([table[same], table[list(SAME)].round(6)], axis=1).duplicated()
-    return _with_exact(table[~twins].reset_index(drop=True))
+    return _with_exact(table[~twins])
 
 
 def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
@@ -217,10 +217,12 @@ def _views(
     part: pd.DataFrame, criterion: str, measure: str
 ) -> tuple[list[str], list[tuple[Column, Column]]]:
     """Return of which polygon each view is, and its rows' two columns, where both are known."""
-    rows = part[part[[criterion, measure]].notna().all(axis=1)]
-    views = [view for _, view in rows.groupby(["polygon", "resolution", "rotation", "samples"])]
-    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
-    return [str(view["polygon"].iloc[0]) for view in views], columns
+    known = part.dropna(subset=[criterion, measure])
+    views = list(known.groupby(["polygon", "resolution", "rotation", "samples"]))
+    columns = [
+        (rows[criterion].to_numpy(float), rows[measure].to_numpy(float)) for _, rows in views
+    ]
+    return [str(polygon) for (polygon, *_), _ in views], columns
 
 
 def ranks(part: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
@@ -274,10 +276,7 @@ def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
     """Return `correlate` of each resolution by itself, with the resolution; empty for one alone."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
-    parts = [
-        correlate(part).assign(resolution=size)
-        for size, part in table.groupby("resolution", sort=True)
-    ]
+    parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
     return pd.concat(parts, ignore_index=True)
 
 
@@ -318,18 +317,16 @@ def _by_device(correlations: pd.DataFrame) -> list[tuple[tuple[str, str], pd.Dat
     return [((str(rasteriser), str(device)), part) for (rasteriser, device), part in parts]
 
 
-def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | None:
+def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     """Draw measures against predictions, both over the polygon's median, to remove its size.
 
     For the main counter and the time of the least work, a panel for the paper's criterion and one
     for the criterion that ranks best.
     """
-    measured = [m for m in dict.fromkeys(part["measure"]) if rows[m].notna().any()]
+    measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
     # Quads are ranked as helper lanes are: all triangulations have the same fragments.
     measures = [name for name in measured if name not in times][:1] + times[:1]
-    if not measures:
-        return None
     ranks = part.set_index([part["criterion"].map(column), "measure"])["value"]
     chosen = []
     for measure in measures:

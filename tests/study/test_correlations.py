@@ -48,12 +48,6 @@ def polygons(number: int, noise: float) -> list[tuple[np.ndarray, np.ndarray]]:
     return columns
 
 
-def test_a_perfect_prediction_is_found_perfect():
-    found = within(polygons(10, 0.0))
-    assert found.value == pytest.approx(1)
-    assert found.polygons == 10
-
-
 def test_pooling_makes_a_useless_criterion_look_good():
     columns = [(x, RANDOM.permutation(y)) for x, y in polygons(12, 0.0)]
     rows = [(str(k), *pair) for k, (x, y) in enumerate(columns) for pair in zip(x, y, strict=True)]
@@ -70,11 +64,6 @@ def test_a_constant_criterion_has_no_correlation():
     estimate = within([(x, y)] * 4)
     assert estimate.polygons == 0
     assert np.isnan(estimate.value)
-
-
-def test_polygons_with_too_few_triangulations_are_left_out():
-    few = (np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0]))
-    assert within([few, *polygons(3, 0.0)]).polygons == 3
 
 
 def test_the_interval_of_a_median_covers_it():
@@ -243,7 +232,7 @@ def ranked() -> pd.DataFrame:
 
 
 def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
-    table = ranked()
+    table = pd.concat([ranked(), ranked().assign(rasteriser="cuda")], ignore_index=True)
     correlations = write(table, tmp_path)
     assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
     for name, found in (
@@ -253,22 +242,28 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
     ):
         kept = pd.read_csv(tmp_path / name)
         pd.testing.assert_frame_equal(kept, found, check_dtype=False, rtol=1e-5)
-    drawn = []
+    drawn = {}
 
-    def scatter(_panel, rows, criterion, measure, _key):
-        assert len(rows) == len(table)
-        drawn.append((criterion, measure))
+    def scatter(panel, rows, criterion, measure, _key):
+        assert len(rows) == len(table) / 2
+        drawn[panel] = (criterion, measure)
 
     monkeypatch.setattr("harness.study.correlations.scatter_over_medians", scatter)
     files = plot_study(correlations, table, tmp_path)
-    stem = tmp_path / "plots" / "predicted-vs-measured-opengl-llvmpipe"
-    assert files == [stem.with_suffix(".png"), stem.with_suffix(".svg")]
-
-    assert drawn == [
+    assert [file.name for file in files] == [
+        f"predicted-vs-measured-{rasteriser}-llvmpipe.{kind}"
+        for rasteriser in ("opengl", "cuda")  # in the order of the run
+        for kind in ("png", "svg")
+    ]
+    assert list(drawn.values()) == 2 * [
         (criterion, measure)
         for measure in ("helper_lanes", f"{TIME}0")  # the main counter, the time of the least work
         for criterion in ("overdraw", "half_perimeter")  # the paper's, the best
     ]
+    told = correlations.set_index(["statistic", "criterion", "measure"])["value"]
+    for panel, (criterion, measure) in drawn.items():
+        value = told["spearman_within", criterion.replace("_", "-"), measure].iloc[0]
+        assert panel.get_title() == f"rank correlation {value:.3f}"
 
 
 def test_what_failed_or_has_t_junctions_is_in_no_table():
@@ -290,7 +285,8 @@ def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
 
 def test_the_fewest_triangulations_that_rank_are_ranked():
     x = np.arange(1.0, FEWEST + 1)
-    assert within([(x, x**2)] * 6).value == pytest.approx(1)
+    found = within([(x, x**2)] * 6)
+    assert (found.value, found.polygons) == (pytest.approx(1), 6)
     assert within([(x[1:], x[1:] ** 2)] * 6).polygons == 0
 
 
@@ -300,6 +296,14 @@ def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others()
     table = ranked()
     assert by_resolution(table.query("resolution == 64")).empty
     assert set(by_resolution(table)["resolution"]) == {64, 256}
+
+
+def test_what_is_counted_exactly_is_that_of_the_rasteriser_that_does_with_one_sample():
+    good = judged()
+    drawn = [{**r, "rasteriser": "opengl", "counters": {"quads": 7}} for r in good]
+    four = {"options": {"work": 0, "samples": 4}, "counters": {"quads": 8}}
+    exact = measure_table([*drawn, *({**r, **four} for r in good), *good])["exact_quads"]
+    assert exact.tolist() == 3 * [r["counters"]["quads"] for r in good]
 
 
 def judged() -> list[dict]:
