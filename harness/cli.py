@@ -21,6 +21,7 @@ from harness.errors import (
     BROKEN_PIPE,
     DEFECT,
     INTERRUPTED,
+    REGRESSION,
     HarnessError,
     ReaderGone,
     of_system,
@@ -33,6 +34,9 @@ ClickException: Any = next(  # typer has its own copy of click, and names this p
 )
 
 HELP = ("-h", "--help")
+COMPLETION = {"--show-completion", "--install-completion"}
+COMPLETES = "_RASTER_HARNESS_COMPLETE"
+"""What a shell sets to be told how a word goes on."""
 
 app = typer.Typer(
     name=PROGRAM,
@@ -89,6 +93,8 @@ def main() -> None:
         try:
             _asked.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)
+            if code == REGRESSION and COMPLETION & {*sys.argv}:
+                code = BAD_INPUT  # typer knows no completion for this shell
             sys.stdout.flush()
             if _asked and code != INTERRUPTED:
                 raise KeyboardInterrupt
@@ -102,8 +108,8 @@ def _explain(error: BaseException) -> int | str | None:
     if isinstance(error, typer.Abort) and error.__cause__ is not None:
         error = error.__cause__
     match error:
-        case SystemExit() if any(name.endswith("_COMPLETE") for name in os.environ):
-            return error.code  # a shell's completion
+        case SystemExit() if COMPLETION & {*sys.argv} or COMPLETES in os.environ:
+            return error.code  # typer ends so when its work is done
         case SystemExit() if getattr(error.__context__, "errno", None) == errno.EPIPE:
             return BROKEN_PIPE
         case SystemExit():

@@ -394,7 +394,7 @@ def in_order(names: Iterable[str]) -> list[str]:
 
 def measures(names: Iterable[str]) -> list[str]:
     """Return those of `names` that are counters a triangulation can change, the main one first."""
-    found = (name for name in names if not name.startswith(PREDICTED))
+    found = (name for name in names if not name.startswith(PREDICTED) and name != LEAST)
     return [
         name
         for name in in_order(found)

@@ -1,12 +1,14 @@
 """Every command in README and docs works, in the order in which a reader meets it."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from harness.commands.index import COMMANDS, LATER, PROGRAM, RUN, load
-from harness.errors import GOOD, INCONCLUSIVE, REGRESSION
+from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, REGRESSION
 from harness.stored.folder import read_run
 from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
@@ -120,6 +122,18 @@ def complete(words: str) -> list[str]:
 )
 def test_the_shell_is_told_how_a_word_goes_on(words, expected):
     assert expected in complete(words)
+
+
+def test_a_completion_is_shown_and_refused_where_the_shell_has_none():
+    named = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    shown = python("-c", STARTED, "--show-completion", "bash", env=named)
+    assert (shown.returncode, shown.stderr) == (GOOD, "")
+    assert "complete -o default" in shown.stdout
+    command = '"$0" -c "$1" --show-completion; exit $?'  # sh stays the parent
+    refused = subprocess.run(
+        ["sh", "-c", command, sys.executable, STARTED], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (refused.returncode, refused.stderr) == (BAD_INPUT, "Shell sh not supported.\n")
 
 
 def test_version_names_the_drivers():

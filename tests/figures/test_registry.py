@@ -15,7 +15,15 @@ from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.figures import counters, registry
 from harness.figures.groups import time_ratio
-from harness.figures.registry import Figure, figures_of, find, limit_of, measures, predictions
+from harness.figures.registry import (
+    LEAST,
+    Figure,
+    figures_of,
+    find,
+    limit_of,
+    measures,
+    predictions,
+)
 from harness.report.content import content_of
 from harness.stored.folder import read_run
 from harness.study import correlations
@@ -138,7 +146,9 @@ def test_a_rasteriser_says_how_its_counters_are_shown():
     counters.learn([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
-    assert measures(["mirror_hits", "quads"]) == ["quads"]
+    assert measures(["mirror_hits", "quads", LEAST]) == ["quads"], (
+        "the fewest are no cost of theirs"
+    )
     counters.learn([counters.Counter("quads", "stolen", "x")])
     assert find("quads").label == "quads", "what is built in stays as it is"
 
