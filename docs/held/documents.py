@@ -89,14 +89,8 @@ CLAIMS: Held = {
     'A_TURNED = "{:.2f} at the worst angle': lambda: [rotated(BEST_FOR_A + "@0").max()],
 }
 
-CI: Held = {
-    "Of {} pairs of equal code {} were called a regression and {} were inconclusive. {} of {}"
-    " pairs in which 3 % of one drawing's triangles were drawn twice were found.": findings.alarms
-}
-
 DOCUMENTS: dict[str, Held] = {
     "README.md": README,
-    "docs/how-to/ci.md": CI,
     "docs/findings.md": findings.FIRST,
     "docs/findings-tables.md": tables.TABLES,
     "docs/flips.md": flips.HELD,
