@@ -8,8 +8,6 @@ from operator import itemgetter
 from statistics import median
 from typing import Any
 
-import pandas as pd
-
 from docs.held import Held, shown
 from docs.held.lookups import bold, crossed, grid, one, some, values
 from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, scenes
@@ -54,7 +52,7 @@ RULES = {
     8: "Godot: not thinner than 8:1 | 8:1 beside 1:1, of 8 and of 64 px^2",
     16: "- | 16:1 beside 1:1, the same",
     64: "Android: no long thin triangles | 64:1 beside 1:1, the same",
-    "twice": "- | from which aspect on twice",
+    "twice": "- | from which aspect on twice, if up to 64:1",
 }
 """Rules of thumb, each with what it would say here: of two sides of triangles, or an aspect."""
 
@@ -120,19 +118,11 @@ def _judgement(of: tuple[str, str], column: str) -> str:
     return bold(f"{shown(rows['regret'][column], '.1%')} %", rows["advice"][column] == 1)
 
 
-def _above() -> pd.Series[float]:
-    """Return the most that what is advised takes above the best of H, Q and A, and the most that
-    an interval allows.
-    """
-    found = pd.concat([some(f"profiles/{name}-judged.csv") for name in TIMED])
-    return found[found["advice"] == 1][["above", "above_high"]].max()
-
-
 def _rule(rule: Any, name: str) -> str:
     """Return a cell of the table of rules of thumb."""
     of = profile(name)
     if rule == "twice":
-        return ", ".join(_twice(each) or "never" for each in of["aspects"])
+        return ", ".join(_twice(each) or "-" for each in of["aspects"])
     if isinstance(rule, int):
         return ", ".join(_ratio(each, rule) for each in of["aspects"])
     timed = {each["name"]: each for each in of["times"] if each["kind"] == "size"}
@@ -141,13 +131,6 @@ def _rule(rule: Any, name: str) -> str:
         (median(each["epochs"]) - of["empty"]) / each["counters"]["fragments"] for each in draws
     )
     return f"{small / large:.1f}"
-
-
-def _coverage() -> list[float]:
-    """Return how often intervals held the truth: goes, and the least shares of any term."""
-    whole = one("law-coverage.csv", term="all")
-    least = some("law-coverage.csv")["within"].min()
-    return [whole["goes"], whole["within"], least, 1.0 - whole["nothing_shown"]]
 
 
 def _otherwise(name: str, law: str) -> list[float]:
@@ -167,7 +150,7 @@ FIRST: Held = {
 """The first page's."""
 
 TABLES: Held = {
-    "All devices here are software, on an AMD EPYC {}/{}, {}-bit;": _processor,
+    "The devices are software, on an AMD EPYC {}/{}, {}-bit;": _processor,
     "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
     " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"
     " | R2 over | R2 within |": grid(
@@ -194,17 +177,9 @@ TABLES: Held = {
         ("law_over", "law_within", "r2_most", *WHO, "above"),
         _judgement,
     ),
-    "What is advised takes, as a mean, at most {:.1%} % ... farthest ends at {:.1%} %.": _above,
     "On softpipe the law explains {:.3f} of the variance ... and {:.3f} within": partial(
         _explained, SOFTPIPE
     ),
-    "softpipe keeps {} tiles of {}x{} pixels at hand": lambda: [KEPT, TILE, TILE],
-    "as one more term, the law would explain {:.3f} and {:.3f}": partial(
-        _otherwise, SOFTPIPE, "tiles"
-    ),
-    "Without rows and covering triangles its law would explain {:.3f} and {:.3f}": partial(
-        _otherwise, SWIFTSHADER, "no_rows"
-    ),
-    "In {:,} synthetic devices, {:.1%} % of costs ... of each term {:.1%} % ... shown in {:.1%} %"
-    " of the": _coverage,
+    "by a cache of {} tiles of {}x{} pixels": lambda: [KEPT, TILE, TILE],
+    "the law would explain {:.3f} and {:.3f}": partial(_otherwise, SOFTPIPE, "tiles"),
 }
