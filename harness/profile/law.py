@@ -96,7 +96,8 @@ class Law:
 
     def is_shown(self, weights: Seconds) -> bool:
         """Whether a weighed sum is shown to cost more than `SHARE` of some draw's time."""
-        most = (self.shares[:, weights > 0] / weights[weights > 0]).min(axis=1).max()
+        used = np.flatnonzero(weights)
+        most = (self.shares[:, used] / weights[used]).min(axis=1).max()
         return self.sum_of(weights, OF_ALL)[1] * float(most) > SHARE
 
 
@@ -132,14 +133,10 @@ def _covariance(
 
     The last turn of the fit is linear in the draws' errors: coefficients move by `moved` @ errors.
     """
-    free = solve(design, seconds, labels, signed=True)
-    fitted = np.clip(design @ free, seconds / FAR_OFF, seconds * FAR_OFF)
+    free, fitted, columns, scale, trust = _fit(design, seconds, labels, np.linalg.lstsq)
     shares = design / fitted[:, None]
-    rows = stacked(np.column_stack([shares, seconds / fitted]), labels)
-    trust = trust_in(rows[:, :-1] @ free - rows[:, -1])[:, None]
-    scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
-    unit = stacked(np.eye(len(seconds)), labels)
-    moved = np.linalg.pinv(trust * rows[:, :-1] / scale) @ (trust * unit) / scale[:, None]
+    unit = trust[:, None] * stacked(np.eye(len(seconds)), labels)
+    moved = np.linalg.pinv(columns) @ unit / scale[:, None]
     errors = seconds / fitted - shares @ free
     left = np.eye(len(seconds)) - shares @ moved  # of an error, what the fit does not follow
     own = (labels[:, None] == labels).astype(np.float64)  # 1 for draws of one group
@@ -186,6 +183,8 @@ def fewest(
     on this way, the smallest within one standard error of the best is taken (Breiman, Friedman,
     Olshen and Stone, "Classification and Regression Trees", 1984, section 3.4).
     """
+    from scipy.stats import sem
+
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
 
     def errors(columns: Sequence[int]) -> NDArray[np.float64]:
@@ -204,8 +203,7 @@ def fewest(
         found.append(judged[best])
     means = [each.mean() for each in found]
     best = int(np.argmin(means))
-    error = found[best].std(ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else 0.0
-    enough = means[best] + max(float(error), 1e-12)
+    enough = means[best] + max(float(sem(found[best])), 1e-12)
     chosen = max(place for place, mean in enumerate(means) if mean <= enough)
     return tuple(list(TERMS)[column] for column in way[chosen])
 
@@ -260,25 +258,33 @@ def solve(
     nothing gets exactly 0.
     """
     labels = np.unique(groups, return_inverse=True)[1]
-    least: Any = np.linalg.lstsq if signed else nnls
-    fitted = seconds
+    return _fit(design, seconds, labels, np.linalg.lstsq if signed else nnls)[0]
+
+
+def _fit(
+    design: DesignMatrix, seconds: NDArray[np.float64], labels: NDArray[np.int64], least: Any
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the coefficients of `solve`, then what tells how errors move them.
+
+    That is, of the last turn: the fitted times, (k,); the rows, weighed, in units of their columns;
+    these units; the rows' weights. least : solves equations by least squares
+    """
+    fitted, before, found = seconds, np.zeros(len(seconds)), np.zeros(design.shape[1])
     trust = np.ones(len(seconds) + labels.max() + 1)
-    found = np.zeros(design.shape[1])
     for _ in range(MOST_TURNS):
         # Each draw's row over its fitted time, so that errors are relative; as deviations from its
         # group and the groups' means, which may miss by more.
         rows = stacked(np.column_stack([design, seconds]) / fitted[:, None], labels)
         if found.any():
-            errors = rows[:, :-1] @ found - rows[:, -1]
-            trust = trust_in(errors)
+            trust = trust_in(rows[:, :-1] @ found - rows[:, -1])
         scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
-        found = least(rows[:, :-1] / scale * trust[:, None], rows[:, -1] * trust)[0] / scale
-        before = fitted
+        columns = rows[:, :-1] / scale * trust[:, None]
+        if np.allclose(fitted, before, CLOSE, atol=0.0):
+            break
+        found, before = least(columns, rows[:, -1] * trust)[0] / scale, fitted
         # A draw that the fit misses by far keeps a weight of its own size.
         fitted = np.clip(design @ found, seconds / FAR_OFF, seconds * FAR_OFF)
-        if np.abs(fitted / before - 1.0).max() <= CLOSE:
-            break
-    return np.asarray(found)
+    return found, fitted, columns, scale, trust
 
 
 def stacked(shares: DesignMatrix, labels: NDArray[np.int64]) -> DesignMatrix:
