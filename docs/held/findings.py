@@ -155,7 +155,7 @@ FIRST: Held = {
     " for counties. Delaunay's triangles take {:.2f}, {:.2f}, {:.2f} and {:.2f}.": lambda: [
         gain(s, 1024, n) for n in (BEST_FOR_H, "delaunay") for s in SCENES
     ],
-    "its drawings take {:.1%} to {:g} % longer than those of the best for H": lambda: [
+    "`refined` takes {:.1%} to {:g} % longer than the best for H": lambda: [
         min(gain(s, 1024, REFINED, BEST_FOR_H) for s in SCENES) - 1,
         100 * at_most((gain(s, 1024, REFINED, BEST_FOR_H) - 1 for s in SCENES), 3),
     ],

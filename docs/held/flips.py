@@ -35,9 +35,10 @@ def _timed(scene: str, name: str, px: int = 1024, order: str = "") -> pd.Series[
     return one(file, triangulator=name, resolution=px)
 
 
-def _ms(scene: str, language: str, candidate: str, file: str = "flips-times.csv") -> float:
+def _ms(scene: str, language: str, candidate: str) -> float:
     """Return milliseconds that `scripts/flips_times.py` printed."""
-    return float(one(file, scene=scene, language=language, candidate=candidate)["ms"])
+    where = {"scene": scene, "language": language, "candidate": candidate}
+    return float(one("flips-times.csv", **where)["ms"])
 
 
 def _counts(measure: str) -> Callable[[], list[str]]:
@@ -123,11 +124,6 @@ HELD: Held = {
             r"([\d,]+) polygons\n +([\d,]+) flips\n +([\d,]+) By::delaunay",
         )
     ),
-    "L1 flips take {:.2f}, {:.2f}, {:.2f} and {:.2f} of its time on the four scenes": lambda: [
-        _ms(scene, "C++", "l1", "flips-refine.csv")
-        / _ms(scene, "C++", "refine", "flips-refine.csv")
-        for scene in TIMED
-    ],
     "| scene | px | polygons | `earcut-refine` | `flips:beauty` | `flips:l1` |"
     " `flips:euclidean` | `refined` | best for H |": _counts("helper_lanes"),
     "| scene, px | `earcut-refine` | `flips:beauty` | `flips:l1` | `flips:euclidean` |"
