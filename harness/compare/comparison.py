@@ -82,7 +82,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, whose baseline at `path` is still to come."""
     head = latest(head)
-    matches = match(Run(head.path, {}, []), head, across_devices=True)
+    matches = match(Run(head.path, {}, []), head, across_devices=settings.across_devices)
     return Comparison(
         verdict="no-baseline",
         base=RunFacts(path),

@@ -13,6 +13,7 @@ another part. So a regret of a time has two ends, between which the truth is on 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,10 +66,9 @@ def regret_ends(values: Column, chosen: int) -> tuple[float, float]:
     """
     logs = np.log(values)
     means = logs.mean(axis=1)
-    count = logs.shape[1]
-    others = (means[:, None] * count - logs) / (count - 1)
+    others = logs.sum(axis=1, keepdims=True) - logs
     best = others.argmin(axis=0)
-    crossed = (logs[chosen] - logs[best, np.arange(count)]).mean()
+    crossed = (logs[chosen] - logs[best, np.arange(len(best))]).mean()
     plugged = means[chosen] - means.min()
     return float(np.expm1(crossed)), float(np.expm1(plugged))
 
@@ -223,7 +223,7 @@ def why_no_interval(row: Any) -> str:
     """Say why a row's polygons tell no interval of their mean."""
     if row["polygons"] < FEWEST:
         return "too few polygons"
-    if row["worst"] <= row["mean"] * (1 + 1e-6):
+    if math.isclose(row["worst"], row["mean"]):
         return "all equal"
     one = row["worst"] > row["mean"] * row["polygons"] / 2
     return "one decides" if one else "few decide"

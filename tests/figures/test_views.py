@@ -84,6 +84,8 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
         "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
         f"flips:l1 0.769 ({over.low:.3f}-{over.high:.3f})"
     )
+    fewest = [record(name, range(9, 9 + FEWEST)) for name in "ab"]
+    assert f"intervals over {FEWEST} tiles" in said(fewest)[0]
 
 
 @pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])

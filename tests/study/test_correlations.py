@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.figures.intervals import mean_interval
 from harness.figures.polygons import spearman
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
@@ -30,7 +29,6 @@ from harness.study.correlations import (
     within,
     write,
 )
-from harness.study.regret import regret_ends, regret_interval
 from scenes import load
 from tests.conftest import exit_code
 from tests.study.test_regret import records_of
@@ -95,38 +93,6 @@ def test_paired_differences_tell_more_than_two_intervals():
     assert difference(two, one).verdict == "worse"
     assert difference(one, one).verdict == "no difference shown"
     assert difference(one[:5], two[:5]).verdict == "too few"
-
-
-def test_regret_of_the_best_lies_between_its_ends():
-    values = np.array([[1.0, 1.2, 1.1], [1.1, 1.0, 1.2], [2.0, 2.0, 2.0]])
-    low, high = regret_ends(values, 0)
-    assert low < 0 <= high
-    assert regret_ends(values, 2)[0] == pytest.approx(2 / 1.2 - 1, rel=0.1)
-    assert regret_ends(np.array([[1.0, 1.0], [2.0, 2.0]]), 1) == pytest.approx((1.0, 1.0))
-
-
-def test_the_interval_of_regret_takes_the_outer_ends():
-    rng = np.random.default_rng(4)
-    low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
-    found = regret_interval(low, high)
-    assert found == (mean_interval(low)[0], mean_interval(high)[1])
-    assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
-    assert np.isnan(regret_interval(low, np.zeros(24))).all()
-
-
-@pytest.mark.parametrize("blocks", [2, 4])
-def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
-    """Beside the best of the other blocks, of each block; and beside the best of all."""
-    logs = np.array([[0.0, 1.0, 2.0, 3.0], [2.0, 0.5, 1.0, 1.5], [1.0, 4.0, 0.0, 3.5]])
-    logs = logs[:, :blocks]
-    for chosen in range(3):
-        crossed = []
-        for block in range(blocks):
-            sums = np.delete(logs, block, axis=1).sum(axis=1)
-            crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
-        means = logs.mean(axis=1)
-        ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
-        assert regret_ends(np.exp(logs), chosen) == pytest.approx(tuple(ends))
 
 
 SCENE = "city:buildings=60"
@@ -245,23 +211,22 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
     drawn = {}
 
     def scatter(panel, rows, criterion, measure, _key):
-        assert len(rows) == len(table) / 2
-        drawn[panel] = (criterion, measure)
+        drawn[panel] = (*rows["rasteriser"].unique(), criterion, measure)
 
     monkeypatch.setattr("harness.study.correlations.scatter_over_medians", scatter)
     files = plot_study(correlations, table, tmp_path)
+    names = ("opengl", "cuda")  # in the order of the run
     assert [file.name for file in files] == [
-        f"predicted-vs-measured-{rasteriser}-llvmpipe.{kind}"
-        for rasteriser in ("opengl", "cuda")  # in the order of the run
-        for kind in ("png", "svg")
+        f"predicted-vs-measured-{name}-llvmpipe.{kind}" for name in names for kind in ("png", "svg")
     ]
-    assert list(drawn.values()) == 2 * [
-        (criterion, measure)
+    assert list(drawn.values()) == [
+        (name, criterion, measure)
+        for name in names
         for measure in ("helper_lanes", f"{TIME}0")  # the main counter, the time of the least work
         for criterion in ("overdraw", "half_perimeter")  # the paper's, the best
     ]
     told = correlations.set_index(["statistic", "criterion", "measure"])["value"]
-    for panel, (criterion, measure) in drawn.items():
+    for panel, (_, criterion, measure) in drawn.items():
         value = told["spearman_within", criterion.replace("_", "-"), measure].iloc[0]
         assert panel.get_title() == f"rank correlation {value:.3f}"
 

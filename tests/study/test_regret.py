@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from harness.figures.intervals import FEWEST
+from harness.figures.intervals import FEWEST, mean_interval
 from harness.figures.registry import find
 from harness.study.correlations import label
 from harness.study.regret import (
@@ -17,6 +17,8 @@ from harness.study.regret import (
     main_measures,
     plot_regret,
     print_regret,
+    regret_ends,
+    regret_interval,
     regret_table,
     summarise,
     write,
@@ -265,6 +267,8 @@ def test_rounds_that_one_of_them_lacks_do_not_count():
         "reference_s": [1.0] * 25,
     }
     assert regret_table(longer).equals(regret_table(records))
+    records[1]["time"] = None
+    assert "time_work_0" not in set(regret_table(records)["measure"])
     for rounds, timed in ((2, True), (1, False)):
         table = regret_table(records_of("a", seconds=seconds[:, :rounds]))
         assert ("time_work_0" in set(table["measure"])) is timed
@@ -324,6 +328,7 @@ def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
     for panel, measure in zip(figure.axes, shown, strict=True):
         assert panel.get_ylim() == figure.axes[0].get_ylim()
         assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
+        assert panel.xaxis.get_major_formatter()(0.05) == "5 %"
         for kind, drawn in zip(("criterion", "triangulator"), panel.containers, strict=True):
             own = summary[(summary["measure"] == measure) & (summary["kind"] == kind)]
             points, _, (bars,) = drawn
@@ -339,3 +344,35 @@ def test_two_triangulations_are_a_choice_and_one_is_none():
     both = records_of("p")[:2]
     assert set(regret_table(both)["polygon"]) == {"p"}
     assert regret_table(both[:1]).empty
+
+
+def test_regret_of_the_best_lies_between_its_ends():
+    values = np.array([[1.0, 1.2, 1.1], [1.1, 1.0, 1.2], [2.0, 2.0, 2.0]])
+    low, high = regret_ends(values, 0)
+    assert low < 0 <= high
+    assert regret_ends(values, 2)[0] == pytest.approx(2 / 1.2 - 1, rel=0.1)
+    assert regret_ends(np.array([[1.0, 1.0], [2.0, 2.0]]), 1) == pytest.approx((1.0, 1.0))
+
+
+def test_the_interval_of_regret_takes_the_outer_ends():
+    rng = np.random.default_rng(4)
+    low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
+    found = regret_interval(low, high)
+    assert found == (mean_interval(low)[0], mean_interval(high)[1])
+    assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
+    assert np.isnan(regret_interval(low, np.zeros(24))).all()
+
+
+@pytest.mark.parametrize("blocks", [2, 4])
+def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
+    """Beside the best of the other blocks, of each block; and beside the best of all."""
+    logs = np.array([[0.0, 1.0, 2.0, 3.0], [2.0, 0.5, 1.0, 1.5], [1.0, 4.0, 0.0, 3.5]])
+    logs = logs[:, :blocks]
+    for chosen in range(3):
+        crossed = []
+        for block in range(blocks):
+            sums = np.delete(logs, block, axis=1).sum(axis=1)
+            crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
+        means = logs.mean(axis=1)
+        ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
+        assert regret_ends(np.exp(logs), chosen) == pytest.approx(tuple(ends))
