@@ -40,15 +40,11 @@ def _picture() -> list[int]:
 README: Held = {
     **simulated.IN_SHORT,
     "cover the same {:,} pixels.": lambda: _picture()[:1],
-    "Thin triangles cause many of them: {:,} on the left, {:,} on the right.": lambda: _picture()[
-        1:
-    ],
-    "in {:.2f} of ear clipping's time for city ... {:.2f} ... {:.2f} ... {:.2f} for": lambda: [
+    "There are {:,} on the left and {:,} on the right.": lambda: _picture()[1:],
+    "in {:.2f} of ear clipping's time on a ... {:.2f} ... {:.2f} ... {:.2f} on": lambda: [
         gain(s, 1024, BEST_FOR_H) for s in SCENES
     ],
-    "say a scene's helper lanes, in ratio to ear clipping's, to {:.1f} %": lambda: [
-        findings.error_of_prediction("by_quads")
-    ],
+    "are predicted to {:.1f} %": lambda: [findings.error_of_prediction("by_quads")],
     "| after earcut, L1 flips | city | letters | U.S. states |": flips.IN_SHORT,
     "city, 500 polygons, 1024 px: opengl on llvmpipe": lambda: (
         (REFERENCE / "llvmpipe/city/table.txt").read_text().splitlines()[1:]
