@@ -28,8 +28,8 @@ ATTEMPTS = 3
 """Times that a task may fail, by itself, before it is set aside."""
 
 LOSSES = 10
-"""Times that whole workers may die under a task before it is set aside: that it was there when they
-did says little, since Dask blames all tasks that a worker had."""
+"""Times that the scheduler may give a task up, for workers died under it, before it is set aside:
+that it was there when they did says little, since Dask blames all tasks that a worker had."""
 
 POLL_S = 0.5
 """Longest wait for the next task that ends."""
