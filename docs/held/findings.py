@@ -163,7 +163,7 @@ FIRST: Held = {
         error_of_prediction, ("by_quads", "by_length")
     ),
     "with a median correlation of {:.3f}, H with {:.3f}, the paper's A with {:.3f} and D with"
-    " {:.3f}. ... A ranks the pixels tested with {:.3f}.": lambda: [
+    " {:.3f}. ... A ranks the pixels that a walk of bounding boxes tests with {:.3f}.": lambda: [
         *(correlation(each, "helper_lanes")["value"] for each in (*Q_H_A, "shape")),
         correlation("overdraw", "bbox_tests", "bounding-box")["value"],
     ],

@@ -112,17 +112,8 @@ HELD: Held = {
         *_beyond_l1(EUCLIDEAN),
         *_beyond_l1("delaunay"),
     ],
-    "Trusting E costs a mean of {:%} % ... and H {:%} %; on ... {:%} % and {:%} %.": lambda: [
-        one(f"cpu/regret-{scene}/regret.csv", resolution=1024, measure="helper_lanes", name=who)[
-            "mean"
-        ]
-        for scene, who in product(("city", "counties"), ("edge-length", "half-perimeter"))
-    ],
-    "for each of {} polygons, by {} flips; `By::delaunay` of the port differs in {} of": lambda: (
-        matched(
-            "flips-refine.txt",
-            r"([\d,]+) polygons\n +([\d,]+) flips\n +([\d,]+) By::delaunay",
-        )
+    "for each of {} polygons, by {} flips.": lambda: matched(
+        "flips-refine.txt", r"([\d,]+) polygons\n +([\d,]+) flips"
     ),
     "| scene | px | polygons | `earcut-refine` | `flips:beauty` | `flips:l1` |"
     " `flips:euclidean` | `refined` | best for H |": _counts("helper_lanes"),
