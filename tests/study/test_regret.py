@@ -161,10 +161,11 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ([0.0] * 12, "0.00% (all equal)"),
+        ([0.0] * FEWEST, "0.00% (all equal)"),
         ([0.1] * 12, "10.00% (all equal)"),
         ([0.1, 0.2, 0.3], "20.00% (too few polygons)"),
         ([0.0] * 11 + [1.2], "10.00% (one decides)"),
+        ([0.0] * 10 + [0.75] * 2, "12.50% (few decide)"),
     ],
 )
 def test_where_there_is_no_interval_it_says_why(values, words):
@@ -218,10 +219,11 @@ def test_the_picture_has_criteria_on_top_best_first_and_says_what_0_is():
 
 
 def test_the_picture_of_each_view_is_named_after_it(tmp_path):
-    summary = summarise(regret_table([r for k in range(3) for r in records_of(f"p{k}")]))
+    summary = in_two_views(3)
     files = plot_regret(summary, tmp_path)
     assert {file.parent for file in files} == {tmp_path / "plots"}
-    assert {file.stem for file in files} == {"regret-reference-cpu-64-0"}
+    stems = dict.fromkeys(file.stem for file in files)
+    assert list(stems) == [f"regret-reference-cpu-{size}-0" for size in (128, 64)]
     assert all(file.stat().st_size for file in files)
     assert plot_regret(summary[:0], tmp_path) == []
 
@@ -329,6 +331,7 @@ def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
         assert panel.get_ylim() == figure.axes[0].get_ylim()
         assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
         assert panel.xaxis.get_major_formatter()(0.05) == "5 %"
+        assert len({points.get_color() for points, *_ in panel.containers}) == 2
         for kind, drawn in zip(("criterion", "triangulator"), panel.containers, strict=True):
             own = summary[(summary["measure"] == measure) & (summary["kind"] == kind)]
             points, _, (bars,) = drawn
