@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from harness.figures.intervals import median_interval, paired_ratio
-from harness.figures.run_state import ENOUGH, undisturbed
+from harness.figures.run_state import kept_pairs
 from harness.machine import system
 from harness.rasterisers.base import Drawing, Sample
 from harness.settings import TimingSettings
@@ -130,10 +130,8 @@ class Times:
     @property
     def undisturbed_s(self) -> list[float]:
         """The samples that did not wait for a core, if there are enough of them, else all."""
-        known = {"waited_s": self.waited_s, "wall_s": self.wall_s}
-        kept = undisturbed({"samples_s": self.samples_s, **known})
-        if kept.sum() < ENOUGH:
-            return self.samples_s
+        own = {"samples_s": self.samples_s, "waited_s": self.waited_s, "wall_s": self.wall_s}
+        kept = kept_pairs(own, own)
         return [sample for sample, good in zip(self.samples_s, kept, strict=True) if good]
 
     @property
@@ -165,14 +163,16 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     samples = [big_draw.sample(repeats) for _ in range(5)]
     wall = statistics.median(sample.wall for sample in samples) / repeats
     resolution = _clock_resolution(time.perf_counter)
-    if software and all(sample.cpu is not None for sample in samples):
-        cpu = statistics.median(sample.cpu or 0.0 for sample in samples) / repeats
+    cpu_samples = [sample.cpu for sample in samples if sample.cpu is not None]
+    if software and cpu_samples:
+        cpu = statistics.median(cpu_samples) / repeats
         step = _clock_resolution(time.process_time)
         figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
         if step > COARSE_S:
             reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
         elif any(
-            (each.cpu or 0.0) + (each.waited or 0.0) >= ACCOUNTED * each.wall for each in samples
+            own + (each.waited or 0.0) >= ACCOUNTED * each.wall
+            for own, each in zip(cpu_samples, samples, strict=True)
         ):
             reason = f"the process computed for {figures}"
             return TimerTest("cpu", wall, None, step, reason, cpu)

@@ -230,19 +230,21 @@ def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
 
 
 class Computed:
-    """A draw of 1 ms by the wall clock, of which the process computes and waits for shares."""
+    """A draw of 1 ms, of which the process computes and, every other time, waits for shares."""
 
     def __init__(self, cpu: float | None, waited: float | None) -> None:
-        self.shares = cpu, waited
+        self.told = cycle([(cpu, waited), (cpu, waited and 0.0)])
 
     def sample(self, repeats: int) -> Sample:
-        cpu, waited = (None if share is None else repeats * 1e-3 * share for share in self.shares)
+        cpu, waited = (
+            None if share is None else repeats * 1e-3 * share for share in next(self.told)
+        )
         return Sample(repeats * 1e-3, cpu=cpu, waited=waited)
 
 
 @pytest.mark.parametrize(
     ("cpu", "waited", "timer"),
-    [(0.9, 0.0, "cpu"), (0.6, None, "cpu"), (0.4, None, "wall"), (0.3, 0.3, "cpu")]
+    [(0.9, 0.0, "cpu"), (0.6, None, "cpu"), (0.4, None, "wall"), (0.25, 0.25, "cpu")]
     + [(0.1, 0.3, "wall"), (None, 0.9, "wall"), (0.0, 0.9, "cpu")],
 )
 def test_the_cpu_timer_is_believed_where_it_accounts_for_the_draw(cpu, waited, timer):
@@ -342,12 +344,13 @@ def test_drawings_that_are_to_be_prepared_once_are_kept():
     assert times["a"].epochs == [len(times["a"].samples_s)]
 
 
-def test_a_limit_ends_slow_rounds_and_leaves_as_many_epochs_as_there_is_time_for():
-    renewed = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
-    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=30.0))
-    # Warming up takes 8 s, a round 2 s, and a new epoch one drawing of each more.
-    assert times["a"].epochs == [1] * 6
-    assert renewed.clock.now == pytest.approx(30.0)
+@pytest.mark.parametrize(("limit_s", "rounds", "end_s"), [(26.0, 1, 26.0), (45.0, 2, 38.0)])
+def test_a_limit_leaves_as_many_epochs_as_there_is_time_for(limit_s, rounds, end_s):
+    """Warming up takes 9 s, a round 2 s, and a new epoch half a round more."""
+    renewed = Renewed({"a": 0.5, "b": 0.5}, 0.0, 0.0, 2)
+    settings = TimingSettings(budget_s=0.5, warm_up_s=0.0, min_batch_s=1.0, limit_s=limit_s)
+    assert renewed.time(settings)["a"].epochs == [rounds] * 6
+    assert renewed.clock.now == pytest.approx(end_s)
     far = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
     assert far.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=1.0))["a"].epochs == [1]
 
