@@ -266,10 +266,11 @@ def test_of_the_cpu_timer_what_the_wall_clock_saw_is_kept():
 @pytest.mark.parametrize("others", [2.0, -2.0])
 def test_what_host_and_others_took_is_that_of_the_rounds(monkeypatch, others):
     drawings, clock, _ = scripted({"a": 2e-3})
+    clock.now = 7.0
     monkeypatch.setattr("harness.machine.system.stolen_s", lambda: 3.0 + 0.5 * clock())
     monkeypatch.setattr("harness.machine.system.others_s", lambda: 7.0 + others * clock())
     times = time_together(drawings, TimingSettings(), WALL, clock=clock)["a"]
-    assert times.timing_s > 0
+    assert times.timing_s == pytest.approx(clock() - 7.0)
     assert times.stolen_s == pytest.approx(0.5 * times.timing_s)
     assert times.others_s == pytest.approx(max(0.0, others * times.timing_s))
 
@@ -337,11 +338,11 @@ def test_few_slow_rounds_are_enough_epochs():
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
-def test_drawings_that_are_to_be_prepared_once_are_kept():
+@pytest.mark.parametrize("epochs", [1, 2])
+def test_drawings_are_prepared_no_more_often_than_asked_for(epochs):
     renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 1)
-    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, least_share=1.0, epochs=1))
-    assert len(renewed.orders) == 1
-    assert times["a"].epochs == [len(times["a"].samples_s)]
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0, least_share=1, epochs=epochs))
+    assert len(renewed.orders) == len(times["a"].epochs) == epochs
 
 
 @pytest.mark.parametrize(("limit_s", "rounds", "end_s"), [(26.0, 1, 26.0), (45.0, 2, 38.0)])
