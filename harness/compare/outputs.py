@@ -96,10 +96,7 @@ def _rich_table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) ->
     from harness.style import plain_table
 
     names = (name if number in words else f">{name}" for number, name in enumerate(heading))
-    table = plain_table(Text(title), *names)
-    for column in table.columns[:-1]:
-        column.no_wrap = True
-    return table
+    return plain_table(Text(title), *names)
 
 
 LIMIT = 60_000
