@@ -133,8 +133,8 @@ HELD: Held = {
             for scene in MEASURED
         )
     ],
-    "With both in a walk (`--order walk`) it takes {:.2f} to {:.2f} of ear clipping's time at 64 px": lambda: (
-        ends((_timed(scene, L1, 64, "-walk")["time_ratio"] for scene in MEASURED), 2)
+    "(`--order walk`) it takes {:.2f} to {:.2f} of ear clipping's time at 64 px": lambda: ends(
+        (_timed(scene, L1, 64, "-walk")["time_ratio"] for scene in MEASURED), 2
     ),
     "| scene | npm earcut | `refine` | L1 flips | earcut.hpp | L1 flips | mapbox_earcut |"
     " with L1 flips | all at once |": grid(
