@@ -9,21 +9,19 @@ import queue
 import re
 import time
 import warnings
+from contextlib import suppress
 from typing import Any
 
 from harness.errors import INCONCLUSIVE, HarnessError, UsageError
 from harness.machine import system
 from harness.progress import Reporter
 from harness.scaling import task_queue
-from harness.scaling.task_queue import Answer, Crew, SchedulerLost, Task
+from harness.scaling.task_queue import Answer, Crew, Task
 from scenes.spec import install
 
 LOCAL = re.compile(r"local(?::(\d+))?")
 
 SETTINGS = {
-    # Dask blames all tasks that a dead worker had, also those that only waited; `task_queue`
-    # counts.
-    "distributed.scheduler.allowed-failures": 1000,
     # so that a worker may have processes of its own
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
@@ -35,7 +33,7 @@ WAITING = 2
 """Tasks that wait at each worker thread while it is busy; more would only be forgotten with it."""
 
 CONNECT_S = 60.0
-"""Seconds that a scheduler is waited for, at first and after it was lost."""
+"""Seconds that a scheduler is waited for."""
 
 LOOK_S = 3.0
 """Seconds between two looks at how many workers there are."""
@@ -81,7 +79,7 @@ class DaskCrew(Crew):
         self._distributed = distributed
         self._reporter = reporter
         self._ended: queue.Queue[Any] = queue.Queue()
-        self._names: dict[str, tuple[str, Any]] = {}
+        self._futures: dict[str, tuple[str, Any]] = {}
         self._number = 0
         self._looked = self._alive = 0.0
         self._threads = 0
@@ -120,7 +118,7 @@ class DaskCrew(Crew):
             try:
                 self._threads = sum(self._client.nthreads().values())
             except (OSError, TimeoutError, RuntimeError, ValueError) as error:
-                raise SchedulerLost from error
+                raise self._gone() from error
             if self._threads:
                 self._alive = now
             elif now - self._alive > QUIET_S:
@@ -140,37 +138,31 @@ class DaskCrew(Crew):
             packed = pickle.dumps(task)
             future = self._client.submit(task_queue.carry_out, packed, key=key, pure=False)
         except (OSError, RuntimeError, ValueError) as error:
-            raise SchedulerLost from error
-        self._names[key] = (name, future)
+            raise self._gone() from error
+        self._futures[key] = (name, future)
         future.add_done_callback(self._ended.put)
 
     def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
         """Return tasks that ended since the last call."""
-        found: list[tuple[str, Answer]] = []
+        futures: list[Any] = []
         try:
-            futures = [self._ended.get(timeout=timeout_s)]
+            futures.append(self._ended.get(timeout=timeout_s))
             while not self._ended.empty():
                 futures.append(self._ended.get())
         except queue.Empty:
             if self._client.status not in ("running", "connecting"):
-                raise SchedulerLost from None
-            return found
-        for future in futures:
-            name, _ = self._names.pop(future.key, (None, None))
-            if name is None:  # of a scheduler that was lost
-                continue
-            if future.cancelled() or future.status == "lost":
-                raise SchedulerLost
-            found.append((name, self._answer(future)))
-        return found
+                raise self._gone() from None
+        return [(self._futures.pop(each.key)[0], self._answer(each)) for each in futures]
 
     def _answer(self, future: Any) -> Answer:
+        if future.cancelled() or future.status == "lost":
+            raise self._gone()
         try:
             answer: Answer = future.result(timeout=CONNECT_S)
         except self._distributed.scheduler.KilledWorker:
-            return Answer(failed="the workers that had it died, each time", lost=True)
+            return Answer(failed="the workers that had it died, each time")
         except (self._distributed.CancelledError, OSError, TimeoutError) as error:
-            raise SchedulerLost from error
+            raise self._gone() from error
         except Exception as error:  # Dask's own: it cannot be sent, or the worker lacks our code
             text = " ".join(str(error).split())
             return Answer(failed=f"{type(error).__name__}: {text}")
@@ -178,17 +170,11 @@ class DaskCrew(Crew):
             return Answer(pickle.loads(answer.value))
         return answer
 
-    def reconnect(self) -> None:
-        """Wait for a scheduler at the same address, and begin with it anew."""
-        self._reporter.warn(f"the scheduler at {self._where} is gone; waiting for it")
-        self._names.clear()
-        self._let_go()
-        self._connect()
-
     def close(self) -> None:
         """Let go of the scheduler, and end a cluster that was started here."""
-        self._names.clear()
-        self._let_go()
+        self._futures.clear()
+        with suppress(Exception):  # of a scheduler that is gone, or never was
+            self._client.close(timeout=2)
         if self._cluster is not None:
             self._cluster.close(timeout=5)
 
@@ -220,14 +206,11 @@ class DaskCrew(Crew):
                 if isinstance(error, ValueError) and not isinstance(error, TimeoutError):
                     raise UsageError(f"--dask {self._where}: {error}") from error
                 if time.monotonic() - begun > CONNECT_S:
-                    raise Gone(
-                        f"no scheduler answers at {self._where}: start one (dask scheduler), "
-                        "then give the same command again"
-                    ) from error
+                    raise self._gone() from error
                 time.sleep(0.5)
 
-    def _let_go(self) -> None:
-        try:
-            self._client.close(timeout=2)
-        except Exception:  # of a scheduler that is gone, or never was
-            return
+    def _gone(self) -> Gone:
+        return Gone(
+            f"no scheduler answers at {self._where}: start one (dask scheduler), "
+            "then give the same command again"
+        )

@@ -1,7 +1,7 @@
 """Keeps a crew busy with tasks, a few at a time, and counts what fails.
 
-A task may be carried out more than once: when the process that had it is killed, or the scheduler
-forgets it. So its result has to be the same each time, and to be kept under one name.
+A task may be carried out more than once: when the process that had it is killed. So its result has
+to be the same each time, and to be kept under one name.
 
 Inside a worker each of its threads has a process of its own for the tasks. A task that crashes
 costs that process, not the worker, so that it is known which one it was. Killing the worker kills
@@ -27,19 +27,11 @@ if TYPE_CHECKING:
 ATTEMPTS = 3
 """Times that a task may fail, by itself, before it is set aside."""
 
-LOSSES = 10
-"""Times that the scheduler may give a task up, for workers died under it, before it is set aside:
-that it was there when they did says little, since Dask blames all tasks that a worker had."""
-
 POLL_S = 0.5
 """Longest wait for the next task that ends."""
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function and its arguments."""
-
-
-class SchedulerLost(Exception):  # noqa: N818 - says what happened
-    """The scheduler is gone, and with it every task that it had."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +40,10 @@ class Answer:
 
     value : what it returned, where it ended well
     failed : why it failed, "" where it did not
-    lost : whether it did not fail, but was lost with the process that had it
     """
 
     value: Any = None
     failed: str = ""
-    lost: bool = False
 
 
 class Crew:
@@ -73,17 +63,11 @@ class Crew:
         return 1
 
     def start(self, name: str, task: Task) -> None:
-        """Begin a task; raises SchedulerLost. Here `ended` carries it out."""
+        """Begin a task; raises HarnessError. Here `ended` carries it out."""
         self._waiting.append((name, task))
 
     def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:  # noqa: ARG002 - others wait
-        """Return tasks that ended since the last call, [] after `timeout_s`.
-
-        Raises
-        ------
-        SchedulerLost
-            if tasks were lost that did not end
-        """
+        """Return tasks that ended since the last call; raises HarnessError."""
         if not self._waiting:
             return []
         name, (function, arguments) = self._waiting.popleft()
@@ -91,9 +75,6 @@ class Crew:
             return [(name, Answer(function(*arguments)))]
         except HarnessError as error:
             return [(name, Answer(failed=str(error)))]
-
-    def reconnect(self) -> None:
-        """Find a new scheduler after `SchedulerLost`; raises HarnessError if there is none."""
 
     def close(self) -> None:
         """Give back what it has taken."""
@@ -109,35 +90,24 @@ def work_through(
     Raises
     ------
     HarnessError
-        if the scheduler is gone and does not come back
+        if the crew cannot go on; what was done is done
     """
     waiting = deque(tasks)
-    running: dict[str, None] = {}
+    running: set[str] = set()
     failures: Counter[str] = Counter()
-    losses: Counter[str] = Counter()
     aside: dict[str, str] = {}
     while waiting or running:
-        try:
-            while waiting and len(running) < crew.room:
-                name = waiting.popleft()
-                running[name] = None
-                crew.start(name, tasks[name])
-            ended = crew.ended(POLL_S)
-        except SchedulerLost:
-            crew.reconnect()
-            waiting.extendleft(reversed(running))
-            running.clear()
-            continue
-        for name, answer in ended:
-            if name not in running:
-                continue  # of a queue that was given up, or already counted
-            del running[name]
+        while waiting and len(running) < crew.room:
+            name = waiting.popleft()
+            running.add(name)
+            crew.start(name, tasks[name])
+        for name, answer in crew.ended(POLL_S):
+            running.remove(name)
             if not answer.failed:
                 done(name, answer.value)
                 continue
-            counter, most = (losses, LOSSES) if answer.lost else (failures, ATTEMPTS)
-            counter[name] += 1
-            if counter[name] < most:
+            failures[name] += 1
+            if failures[name] < ATTEMPTS:
                 waiting.append(name)
             else:
                 aside[name] = answer.failed

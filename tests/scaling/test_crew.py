@@ -14,16 +14,9 @@ import shapely
 
 from harness.errors import UsageError
 from harness.progress import Reporter
+from harness.scaling.cluster import DaskCrew, Gone
 from harness.scaling.dataset import Dataset
-from harness.scaling.task_queue import (
-    ATTEMPTS,
-    LOSSES,
-    Answer,
-    Crew,
-    SchedulerLost,
-    Task,
-    work_through,
-)
+from harness.scaling.task_queue import ATTEMPTS, Answer, Crew, Task, work_through
 from harness.scaling.triangulated import TRIANGLES, Options
 from tests.paths import python
 from tests.scaling import tasks
@@ -64,6 +57,20 @@ def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
     assert work_through(wanted, two_workers, ended) == {}
     assert done == Counter(NAMES)
     assert set(tasks.times(tmp_path)) == set(NAMES)
+
+
+def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts, tmp_path):
+    dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
+    crew = DaskCrew("local:1", quiet())
+    try:
+        with pytest.raises(Gone, match="then give the same command again"):
+            dataset.complete(crew, quiet(), lambda: crew._cluster.close(timeout=1))
+    finally:
+        crew.close()
+    again = Dataset(str(parts / "*.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
+    there = len(again.done)
+    summary = again.complete(Crew(), quiet())
+    assert 1 <= there == summary.parts_done - summary.fresh < summary.parts_done == 6
 
 
 def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
@@ -162,11 +169,10 @@ class Scripted:
     room = 4
     threads_each = 1
 
-    def __init__(self, answer: Callable[[str, int], Answer | None]) -> None:
+    def __init__(self, answer: Callable[[str, int], Answer]) -> None:
         self._answer = answer
         self._has: deque[str] = deque()
         self.begun: Counter[str] = Counter()
-        self.reconnected = 0
         self.most = 0
 
     def start(self, name: str, task: Task) -> None:
@@ -176,24 +182,14 @@ class Scripted:
 
     def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
         name = self._has.popleft()
-        answer = self._answer(name, self.begun[name])
-        if answer is None:
-            raise SchedulerLost
-        return [(name, answer)]
-
-    def reconnect(self) -> None:
-        self.reconnected += 1
-        self._has.clear()
-
-    def close(self) -> None:
-        pass
+        return [(name, self._answer(name, self.begun[name]))]
 
 
 def scripted_tasks() -> dict[str, Task]:
     return {name: (str, (name,)) for name in MANY}
 
 
-def carried_out(answer: Callable[[str, int], Answer | None]):
+def carried_out(answer: Callable[[str, int], Answer]):
     crew, done = Scripted(answer), Counter()
     aside = work_through(scripted_tasks(), crew, lambda name, value: done.update([name]))
     return crew, done, aside
@@ -221,48 +217,6 @@ def test_a_task_that_fails_twice_and_then_works_is_done():
     _, done, aside = carried_out(lambda name, time: bad if time < ATTEMPTS else Answer())
     assert aside == {}
     assert done == Counter(MANY)
-
-
-def test_workers_that_die_under_a_task_do_not_count_as_its_failures():
-    lost = Answer(failed="the workers died", lost=True)
-    crew, done, aside = carried_out(lambda name, time: lost if time < LOSSES else Answer())
-    assert aside == {}
-    assert done == Counter(MANY)
-    crew, done, aside = carried_out(lambda name, time: lost if name == MANY[0] else Answer())
-    assert aside == {MANY[0]: "the workers died"}
-    assert crew.begun[MANY[0]] == LOSSES
-
-
-def test_a_scheduler_that_is_lost_costs_what_it_had_and_no_more():
-    lost_at = {MANY[5]: 1, MANY[11]: 1, MANY[12]: 2}
-    crew, done, aside = carried_out(
-        lambda name, time: None if lost_at.get(name) == time else Answer()
-    )
-    assert aside == {}
-    assert done == Counter(MANY)
-    assert crew.reconnected == 3
-    assert crew.begun[MANY[4]] == 1
-
-
-def test_an_answer_that_nobody_waits_for_counts_for_nothing(monkeypatch):
-    """As it comes twice, or from a queue that was given up while tasks of it were running."""
-    ended = Scripted.ended
-    others = [(name, Answer()) for name in ("of another queue", MANY[0])]
-    monkeypatch.setattr(Scripted, "ended", lambda *given: ended(*given) * 2 + others)
-    _, done, aside = carried_out(lambda name, time: Answer())
-    assert aside == {}
-    assert done == Counter(MANY)
-
-
-def test_a_scheduler_that_does_not_come_back_ends_it(monkeypatch):
-    crew = Scripted(lambda name, time: None)
-
-    def gone() -> None:
-        raise UsageError("no scheduler")
-
-    monkeypatch.setattr(crew, "reconnect", gone)
-    with pytest.raises(UsageError, match="no scheduler"):
-        work_through(scripted_tasks(), crew, lambda name, value: None)
 
 
 def test_alone_a_failure_is_an_answer_and_a_defect_is_not():
