@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
-from triangulators import dropin, flip, triangulate, triangulate_many, vertices
+from triangulators import dropin, flip, triangulate, vertices
 from triangulators.criteria import predict
 from triangulators.polygon import rings_of
-from triangulators.ragged import ragged
 from triangulators.verify import verify
 
 METHODS = ("flips", "refined", "optimal")
@@ -28,14 +27,6 @@ def test_the_usual_method_flips_earcuts_own_triangles():
         assert np.array_equal(found.reshape(-1, 3), flip(points, raw))
         assert np.array_equal(found.reshape(-1, 3), triangulate(polygon, "flips:l1"))
         assert np.array_equal(found, dropin.triangulate_float64(points, ends, method="flips"))
-
-
-def test_a_batch_of_arrays_or_polygons_gives_what_calls_give():
-    polygons = outlines()
-    for given in (polygons, ragged(polygons)):
-        batch = triangulate_many(given, "flips:l1")
-        for polygon, triangles in zip(polygons, batch, strict=True):
-            assert np.array_equal(dropin.triangulate_float64(*rings_of(polygon)), triangles.ravel())
 
 
 def test_an_unknown_method_is_named():

@@ -12,6 +12,7 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import python
 from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
+from tests.triangulators.test_geometry import exact_sign
 from tests.triangulators.test_optimal import squared_height
 from triangulators import UnknownName, criteria, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import CRITERIA, predict
@@ -101,27 +102,20 @@ def test_whole_coordinates_end_in_exact_delaunay(size):
         for (a, b), c in across.items():
             d = across.get((b, a))
             if d is not None:
-                assert in_circle(points, a, b, c, d) <= 0 or not strictly_convex(points, a, d, b, c)
-
-
-def exactly(points, *rows):
-    return [[Fraction(float(value)) for value in points[row]] for row in rows]
+                assert in_circle(points, a, b, c, d) <= 0 or not strictly_convex(
+                    points[[a, d, b, c]]
+                )
 
 
 def in_circle(points, a, b, c, d):
-    a, b, c, d = exactly(points, a, b, c, d)
+    a, b, c, d = ([Fraction(float(value)) for value in points[row]] for row in (a, b, c, d))
     (p, q), (r, s), (t, u) = [(x - d[0], y - d[1]) for x, y in (a, b, c)]
     one, two, three = p * p + q * q, r * r + s * s, t * t + u * u
     return one * (r * u - s * t) + two * (t * q - u * p) + three * (p * s - q * r)
 
 
-def strictly_convex(points, *ring):
-    corners = exactly(points, *ring)
-    turns = []
-    for k in range(4):
-        (ax, ay), (bx, by), (cx, cy) = corners[k - 2], corners[k - 1], corners[k]
-        turns.append((bx - ax) * (cy - by) - (by - ay) * (cx - bx) > 0)
-    return all(turns)
+def strictly_convex(corners):
+    return all(exact_sign(*corners[[k - 2, k - 1, k]].ravel()) > 0 for k in range(4))
 
 
 def test_triangles_wound_the_other_way_are_flipped_as_well():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
 from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.predicates import on_grid, orient, twice_area
+from triangulators.geometry.predicates import orient, twice_area
 from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import (
@@ -81,13 +81,6 @@ def test_a_sliver_has_one_area_whichever_corner_is_first(x, y, up, right, k, m):
     area = float(abs(exact_area(*a, *b, *c)))
     for first, second, third in ((a, b, c), (b, c, a), (c, a, b), (c, b, a)):
         assert twice_area(*first, *second, *third) == pytest.approx(area, rel=1e-11, abs=0.0)
-
-
-def test_grids_are_recognised():
-    rng = np.random.default_rng(0)
-    assert on_grid(rng.integers(-(2**22), 2**22, (50, 2)) / 256)
-    assert on_grid(rng.integers(0, 100, (50, 2)) * 1.0)
-    assert not on_grid(rng.random((50, 2)))
 
 
 def test_visible_pairs_are_the_diagonals():

@@ -230,9 +230,3 @@ def test_the_command_line_says_what_it_cannot_use(harness, tmp_path):
         "unknown device 'cuda'",
     )
     assert not (tmp_path / "y.npz").exists()
-
-
-def test_a_gpu_that_is_not_there(caplog):
-    found = triangulate_many(POLYGONS, device="gpu31")
-    assert len(found) == len(POLYGONS)
-    assert "there is no gpu31 with compute shaders here" in caplog.records[0].message

@@ -11,7 +11,7 @@ from subprocess import PIPE
 
 import pytest
 
-from tests.paths import ROOT
+from tests.paths import ROOT, python
 from triangulators.compute import compiled_files as files
 from triangulators.compute import storing
 
@@ -83,16 +83,9 @@ def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
 
 
 def called(sources: Path, cache: Path) -> str:
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
-    done = subprocess.run(
-        [sys.executable, "-m", "triangulators.outer"],
-        cwd=sources.parent,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
+    environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
+    options = {"cwd": sources.parent, "check": True}
+    return python("-m", "triangulators.outer", env=environment, **options).stdout.strip()
 
 
 def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):

@@ -50,29 +50,15 @@ def brute_costs(polygon, name):
     return [sum(cost(t) for t in triangles) for triangles in all_triangulations(polygon)]
 
 
-def test_equals_brute_force_on_500_random_polygons():
+def test_brute_force_agrees_for_plain_criteria():
     rng = np.random.default_rng(20240)
-    for case in range(500):
+    for case in range(200):
         polygon = random_simple(rng, int(rng.integers(5, 11)))
-        points = vertices(polygon)
-        for name in ("overdraw", "half-perimeter"):
-            costs = brute_costs(polygon, name)
-            key = name.replace("-", "_")
-            best = predict(points, triangulate(polygon, "optimal", criterion=name))[key]
-            worst = predict(points, triangulate(polygon, "worst", criterion=name))[key]
-            assert best == pytest.approx(min(costs), rel=1e-12), (case, name, polygon.wkt)
-            assert worst == pytest.approx(max(costs), rel=1e-12), (case, name, polygon.wkt)
-
-
-def test_brute_force_agrees_for_the_other_plain_criteria():
-    rng = np.random.default_rng(7)
-    for _ in range(40):
-        polygon = random_simple(rng, int(rng.integers(5, 9)))
-        for name in PLAIN:
-            best = criteria.find(name).total(
-                vertices(polygon), triangulate(polygon, "optimal", criterion=name)
-            )
-            assert best == pytest.approx(min(brute_costs(polygon, name)), rel=1e-9), name
+        for name in PLAIN if case % 5 == 0 else PLAIN[:2]:
+            total, costs = criteria.find(name).total, brute_costs(polygon, name)
+            for end, expected in (("optimal", min(costs)), ("worst", max(costs))):
+                found = total(vertices(polygon), triangulate(polygon, end, criterion=name))
+                assert found == pytest.approx(expected, rel=1e-9), (case, name, polygon.wkt)
 
 
 def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
@@ -135,22 +121,6 @@ def test_no_peer_beats_the_optimum(criterion):
             assert criteria.find(criterion).total(points, triangles) >= limit, peer
             compared += 1
     assert compared > 6 * len(polygons)
-
-
-def test_the_ways_of_computing_the_optimum_agree():
-    """Table and visible pairs, any cost and box cost, built-in and user's function."""
-
-    @numba.njit
-    def half_perimeter(ax, ay, bx, by, cx, cy):
-        return max(ax, bx, cx) - min(ax, bx, cx) + max(ay, by, cy) - min(ay, by, cy)
-
-    for polygon in (star(30), star(200), convex(120), smooth(90)):
-        points = vertices(polygon)
-        costs = [
-            predict(points, triangulate(polygon, "optimal", criterion=wanted))["half_perimeter"]
-            for wanted in ("half-perimeter", half_perimeter)
-        ]
-        assert costs[0] == pytest.approx(costs[1], rel=1e-12)
 
 
 def test_a_gap_of_nothing_is_said_where_sums_of_doubles_are_exact():
