@@ -23,6 +23,7 @@ import numpy as np
 import psutil
 
 from tests.endurance.forked import Program
+from tests.fuzz.damage import edited
 from tests.paths import ROOT
 
 ALLOWED = (0, 2, 4, 5)
@@ -158,21 +159,13 @@ HOSTILE: tuple[Any, ...] = (
 
 
 def spoilt(data: bytes, chance: np.random.Generator) -> bytes:
-    """Bytes changed, cut off, said twice, or large numbers put in."""
-    made = bytearray(data)
-    for _ in range(chance.integers(1, 5)):
-        place = int(chance.integers(0, len(made)))
-        kind = chance.integers(0, 4)
-        if kind == 0:
-            made[place] = int(chance.integers(0, 256))
-        elif kind == 1:
-            del made[place : place + int(chance.integers(1, 64))]
-        elif kind == 2:
-            made[place:place] = made[place : place + int(chance.integers(1, 64))]
-        else:
-            made[place : place + 9] = b"\xff" * 9
-        made = made or bytearray(b"\0")
-    return bytes(made)
+    """Bits turned, bytes set, pieces dropped or said twice, or the end cut off."""
+    ways = ("flip", "set", "drop", "double", "end")
+    edits = [
+        {"do": chance.choice(ways), "place": place, "length": int(chance.integers(1, 64))}
+        for place in chance.integers(0, 10**9, chance.integers(1, 5)).tolist()
+    ]
+    return edited(data, edits) or b"\0"
 
 
 def spoilt_json(told: Any, chance: np.random.Generator) -> Any:

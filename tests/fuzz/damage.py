@@ -32,7 +32,7 @@ value_edit = st.fixed_dictionaries(
 byte_edit = st.fixed_dictionaries(
     {
         "place": PLACE,
-        "do": st.sampled_from(["flip", "drop", "double", "end"]),
+        "do": st.sampled_from(["flip", "set", "drop", "double", "end"]),
         "length": st.integers(1, 60),
     }
 )
@@ -82,9 +82,9 @@ def _paths(document: Any, way: tuple[Any, ...] = ()) -> Any:
             yield from _paths(value, (*way, index))
 
 
-def edit_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
-    """Flip a byte, drop or double a piece, or cut off the end."""
-    data = bytearray(file.read_bytes())
+def edited(given: bytes, edits: list[dict[str, Any]]) -> bytes:
+    """Flip a bit, set a byte, drop or double a piece, or cut off the end."""
+    data = bytearray(given)
     for edit in edits:
         if not data:
             break
@@ -92,10 +92,17 @@ def edit_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
         piece = data[place : place + edit["length"]]
         if edit["do"] == "flip":
             data[place] ^= 1 << edit["length"] % 8
+        elif edit["do"] == "set":
+            data[place] = (0, 1, 0x7F, 0x80, 0xFF)[edit["length"] % 5]
         elif edit["do"] == "drop":
             del data[place : place + edit["length"]]
         elif edit["do"] == "double":
             data[place:place] = piece
         else:
             del data[place:]
-    file.write_bytes(data)
+    return bytes(data)
+
+
+def edit_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
+    """Do that to a file."""
+    file.write_bytes(edited(file.read_bytes(), edits))

@@ -25,7 +25,7 @@ def test_what_was_found_is_mended(file: Path):
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_few_inputs_of_each_target(name: str):
     wanted, tried = TARGETS[name], []
-    most = 40 if name.startswith(("damaged-", "svg-")) else 8
+    most = {"spoilt-file": 400, "svg-path-data": 40, "spoilt-model": 60}.get(name, 8)
 
     @settings(max_examples=most, suppress_health_check=list(HealthCheck))
     @given(wanted.inputs)

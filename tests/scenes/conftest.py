@@ -7,16 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.paths import shared_data
-
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
 BOW_TIE = [[0, 0], [6, 8], [6, 0], [0, 8], [0, 0]]
-
-
-def shared_polygons(name: str) -> list[shapely.Polygon]:
-    """Polygons of a data file beside the repository; the test is skipped where it is absent."""
-    rows = json.loads(shared_data(name).read_text())
-    return [shapely.Polygon(row["rings"][0], row["rings"][1:]) for row in rows]
 
 
 def feature(coordinates: Any, kind: str = "Polygon", **properties: Any) -> dict[str, Any]:

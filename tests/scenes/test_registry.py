@@ -10,11 +10,6 @@ from scenes import Scene, SceneError, UnknownScene, load, names, registry, spec
 from tests.scenes.conftest import SQUARE, assert_sound, feature
 
 
-def test_names_have_entries_that_load():
-    assert "city" in names()
-    assert registry.entry("city").available() is None
-
-
 @pytest.mark.parametrize("name", list(registry.ENTRIES))
 def test_what_is_said_of_a_scenes_size_is_so(name):
     entry = registry.entry(name)

@@ -16,7 +16,6 @@ import numpy as np
 import pyogrio.raw
 import pytest
 import shapely
-from hypothesis import given
 from hypothesis import strategies as st
 from pmtiles.tile import (
     Compression,
@@ -129,11 +128,6 @@ def test_fixtures_of_the_format_are_read_or_refused_in_a_line(name):
     assert bool(notes) == (not valid and name not in HARMLESS)
 
 
-def test_fixtures_that_are_called_valid_but_are_not():
-    assert FIXTURES["016"]["base64"] == FIXTURES["003"]["base64"]
-    assert not FIXTURES["003"]["valid"]
-
-
 def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
     """A tile of polygons in whole units, y down."""
     features = [{"geometry": polygon.wkt, "properties": {}} for polygon in polygons]
@@ -142,14 +136,6 @@ def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
 
 
 corner = st.tuples(st.integers(-80, 4176), st.integers(-80, 4176))
-
-
-@given(st.lists(st.tuples(corner, st.integers(1, 50), st.integers(1, 50)), min_size=1, max_size=5))
-def test_boxes_come_back_as_they_were_encoded(corners):
-    boxes = [shapely.box(x, y, x + width, y + height) for (x, y), width, height in corners]
-    (layer,) = decode(encoded(boxes))
-    assert rings(layer.polygons) == rings(boxes)
-    assert layer.feature.tolist() == list(range(len(boxes)))
 
 
 def _varint(value: int) -> bytes:
