@@ -1,5 +1,4 @@
 import json
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -359,13 +358,6 @@ def test_glb_keeps_areas_wherever_the_polygons_lie(tmp_path, offset, size, seed)
     # what the polygon's own coordinates cannot tell, no file can
     lost = 10 * np.spacing(offset) / size
     assert read_model(tmp_path / "a.glb").area == pytest.approx(polygon.area, rel=1e-6 + lost)
-
-
-def test_a_sqlite_file_is_no_output_format(tmp_path):
-    path = tmp_path / "a.sqlite"
-    sqlite3.connect(path).close()
-    with pytest.raises(UsageError, match="no suffix of a known format"):
-        export_file("paper", path)
 
 
 def test_geometry_beyond_what_offsets_count_is_cut_into_chunks(monkeypatch):

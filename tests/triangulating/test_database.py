@@ -133,6 +133,7 @@ class TestDamage:
             found = database.find([key(k) for k in range(500)])
         assert set(range(500)) - {k for k in range(500) if key(k) in found} == {7, 8, 9, 10, 11}
         assert len(said) == 5
+        assert all("an entry is damaged and is computed again" in line for line in said)
 
     def test_a_folder_that_cannot_be_written(self, tmp_path):
         (tmp_path / "file").write_text("x")
