@@ -85,7 +85,7 @@ class DaskCrew(Crew):
         self._threads = 0
         self._cluster: Any = None
         dask.config.set(SETTINGS)
-        for name in ("distributed", "tornado"):
+        for name in ("distributed", "distributed.client", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         local = LOCAL.fullmatch(where)
         if local is None and ":" not in where:
