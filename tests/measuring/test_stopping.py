@@ -3,15 +3,19 @@
 import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from harness.frame import View
 from harness.measuring.processes import Bench
 from harness.stored.folder import Store, read_arrays, read_run
-from tests.measuring.killing import CASES, kill_and_resume, plan_of
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
+from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -19,11 +23,11 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> None:
     """Have the harness told to stop when all is counted and nothing is timed."""
 
-    def time(*_: object) -> None:
+    def stopped(*_: object) -> None:
         os.kill(os.getpid(), number)
         raise AssertionError("it went on")
 
-    patch.setattr(Bench, "time", time)
+    patch.setattr(Bench, "time", stopped)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -76,9 +80,7 @@ def test_a_case_is_kept_as_soon_as_it_is_counted(block, tmp_path, monkeypatch):
     assert measure(plan_for(block), out).interrupted
     with (out / "counted.jsonl").open("a") as file:
         file.write('{"key": "torn')
-    calls.clear()
-    calls.append("a third call is none")
-    calls.extend(["nor", "is"])
+    calls[:] = ["a third call", "is", "none"]
     assert len(measure(plan_for(block), out, resume=True).records) == len(NAMES)
     # The two that were missing, and the baseline, which says what they cover.
     assert len(calls) == 3 + 3
@@ -112,9 +114,36 @@ def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
     assert Path("out/cases.jsonl").read_text().count("\n") == 1
 
 
+def measure_many(scene: str, out: str, *resume: str) -> None:
+    """Measure many short cases on the scripted rasteriser: no other processes, no plots."""
+    views = tuple(View(size) for size in (64, 96, 128, 256, 512, 1024))
+    measure(plan_for(Path(scene), views=views), Path(out), resume=bool(resume))
+
+
 def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
-    expected = measure(plan_of(block), tmp_path / "whole").records
-    assert len(expected) == CASES
-    # `make endurance` kills whole commands at 30 moments each.
-    finished = kill_and_resume(block, tmp_path / "killed", 9, 0.01, expected)
-    assert 9 <= finished < CASES
+    """`make endurance` kills whole commands at 30 moments each."""
+    out, cases = tmp_path / "killed", tmp_path / "killed" / "cases.jsonl"
+    measure_many(str(block), str(tmp_path / "whole"))
+    expected = {r["key"]: r["counters"] for r in read_run(tmp_path / "whole").records}
+    alone = [sys.executable, "-m", "tests.measuring.test_stopping", str(block), str(out)]
+    process = subprocess.Popen(alone, cwd=ROOT, stdout=subprocess.DEVNULL)
+    while process.poll() is None and not (cases.exists() and cases.read_bytes().count(b"\n") >= 9):
+        time.sleep(0.001)
+    process.kill()
+    process.wait()
+    finished = [{**record, "state": None} for record in read_run(out).records]
+    lines = cases.read_bytes().split(b"\n")
+    assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
+    assert 9 <= len(finished) < len(expected) == 24
+    subprocess.run([*alone, "resume"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    resumed = read_run(out)
+    assert resumed.problems == []
+    # A run's state, which its records are given as they are read, is known when it has ended.
+    kept = [{**record, "state": None} for record in resumed.records]
+    assert kept[: len(finished)] == finished
+    assert {r["key"]: r["counters"] for r in resumed.records} == expected
+    assert not (out / "counted.jsonl").exists()
+
+
+if __name__ == "__main__":
+    measure_many(*sys.argv[1:])

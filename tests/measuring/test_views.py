@@ -140,11 +140,10 @@ def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
         measure(plan(model, views=(View(512),)), tmp_path / "other")
-    for option in ("--resolution=1024", "--rotation=30", "--fit=circle"):
-        assert_refused(
-            harness("run", "--scene", f"{model}:views=4", option, "--quick"),
-            "pixels= is the resolution of a model's views: leave --sizes, --resolution",
-        )
+    for scene, what in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
+        for option in ("--resolution=512", "--rotation=30", "--fit=box"):
+            answer = harness("run", "--scene", scene, option, "--quick")
+            assert_refused(answer, f"error: {ITS_OWN_VIEW.format(what)}")
 
 
 def test_an_option_that_is_misspelt_is_told_with_those_of_views(model, tmp_path, harness):
@@ -265,13 +264,6 @@ def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):
     assert 0 < inside.sum() < len(inside)
     assert (found[~inside] == -1).all()
     assert (found[inside] > 0).sum() > 0.9 * inside.sum()
-
-
-@pytest.mark.parametrize("option", ["--resolution=512", "--resolution=1024", "--fit=box"])
-def test_a_view_beside_pixels_is_refused(harness, option):
-    code, _, told = harness("run", "--scene", TILES, option, "--quick")
-    assert code == 2
-    assert told.strip() == f"error: {ITS_OWN_VIEW.format('map tiles')}"
 
 
 def test_a_tile_is_upright_and_of_even_pixels():
