@@ -1,7 +1,6 @@
 """The command line as a user meets it: exit codes, one clear line, no traceback."""
 
 import json
-import os
 from importlib import import_module
 from inspect import isfunction, signature
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 from harness.commands.index import COMMANDS, load
 from harness.frame import OWN_VIEWS
 from harness.settings import CHOSEN_FITS, Fit
-from harness.stored import atomic
 from tests.conftest import assert_one_line, assert_refused, ends_well, geojson
 from tests.paths import ROOT, python
 
@@ -253,27 +251,6 @@ def test_help_groups_at_most_16_commands_and_cuts_no_default_off():
         assert "…" not in text
 
 
-def test_lists_name_what_there_is(harness):
-    expected = {
-        "scenes": "city",
-        "triangulators": "ear-clipping",
-        "rasterisers": "reference",
-        "criteria": "half-perimeter",
-        "metrics": "helper_lanes",
-    }
-    whole, _ = ends_well(harness("list"))
-    for kind, name in expected.items():
-        assert name in ends_well(harness("list", kind))[0]
-        assert name in whole
-    assert set(json.loads(harness("list", "--json")[1])) == set(expected)
-
-
-def test_options_do_what_hidden_commands_did(harness):
-    out, _ = ends_well(harness("inspect", "paper", "--every", "paper", "--out", "all"))
-    assert "triangulations; all in all/triangulations.csv" in out
-    assert_refused(harness("compare", "all", "all", "--repeat"), "holds no run")
-
-
 def test_a_file_that_is_no_run_is_bad_input(harness):
     Path("README.md").write_text("# nothing\n")
     assert_refused(harness("compare", "README.md", "README.md"), "README.md", "no record of a run")
@@ -316,12 +293,3 @@ def test_the_installed_program_finds_modules_beside_it(tmp_path):
     done = python("-c", program, ROOT, cwd=tmp_path, env={"PYTHONPATH": ""})
     assert done.returncode == 0, done.stderr
     assert "raster-harness [OPTIONS] COMMAND" in done.stdout
-
-
-def test_files_have_the_permissions_that_the_user_gives(tmp_path):
-    before = os.umask(0o077)
-    try:
-        atomic.write(tmp_path / "file", b"")
-    finally:
-        os.umask(before)
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o600

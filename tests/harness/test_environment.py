@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness.compare.comparison import compare_runs
+from harness.compare.wording import run_lines
 from harness.errors import UsageError
 from harness.figures.groups import (
     by_processor,
@@ -16,12 +17,12 @@ from harness.figures.groups import (
     processor_words,
     several_processors,
 )
-from harness.history import read_series
+from harness.history import read_series, run_label
 from harness.machine import environment
 from harness.machine.environment import COMMITS, commit_of
 from harness.scaling import merging
 from harness.stored.folder import Run, read_run
-from tests.compare.runs import write_run
+from tests.compare.runs import MACHINE, slower, write_run
 from tests.conftest import ends_well
 
 
@@ -86,11 +87,6 @@ def test_a_run_that_knows_the_harness_alone_tells_of_it():
 
 
 def test_comparison_and_history_tell_the_users_commit(tmp_path):
-    from harness.compare.comparison import compare_runs
-    from harness.compare.wording import run_lines
-    from harness.history import run_label
-    from tests.compare.runs import MACHINE, write_run
-
     ours, theirs = {"commit": "a" * 40, "dirty": False}, {"commit": "b" * 40, "dirty": False}
     facts = {"environment": {"harness": "0.1.0", "git": ours, "project": theirs, **MACHINE}}
     runs = [
@@ -195,8 +191,6 @@ def test_gains_and_comparisons_say_so(two, harness):
 
 def test_a_history_sees_no_change_of_code_in_a_change_of_processor(tmp_path):
     """Ten runs, the second five on another processor that draws delaunay 12 % slower."""
-    from tests.compare.runs import slower
-
     runs = []
     for number in range(10):
         edits = {"delaunay": slower(0.12)} if number >= 5 else {}

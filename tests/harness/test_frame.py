@@ -89,22 +89,7 @@ def test_vertices_that_coincide_are_merged_and_named():
 def test_a_polygon_that_snapping_pinches_is_split_and_named():
     # Two squares joined by a bridge far thinner than the grid.
     e = 1e-6
-    polygon = Polygon(
-        [
-            (0, 0),
-            (4, 0),
-            (4, 2),
-            (6, 2),
-            (6, 0),
-            (10, 0),
-            (10, 5),
-            (6, 5),
-            (6, 2 + e),
-            (4, 2 + e),
-            (4, 5),
-            (0, 5),
-        ]
-    )
+    polygon = shapely.union_all([box(0, 0, 4, 5), box(4, 2, 6, 2 + e), box(6, 0, 10, 5)])
     frame = make_frame([polygon], View(64))
     assert frame.source.tolist() == [0, 0]
     assert "into 2 pieces" in frame.repaired[0][1]

@@ -58,13 +58,6 @@ def test_one_line_says_what_was_read(harness, town):
     assert len(records_of("out")) == 1
 
 
-def test_options_that_a_scene_does_not_have(harness):
-    assert_refused(
-        harness("run", "--scene", "paper", "--layer", "x", *MOCK),
-        "scene paper has no parameter 'layer'",
-    )
-
-
 def test_a_function_of_the_users(harness, tmp_path, monkeypatch):
     (tmp_path / "rows.py").write_text(
         "from shapely import box\n"

@@ -69,15 +69,7 @@ def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
         for kind in KINDS
     }
     assert pinned[""] < pinned["-docs"] < pinned["-test"]
-    extras = {
-        "ruptures",
-        "plyfile",
-        "pyarrow",
-        "dask",
-        "bokeh",
-        "wgpu",
-        "manifold3d",
-    }
+    extras = {"ruptures", "plyfile", "pyarrow", "dask", "bokeh", "wgpu", "manifold3d"}
     development = {"pytest", "hypothesis", "mypy", "ruff", "setuptools", "lxml"}
     assert not pinned[""] & (extras | development | {"mkdocs", "mkdocs-material"})
     assert not pinned["-docs"] & (extras | development)

@@ -145,13 +145,9 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
     assert "0.900 (0.500-0.950)" in lines[1]
 
 
-def with_the_base(name: str) -> list[dict]:
-    return [{**each, "base": name} for each in RECORDS]
-
-
 def test_the_base_is_chosen_or_ear_clipping_or_the_first_that_left_nothing_out():
     assert "vs ear-clipping" in printed(RECORDS)
-    text = printed(with_the_base("worst:half-perimeter"))
+    text = printed([{**each, "base": "worst:half-perimeter"} for each in RECORDS])
     assert "vs worst:half-perimeter" in text
     assert "0.667 (0.663-0.671) faster" in text
     assert max(len(line) for line in text.splitlines()) <= 80

@@ -180,24 +180,6 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
         Store.create(tmp_path)
 
 
-@pytest.mark.parametrize("call", [Store.resume, read_run])
-def test_a_folder_without_a_run_is_refused(tmp_path, call):
-    with pytest.raises(UsageError, match="holds no run"):
-        call(tmp_path)
-
-
-def test_a_newer_schema_is_refused(tmp_path):
-    (tmp_path / "run.json").write_text(json.dumps({"schema_version": SCHEMA_VERSION + 1}))
-    with pytest.raises(UsageError, match="newer than this raster-harness reads"):
-        read_run(tmp_path)
-
-
-def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match=r"cannot use .*file/run: Not a directory"):
-        Store.create(tmp_path / "file" / "run")
-
-
 def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
     store = Store.create(tmp_path)
     store.append(record("a"))

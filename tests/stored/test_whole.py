@@ -21,12 +21,15 @@ from tests.conftest import assert_refused
 from tests.page.conftest import read_result
 
 
-def test_a_file_appears_with_its_content_and_usual_rights(tmp_path):
+@pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600)])
+def test_a_file_appears_with_its_content_and_usual_rights(tmp_path, mask, rights):
     place = tmp_path / "a.txt"
+    before = os.umask(mask)
     atomic.write(place, b"one")
     atomic.write(place, b"two", forced=True)
+    os.umask(before)
     assert place.read_bytes() == b"two"
-    assert place.stat().st_mode & 0o777 == 0o644
+    assert place.stat().st_mode & 0o777 == rights
     assert list(tmp_path.iterdir()) == [place]
 
 
