@@ -1,9 +1,3 @@
 """Fixtures of the tests, for the benchmarks too."""
 
-from tests.rasterisers.conftest import (  # noqa: F401
-    _open_rasterisers,
-    llvmpipe,
-    native,
-    opened,
-    reference,
-)
+from tests.rasterisers.conftest import _open_rasterisers, llvmpipe, opened, reference  # noqa: F401

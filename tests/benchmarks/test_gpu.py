@@ -17,8 +17,7 @@ from scenes import load
 from triangulators import Ragged, triangulate_many
 from triangulators.devices import is_software
 from triangulators.gpu import engine
-from triangulators.gpu.rings import MOST, Rings, place, prepare
-from triangulators.ragged import Batch, ragged
+from triangulators.ragged import ragged
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 
@@ -90,47 +89,3 @@ def test_footprints(benchmark, footprints):
         f"{count / cpu_s:,.0f} on the CPU; a million in {million:.3f} s, wanted on a GPU "
         f"{WANTED['footprints_s_a_million']} s"
     )
-
-
-def test_what_the_host_does_of_footprints(benchmark, footprints):
-    """Preparing and placing, in one thread: what no device takes over."""
-    ends = footprints.ring_ends[footprints.polygon_ends - 1]
-    begins = np.r_[0, ends].astype(np.int64)
-    wanted = np.diff(np.r_[0, footprints.polygon_ends]) == 1
-    rings = Rings.of(begins)
-    coordinates = np.ascontiguousarray(footprints.coordinates)
-    count = len(wanted)
-
-    def prepared() -> None:
-        prepare(coordinates, wanted, MOST, rings)
-
-    preparing_s = least(prepared, 5)
-    which = np.flatnonzero(rings.kind >= 0)
-    bases, starts = fans(rings, which)
-    triangles, done = np.empty((starts[-1], 3), np.int32), np.zeros(count, bool)
-    bounds = (np.r_[0, ends] for ends in (footprints.ring_ends, footprints.polygon_ends))
-    work = Batch(coordinates, *bounds, begins, starts, triangles, done)
-    placing_s = least(lambda: place(which, bases, False, rings, work), 5)
-    benchmark.extra_info.update(preparing_s=preparing_s, placing_s=placing_s, polygons=len(which))
-    benchmark.pedantic(prepared, rounds=1)
-    each = 1e9 / len(which)
-    print(
-        f"\n{len(which):,} footprints in one thread: prepared in {preparing_s * each:.0f} ns each, "
-        f"placed in {placing_s * each:.0f} ns each"
-    )
-
-
-def fans(rings: Rings, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a device gives for the optimum, from the CPU's triangles; and `starts`."""
-    sizes = np.diff(rings.begins)
-    polygons = Ragged(rings.corners.astype(float), rings.begins[1:], np.arange(1, len(sizes) + 1))
-    found = triangulate_many(polygons, device="cpu")
-    bases = np.zeros(len(rings.corners), np.uint32)
-    for index in which.tolist():
-        begin, own = int(rings.begins[index]), np.sort(found[index], axis=1).astype(np.uint32)
-        bases[begin + own[:, 1]] = own[:, 0] | own[:, 2] << 16
-        corners = rings.corners[begin : begin + sizes[index]].astype(np.int64)
-        inner = (own[:, 2] - own[:, 0]) < sizes[index] - 1
-        lengths = np.abs(corners[own[:, 2]] - corners[own[:, 0]]).sum(axis=1)
-        bases[begin] = lengths[inner].sum()
-    return bases, np.r_[0, np.cumsum(np.maximum(sizes - 2, 0))]

@@ -12,16 +12,13 @@ import numba
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
 
 from scenes import load
 from tests.paths import python
-from tests.triangulators.cases import convex, glyphs, hard_polygons, shared, smooth, snapped, star
+from tests.triangulators.cases import convex, glyphs, shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import Ragged, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
-from triangulators.dropin import triangulate_float64
-from triangulators.polygon import rings_of
 from triangulators.ragged import ragged
 
 
@@ -135,18 +132,6 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(bench
     assert ratio <= most
 
 
-def test_drop_in_against_earcut_is_reported(benchmark):
-    polygon = load("city", buildings=50).polygons[0]
-    points, ends = rings_of(polygon)
-    ratio = compare(
-        benchmark,
-        lambda: triangulate_float64(points, ends),
-        lambda: mapbox_earcut.triangulate_float64(points, ends),
-        rounds=200,
-    )
-    assert ratio < 100.0
-
-
 def test_hundred_thousand_vertices_finish(benchmark):
     polygon = smooth(100_000)
     start = time.perf_counter()
@@ -192,9 +177,3 @@ def test_every_fixture_building_and_letter():
         done += [check(polygon, label) for label, polygon in shared(name)]
     done += [check(polygon, index) for index, polygon in enumerate(load("city").polygons)]
     assert sum(count > 0 for count in done) > 2000
-
-
-@settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))
-@given(hard_polygons(max_vertices=40))
-def test_five_thousand_polygons(polygon):
-    assert check(polygon, polygon.wkt) > 0

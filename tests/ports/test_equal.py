@@ -86,22 +86,12 @@ def flipped(cases):
     return found
 
 
-def equal(ours, theirs):
-    return all(np.array_equal(one, other) for one, other in zip(ours, theirs, strict=True))
-
-
-@pytest.mark.parametrize("by", FLIP_TESTS)
-def test_the_same_triangles_in_javascript(flipped, javascript, by):
-    assert equal(flipped[by], read(javascript, "javascript", by))
-
-
-def test_the_same_triangles_in_javascript_with_typed_indices(flipped, javascript):
-    assert equal(flipped["l1"], read(javascript, "javascript", "l1-typed"))
-
-
-@pytest.mark.parametrize("by", FLIP_TESTS)
-def test_the_same_triangles_in_cpp(flipped, cpp, by):
-    assert equal(flipped[by], read(cpp, "cpp", by))
+@pytest.mark.parametrize("language", ["javascript", "cpp"])
+def test_the_same_triangles(flipped, request, language):
+    folder = request.getfixturevalue(language)
+    for by in (*FLIP_TESTS, *(["l1-typed"] if language == "javascript" else [])):
+        ours, theirs = flipped[by.removesuffix("-typed")], read(folder, language, by)
+        assert all(np.array_equal(*pair) for pair in zip(ours, theirs, strict=True)), by
 
 
 def test_earcut_refine_is_npm_earcuts(cases, javascript):

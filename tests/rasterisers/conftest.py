@@ -10,8 +10,10 @@ import pytest
 
 from harness.errors import NoRasteriser
 from harness.frame import Frame, bare_frame
+from harness.measuring import tasks
 from harness.measuring.worker import Worker
-from harness.rasterisers import Options, Rasteriser, find_device, get
+from harness.rasterisers import Device, Options, Rasteriser, find_device, get
+from harness.rasterisers.reference import disagreements
 
 Coordinates = list[list[int]]
 MakeFrame = Callable[..., tuple[Frame, np.ndarray]]
@@ -51,6 +53,28 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
         yield request.param[0], call
 
 
+def require_the_references_counts(on_device: tuple[str, Call], reference: Rasteriser, *case: Any):
+    """Of each polygon, whatever the device counts; returns the reference's counts."""
+    rasteriser, call = on_device
+    frame, triangles, options = (*case, Options())[:3]
+    drawn = call(tasks.count, frame, triangles, options)
+    exact = reference.count(frame, triangles, options)
+    exact["hits"] = exact["fragments"]
+    exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
+    assert exact
+    assert drawn.keys() >= exact.keys()
+    assert disagreements(frame, drawn, exact) == []
+    if "samples_passed" in drawn:
+        assert drawn["samples_passed"] == exact["fragments"].sum()
+    return exact
+
+
+def seconds(name: str, device: Device, case: Any) -> float:
+    """Inside the worker: draw three times."""
+    with tasks._opened(name, device).prepare(*case, Options()) as drawing:
+        return drawing.sample(3).wall
+
+
 def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
     """Make a frame in which each triangle, three rows of `points` in 1/256 px, is a polygon."""
     points = np.asarray(points, np.int32).reshape(-1, 2)
@@ -83,11 +107,6 @@ def scattered() -> MakeFrame:
 @pytest.fixture(scope="session")
 def reference() -> Rasteriser:
     return get("reference")(find_device("reference"))
-
-
-@pytest.fixture(scope="session")
-def native() -> Options:
-    return Options()
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+from tests.rasterisers.test_opengl import anywhere, half_pixel
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
@@ -15,40 +16,33 @@ def walker(request, opened) -> Rasteriser:
     return opened(request.param)
 
 
-@pytest.fixture
-def bounding_box(opened) -> Rasteriser:
-    return opened("bounding-box")
-
-
-def test_a_box_of_4096_px_is_tested_in_full(bounding_box, native, loose):
+def test_a_box_of_4096_px_is_tested_in_full(opened, loose):
     corners = [[0, 0], [4096 * 256, 0], [0, 4096 * 256]]
     frame, triangles = loose(corners, 4096)
-    assert bounding_box.count(frame, triangles, native)["bbox_tests"].tolist() == [4096**2]
+    counted = opened("bounding-box").count(frame, triangles, Options())
+    assert counted["bbox_tests"].tolist() == [4096**2]
 
 
-def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(bounding_box, native, loose):
+def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened, loose):
     corner = [[256, 256], [768, 256], [256, 768]]
     frame, triangles = loose(corner * 70_000, 8)
-    assert bounding_box.count(frame, triangles, native)["bbox_tests"].tolist() == [4] * 70_000
-
-
-half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
-anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
+    counted = opened("bounding-box").count(frame, triangles, Options())
+    assert counted["bbox_tests"].tolist() == [4] * 70_000
 
 
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
 )
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_hit_as_by_the_reference(walker, reference, native, loose, corners):
+def test_any_triangle_is_hit_as_by_the_reference(walker, reference, loose, corners):
     frame, triangles = loose(corners, 32)
-    drawn = walker.count(frame, triangles, native)["hits"]
-    assert drawn.tolist() == reference.count(frame, triangles, native)["fragments"].tolist()
+    drawn = walker.count(frame, triangles, Options())["hits"]
+    assert drawn.tolist() == reference.count(frame, triangles, Options())["fragments"].tolist()
 
 
-def test_scanline_counts_the_rows_of_the_box(opened, native, loose):
+def test_scanline_counts_the_rows_of_the_box(opened, loose):
     frame, triangles = loose([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
-    assert opened("scanline").count(frame, triangles, native)["rows"].tolist() == [19]
+    assert opened("scanline").count(frame, triangles, Options())["rows"].tolist() == [19]
 
 
 def test_multisampling_and_work_are_refused(walker, scattered):

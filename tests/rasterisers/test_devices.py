@@ -3,29 +3,12 @@
 import re
 
 import numpy as np
-import pytest
 
-from harness.errors import NoRasteriser
 from harness.measuring import tasks
-from harness.rasterisers import Options, find_device, get, names
+from harness.rasterisers import Options, get, names
 from harness.rasterisers.reference import SHADED, disagreements
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import worker_on
-
-
-def require_the_references_counts(on_device, reference, frame, triangles) -> dict:
-    """Of each polygon, whatever the device counts; returns the reference's counts."""
-    rasteriser, call = on_device
-    drawn = call(tasks.count, frame, triangles, Options())
-    exact = reference.count(frame, triangles, Options())
-    exact["hits"] = exact["fragments"]
-    exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
-    assert exact
-    assert drawn.keys() >= exact.keys()
-    assert disagreements(frame, drawn, exact) == []
-    if "samples_passed" in drawn:
-        assert drawn["samples_passed"] == exact["fragments"].sum()
-    return exact
+from tests.rasterisers.conftest import require_the_references_counts, worker_on
 
 
 def test_counters_and_pixels_equal_the_reference_for_every_polygon(on_device, reference, scattered):
@@ -93,12 +76,6 @@ def test_softpipe_counts_the_quads_of_its_own_pictures(scattered):
             counted = [drawn[name][number] for name in SHADED]
             quads, partial = (lanes > 0).sum(), ((lanes > 0) & (lanes < 4)).sum()
             assert counted == [lanes.sum(), quads, 4 * quads - lanes.sum(), partial]
-
-
-def test_a_device_in_the_wrong_environment_is_refused():
-    device = find_device("opengl", "softpipe")
-    with pytest.raises(NoRasteriser, match=r"softpipe needs \w+=\w+ before"):
-        get("opengl")(device)
 
 
 def test_disagreements_name_counter_and_polygon(loose):

@@ -26,13 +26,6 @@ def test_maps_add_up_to_the_counters(reference, scattered, size, grid):
         assert helpers.sum() == counters["helper_lanes"].sum()
 
 
-def test_a_conforming_triangulation_covers_each_pixel_once():
-    frame = make_frame([ELL], View(200, 30))
-    covered, helpers = lane_maps(frame, triangulate(frame.polygons[0], "delaunay"))
-    assert set(np.unique(covered)) == {0, 1}
-    assert helpers.sum() > 0
-
-
 def test_a_single_pixel_has_three_helpers_beside_it(loose):
     frame, triangles = loose([[800, 800], [1000, 800], [800, 1000]], 8)
     covered, helpers = lane_maps(frame, triangles)

@@ -20,28 +20,24 @@ anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, native, loose, corners):
+def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, loose, corners):
     frame, triangles = loose(corners, 32)
-    drawn = llvmpipe.count(frame, triangles, native)
-    exact = reference.count(frame, triangles, native)
+    drawn = llvmpipe.count(frame, triangles, Options())
+    exact = reference.count(frame, triangles, Options())
     assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
 def test_image_equals_the_references(llvmpipe, reference, scattered):
     frame, triangles = scattered(seed=9, size=300, number=60, grid=64)
-    for options in (
-        Options(),
-        Options(order="shuffled", seed=2),
-        Options(order="morton"),
-        Options(order="walk"),
-    ):
+    for order in ("native", "shuffled", "morton", "walk"):
+        options = Options(order=order, seed=2)
         drawn = llvmpipe.image(frame, triangles, options)
         assert np.array_equal(drawn, reference.image(frame, triangles, options))
 
 
-def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe, native, loose):
+def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe, loose):
     frame, triangles = loose([[300, 300], [15000, 900], [2000, 14000]], 64)
-    one = llvmpipe.count(frame, triangles, native)
+    one = llvmpipe.count(frame, triangles, Options())
     four = llvmpipe.count(frame, triangles, Options(samples=4))
     assert four["fragments"][0] > one["fragments"][0]
     assert 4 * four["quads"][0] == four["fragments"][0] + four["helper_lanes"][0]
@@ -55,25 +51,25 @@ def test_too_many_samples_name_what_the_device_has(llvmpipe, scattered):
         llvmpipe.count(frame, triangles, Options(samples=8))
 
 
-def test_fragment_work_changes_no_pixel(llvmpipe, native, scattered):
+def test_fragment_work_changes_no_pixel(llvmpipe, scattered):
     frame, triangles = scattered(seed=10, size=256, number=30, grid=64)
     hard = Options(work=200)
     assert np.array_equal(
-        llvmpipe.image(frame, triangles, native), llvmpipe.image(frame, triangles, hard)
+        llvmpipe.image(frame, triangles, Options()), llvmpipe.image(frame, triangles, hard)
     )
     with llvmpipe.prepare(frame, triangles, hard) as drawing:
         drawing.sample(1)
         assert drawing.mesh.program["work"].value == 200
-    with llvmpipe.prepare(frame, triangles, native) as drawing:
+    with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.sample(1)
         assert drawing.mesh.program["work"].value == 0
 
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])
-def test_every_repeat_is_drawn(llvmpipe, native, loose, monkeypatch, software, calls):
+def test_every_repeat_is_drawn(llvmpipe, loose, monkeypatch, software, calls):
     """As calls on a CPU, as instances of one call on a GPU: llvmpipe can be told to do either."""
     frame, triangles = loose([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
-    with llvmpipe.prepare(frame, triangles, native) as drawing:
+    with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software
         drawn = []
         draw = drawing.mesh.draw_rows
@@ -84,19 +80,19 @@ def test_every_repeat_is_drawn(llvmpipe, native, loose, monkeypatch, software, c
     assert drawn == calls
 
 
-def test_two_rasterisers_share_a_process(opened, reference, native, scattered):
+def test_two_rasterisers_share_a_process(opened, reference, scattered):
     """Each makes its own context current, also while the other's drawings are alive."""
     frame, triangles = scattered(seed=13, size=128, number=30, grid=1)
-    exact = reference.count(frame, triangles, native)
+    exact = reference.count(frame, triangles, Options())
     with (
-        opened("opengl").prepare(frame, triangles, native) as drawn,
-        opened("bounding-box").prepare(frame, triangles, native) as walked,
+        opened("opengl").prepare(frame, triangles, Options()) as drawn,
+        opened("bounding-box").prepare(frame, triangles, Options()) as walked,
     ):
         for _ in range(3):
             assert drawn.sample(1).wall > 0
             assert walked.sample(1).wall > 0
-        counted = opened("opengl").count(frame, triangles, native)
-        tested = opened("bounding-box").count(frame, triangles, native)
+        counted = opened("opengl").count(frame, triangles, Options())
+        tested = opened("bounding-box").count(frame, triangles, Options())
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
 
@@ -110,11 +106,11 @@ def test_batches_cannot_overflow_32_bits(loose):
     assert len(parts) > 1
 
 
-def test_a_frame_larger_than_the_device_is_refused(llvmpipe, native, scattered):
+def test_a_frame_larger_than_the_device_is_refused(llvmpipe, scattered):
     frame, triangles = scattered(seed=1, size=64, number=2, grid=1)
     huge = type(frame)(**{**vars(frame), "width": 40000, "height": 40000})
     with pytest.raises(UsageError, match="40000x40000 px is more than"):
-        llvmpipe.count(huge, triangles, native)
+        llvmpipe.count(huge, triangles, Options())
 
 
 def test_another_renderer_than_asked_for_is_refused(llvmpipe):

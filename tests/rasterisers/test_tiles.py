@@ -1,7 +1,6 @@
 """Map tiles on every device: cut at the tile's edge, each a call of its own; equal everywhere."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,11 +18,10 @@ from harness.rasterisers.context import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
 from harness.rasterisers.reference import SHADED, Reference, disagreements, outlines
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import worker_on
+from tests.rasterisers.conftest import require_the_references_counts, seconds, worker_on
 from tests.rasterisers.pictures import covered
 
 NATIVE = Options()
-SHUFFLED = Options(order="shuffled", seed=1)
 
 
 @pytest.fixture(scope="session")
@@ -35,14 +33,9 @@ def tiles(scattered) -> tuple[Frame, np.ndarray]:
 
 
 def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
-    rasteriser, call = on_device
-    for options in (NATIVE, SHUFFLED):
-        drawn = call(tasks.count, *tiles, options)
-        exact = reference.count(*tiles, NATIVE)
-        exact["hits"] = exact["fragments"]
-        exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
-        assert len(exact) >= 1
-        assert disagreements(tiles[0], drawn, exact) == []
+    _, call = on_device
+    for options in (NATIVE, Options(order="shuffled", seed=1)):
+        require_the_references_counts(on_device, reference, *tiles, options)
     # What is drawn later hides what was drawn before, so this is of the order, too.
     assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
     # The picture is the viewport's again where no scissor is set, and the other way round.
@@ -139,12 +132,7 @@ def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, loose, monkeypa
 def test_tiles_without_triangles_are_timed_too(on_device, tiles):
     _, call = on_device
     for rows in (tiles[1], np.empty((0, 3), np.int32)):
-        assert call(_seconds, (tiles[0], rows)) > 0
-
-
-def _seconds(name: str, device: Any, case: Any) -> float:
-    with tasks._opened(name, device).prepare(*case, NATIVE) as drawing:
-        return drawing.sample(3).wall
+        assert call(seconds, (tiles[0], rows)) > 0
 
 
 class Uncut(Pyrender):

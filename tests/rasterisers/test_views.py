@@ -20,6 +20,7 @@ from harness.triangulating.recipes import parse
 from scenes.scene import Viewing
 from tests.models.various import solid
 from tests.rasterisers import pictures
+from tests.rasterisers.conftest import require_the_references_counts, seconds
 
 NATIVE = Options()
 
@@ -49,17 +50,9 @@ def seen(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
 
 
 def test_counters_of_each_piece_equal_the_reference(on_device, seen, reference):
-    rasteriser, call = on_device
     frame, found = seen
-    lanes = []
     for rows in found:
-        exact = reference.count(frame, rows, NATIVE)
-        lanes.append(int(exact["helper_lanes"].sum()))
-        exact["hits"] = exact["fragments"]
-        exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
-        assert len(exact) >= 1
-        assert disagreements(frame, call(tasks.count, frame, rows, NATIVE), exact) == []
-    assert lanes[2] < lanes[1] < lanes[0]
+        require_the_references_counts(on_device, reference, frame, rows)
 
 
 @pytest.fixture(scope="session", params=["file", "front"])
@@ -107,11 +100,11 @@ def test_pictures_with_depth_equal_the_reference_but_for_ties(on_device, deep, r
     assert disagreements(flat, counted, reference.count(flat, rows, NATIVE)) == []
 
 
-def test_depth_is_timed(on_device, deep):
+def test_views_are_timed_with_depths_too(on_device, seen, deep):
     rasteriser, call = on_device
-    if get(rasteriser).deep:
-        for rows in (deep[1][0], np.empty((0, 3), np.int32)):
-            assert call(_seconds, (deep[0], rows)) > 0
+    deep_rows = (deep[1][0], np.empty((0, 3), np.int32)) if get(rasteriser).deep else ()
+    for case in ((seen[0], seen[1][0]), *((deep[0], rows) for rows in deep_rows)):
+        assert call(seconds, case) > 0
 
 
 def sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
@@ -182,20 +175,3 @@ def test_a_driver_that_tests_depth_late_is_refused():
         pytest.raises(NoRasteriser, match="does not test depth before it shades"),
     ):
         worker.call(tasks.count, "opengl", devices[0], *sheets([5000]), NATIVE, timeout_s=60)
-
-
-def test_each_triangulation_covers_the_same(seen, reference):
-    frame, found = seen
-    covered = [reference.count(frame, rows, NATIVE)["fragments"] for rows in found]
-    assert np.array_equal(covered[0], covered[1])
-    assert np.array_equal(covered[0], covered[2])
-
-
-def test_views_are_timed(on_device, seen):
-    _, call = on_device
-    assert call(_seconds, (seen[0], seen[1][0])) > 0
-
-
-def _seconds(name: str, device: Any, case: Any) -> float:
-    with tasks._opened(name, device).prepare(*case, NATIVE) as drawing:
-        return drawing.sample(2).wall

@@ -24,10 +24,10 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
         yield call
 
 
-def test_options_change_no_count_and_no_picture(on_device, reference, scattered, native):
+def test_options_change_no_count_and_no_picture(on_device, reference, scattered):
     frame, triangles = scattered(seed=250, size=250, number=150, grid=1)
-    exact = reference.count(frame, triangles, native)
-    for options in (native, Options(work=50), Options(order="shuffled", seed=3)):
+    exact = reference.count(frame, triangles, Options())
+    for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
         drawn = on_device(tasks.count, frame, triangles, options)
         assert set(drawn) == set(SHADED)
         assert disagreements(frame, drawn, exact) == []
@@ -35,15 +35,15 @@ def test_options_change_no_count_and_no_picture(on_device, reference, scattered,
         assert np.array_equal(drawn, reference.image(frame, triangles, replace(options, work=0)))
 
 
-def test_long_slivers_need_more_than_32_bits(on_device, reference, native):
+def test_long_slivers_need_more_than_32_bits(on_device, reference):
     """Products of their coordinates have 42 bits; the sign of their difference must be exact."""
     rng = np.random.default_rng(5)
     size = 8192
     ends = rng.integers(256, (size - 1) * 256, (40, 2, 2))
     beside = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
     frame, triangles = loose_triangles(np.concatenate([ends, beside], axis=1), size)
-    drawn = on_device(tasks.count, frame, triangles, native)
-    assert disagreements(frame, drawn, reference.count(frame, triangles, native)) == []
+    drawn = on_device(tasks.count, frame, triangles, Options())
+    assert disagreements(frame, drawn, reference.count(frame, triangles, Options())) == []
     assert drawn["fragments"].sum() > 50_000
 
 
@@ -105,46 +105,40 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
         del opened._tally_once
 
 
-def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, native, scattered):
+def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, scattered):
     frame, triangles = scattered(seed=4, size=128, number=50, grid=1)
-    step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, native)
+    step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
     assert step == 16
     on_it = replace(frame, points=on_coarser_grid(frame.points, 16))
-    assert disagreements(on_it, counted, reference.count(on_it, triangles, native)) == []
-    assert np.array_equal(picture, reference.image(on_it, triangles, native))
+    assert disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
+    assert np.array_equal(picture, reference.image(on_it, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
-def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference, native, scattered):
+def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference, scattered):
     frame, triangles = scattered(seed=6, size=250, number=150, grid=1)
     moved = replace(frame, points=on_coarser_grid(frame.points, 16))
     with worker_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
         assert (details["step"], details["subpixel_bits"]) == (16, 4)
-        counted = call(tasks.count, frame, triangles, native)
-        picture = call(pictures.image, frame, triangles, native)
-    assert disagreements(moved, counted, reference.count(moved, triangles, native)) == []
-    assert np.array_equal(picture, reference.image(moved, triangles, native))
+        counted = call(tasks.count, frame, triangles, Options())
+        picture = call(pictures.image, frame, triangles, Options())
+    assert disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
+    assert np.array_equal(picture, reference.image(moved, triangles, Options()))
 
 
-def test_what_it_cannot_do_is_said(on_device, native, loose):
+def test_what_it_cannot_do_is_said(on_device, loose):
     frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
     assert not get("webgpu").supports(Options(samples=4))
     with pytest.raises(UsageError, match="one sample a pixel"):
         on_device(tasks.count, frame, triangles, Options(samples=4))
     with pytest.raises(UsageError, match="64x64 px is more than the device's 32; lower --resol"):
-        on_device(count_where_32_px_are_most, frame, triangles, native)
+        on_device(count_where_32_px_are_most, frame, triangles, Options())
 
 
 def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, str]:
-    return {
-        "vendor": "",
-        "architecture": "",
-        "device": device,
-        "description": "",
-        "adapter_type": kind,
-        "backend_type": backend,
-    }
+    unsaid = dict.fromkeys(("vendor", "architecture", "description"), "")
+    return {**unsaid, "device": device, "adapter_type": kind, "backend_type": backend}
 
 
 @pytest.mark.parametrize(
