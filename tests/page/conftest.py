@@ -17,7 +17,7 @@ from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.page.page_data import KEPT, TOLD, write_profile_page
-from harness.page.result import FORMAT, Result
+from harness.page.result import FORMAT, Result, import_result
 from harness.page.saved import VERSION, checked, read_saved
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
@@ -135,6 +135,17 @@ def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
         return saved_as(result, tmp_path / "saved.json")
 
     return write
+
+
+@pytest.fixture
+def imported(saved: Callable[..., Path], tmp_path: Path) -> Callable[..., Run]:
+    """Import what a page would save, changed by a function of the result, with a run or without."""
+
+    def import_(change: Callable[[dict[str, Any]], None], run: Run | None = None) -> Run:
+        out = tmp_path / f"imported-{len(list(tmp_path.iterdir()))}"
+        return read_run(import_result(read_result(saved(change)), out, "phone", run))
+
+    return import_
 
 
 @pytest.fixture(scope="session")

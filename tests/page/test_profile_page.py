@@ -27,25 +27,15 @@ from tests.page.test_hostile import MARKUP
 from tests.profile.charging import COSTS
 
 
-@pytest.fixture(scope="module")
-def page(profile_page) -> Path:
-    return profile_page
-
-
 @pytest.fixture
-def waiting(browser, page) -> Chromium:
+def waiting(browser, profile_page) -> Chromium:
     """The page, which does not begin by itself."""
-    browser.open(page, REPORT_READY, fragment="wait")
+    browser.open(profile_page, REPORT_READY, fragment="wait")
     return browser
 
 
-@pytest.fixture(scope="module")
-def whole(profiled) -> dict[str, Any]:
-    return profiled
-
-
-def test_the_page_is_small_and_its_draws_are_those_of_python(waiting, page):
-    assert page.stat().st_size < 500_000
+def test_the_page_is_small_and_its_draws_are_those_of_python(waiting, profile_page):
+    assert profile_page.stat().st_size < 500_000
     waiting.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
         waiting.evaluate(f"globalThis.made = designOf({seed}); null")
@@ -53,7 +43,7 @@ def test_the_page_is_small_and_its_draws_are_those_of_python(waiting, page):
         for step in (1, 16):
             sums = waiting.evaluate(f"sumsOf(made, {step})")
             assert sums == [design.snapped(draw, step).checksum for draw in draws]
-    assert waiting.requests == [f"{page.resolve().as_uri()}"]
+    assert waiting.requests == [f"{profile_page.resolve().as_uri()}"]
 
 
 def test_what_it_holds_is_counted_by_the_exact_reference(waiting):
@@ -207,8 +197,8 @@ def test_it_writes_seconds_as_python_does(waiting, value):
     assert waiting.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
 
 
-def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
-    result = whole["result"]
+def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(profiled):
+    result = profiled["result"]
     assert result["complete"]
     assert result["problem"] is None
     assert result["differing"] == 0
@@ -216,40 +206,40 @@ def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
     for name, value in result["law"]["seconds"].items():
         assert value == pytest.approx(COSTS.get(name, 0.0), rel=0.01, abs=1e-12)
     assert result["law"]["r2_within"] > 0.99
-    assert whole["answer"].startswith(
+    assert profiled["answer"].startswith(
         "On a test's GPU, a triangle costs 50 ns, a 4x4 block 30 ns, a pixel of its box's width "
         "and height 7 ns and a round of arithmetic 300 ps. Thin triangles take twice as long from"
     )
-    assert whole["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
-    assert "A draw by itself costs 20 µs." in whole["words"]
+    assert profiled["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
+    assert "A draw by itself costs 20 µs." in profiled["words"]
     nothing = "Nothing is shown for triangles set up, triangles that cover a pixel, vertices"
-    assert nothing in whole["words"]
-    assert "Triangulate by optimal:" in whole["words"]
-    assert " on city (" in whole["words"]
-    assert "Times are the wall clock's, for the device has no GPU timer." in whole["traps"]
-    assert "nothing here says that the device sorts triangles into tiles" in whole["traps"]
-    assert whole["panels"] == 2
-    assert "twice at" in whole["thin"]
-    assert whole["widths"] == [360, 360]
+    assert nothing in profiled["words"]
+    assert "Triangulate by optimal:" in profiled["words"]
+    assert " on city (" in profiled["words"]
+    assert "Times are the wall clock's, for the device has no GPU timer." in profiled["traps"]
+    assert "nothing here says that the device sorts triangles into tiles" in profiled["traps"]
+    assert profiled["panels"] == 2
+    assert "twice at" in profiled["thin"]
+    assert profiled["widths"] == [360, 360]
 
 
-def test_its_coefficients_are_those_that_python_fits(whole, waiting):
+def test_its_coefficients_are_those_that_python_fits(profiled, waiting):
     plain = waiting.evaluate("state.page.plain")
     rows = np.array(waiting.evaluate("state.page.grids[1].predicted"))[plain["places"]]
-    truth = rows @ np.array(whole["coefficients"])
+    truth = rows @ np.array(profiled["coefficients"])
     found = solve(rows, truth, plain["labels"])
-    assert found == pytest.approx(whole["coefficients"], rel=1e-3, abs=1e-14)
+    assert found == pytest.approx(profiled["coefficients"], rel=1e-3, abs=1e-14)
 
 
-def test_a_gpu_timer_is_used_where_there_is_one(browser, page):
-    opened(browser, page, "timer: true, noise: 0")
+def test_a_gpu_timer_is_used_where_there_is_one(browser, profile_page):
+    opened(browser, profile_page, "timer: true, noise: 0")
     result = measured(browser)
     assert result["timer"]["timer"] == "gpu"
     assert "The GPU's timer goes in steps of" in told(browser, "traps")
 
 
-def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, page):
-    opened(browser, page, "at: { 4500: ({ lose }) => lose() }")
+def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, profile_page):
+    opened(browser, profile_page, "at: { 4500: ({ lose }) => lose() }")
     result = measured(browser)
     assert "lost the GPU (it was unplugged)" in result["problem"]
     assert not result["complete"]
@@ -259,8 +249,8 @@ def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, page):
     assert not browser.evaluate("$('save').disabled")
 
 
-def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, page):
-    opened(browser, page, "at: { 300: ({ lose }) => lose() }")
+def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, profile_page):
+    opened(browser, profile_page, "at: { 300: ({ lose }) => lose() }")
     result = measured(browser)
     assert len(result["draws"]) == 135
     assert result["law"] is None
@@ -268,9 +258,9 @@ def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, page):
     assert "Too little was timed to say what a triangle costs." in told(browser, "answer")
 
 
-def test_a_hidden_page_waits_and_draws_its_round_again(browser, page):
+def test_a_hidden_page_waits_and_draws_its_round_again(browser, profile_page):
     slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
-    opened(browser, page, f"at: {{ 4000: () => hide() }}, {slow}")
+    opened(browser, profile_page, f"at: {{ 4000: () => hide() }}, {slow}")
     result = measured(browser)
     for each in result["times"].values():
         assert max(each["samples_s"]) < 1.1 * min(each["samples_s"])
@@ -282,16 +272,16 @@ def test_a_hidden_page_waits_and_draws_its_round_again(browser, page):
     assert browser.evaluate("$('notice').hidden")
 
 
-def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, page):
-    opened(browser, page, "slower: (drawn) => 1 + drawn / 6000")
+def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, profile_page):
+    opened(browser, profile_page, "slower: (drawn) => 1 + drawn / 6000")
     result = measured(browser)
     assert "The device's speed changed by a factor of" in result["problem"]
     assert not result["complete"]
     assert "The device's speed changed by a factor of" in told(browser, "notice")
 
 
-def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, page):
-    opened(browser, page, "scale: 200")
+def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, profile_page):
+    opened(browser, profile_page, "scale: 200")
     result = measured(browser)
     assert result["limited"]
     assert 4 <= len(result["epochs"]) < 12
@@ -299,43 +289,43 @@ def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, page):
     assert "The time limit of 4 minutes ended it after" in told(browser, "traps")
 
 
-def test_a_far_too_slow_device_is_told_so(browser, page):
-    opened(browser, page, "scale: 20000")
+def test_a_far_too_slow_device_is_told_so(browser, profile_page):
+    opened(browser, profile_page, "scale: 20000")
     result = measured(browser)
     assert result["law"] is None
     assert "ended it before a first round" in told(browser, "answer")
 
 
-def test_counters_that_differ_are_said(browser, page):
-    opened(browser, page, "wrong: 7")
+def test_counters_that_differ_are_said(browser, profile_page):
+    opened(browser, profile_page, "wrong: 7")
     assert measured(browser)["differing"] == 1
     assert "Counters differ from the exact ones in 1 of 135 draws." in told(browser, "answer")
 
 
-def test_a_browser_that_makes_other_draws_is_refused(browser, page):
-    opened(browser, page)
+def test_a_browser_that_makes_other_draws_is_refused(browser, profile_page):
+    opened(browser, profile_page)
     browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
     assert measured(browser)["draws"] == []
     assert "their checksums differ" in told(browser, "notice")
 
 
-def test_a_stop_keeps_what_was_counted(browser, page):
-    opened(browser, page, "at: { 3000: () => { $('stop').click(); } }")
+def test_a_stop_keeps_what_was_counted(browser, profile_page):
+    opened(browser, profile_page, "at: { 3000: () => { $('stop').click(); } }")
     result = measured(browser)
     assert not result["complete"]
     assert not result["limited"]
     assert "Stopped. What was measured is kept." in told(browser, "notice")
 
 
-def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
-    browser.open(page, MEASURED)
+def test_without_webgpu_it_says_which_browsers_have_it(browser, profile_page):
+    browser.open(profile_page, MEASURED)
     assert "WebGPU is in Chrome" in told(browser, "notice")
     assert told(browser, "answer") == "Nothing was measured."
     assert browser.evaluate("$('save').disabled")
 
 
-def test_names_that_are_markup_run_no_script(browser, page):
-    opened(browser, page, f"describe: {json.dumps(MARKUP)}")
+def test_names_that_are_markup_run_no_script(browser, profile_page):
+    opened(browser, profile_page, f"describe: {json.dumps(MARKUP)}")
     browser.evaluate(
         f"const {{ draws, terms, scenes }} = state.page, markup = {json.dumps(MARKUP)};"
         "for (const draw of draws) draw.name += markup;"
@@ -379,7 +369,7 @@ def test_noise_makes_no_draw_shorter_than_nothing(waiting, synthetic):
     assert all(ratio > 0 for each in found for ratio in each["ratios"])
 
 
-def test_swiftshader_counts_what_the_page_expects(gpu_browser, page):
-    gpu_browser.open(page, REPORT_READY, fragment="wait")
+def test_swiftshader_counts_what_the_page_expects(gpu_browser, profile_page):
+    gpu_browser.open(profile_page, REPORT_READY, fragment="wait")
     differing = gpu_browser.evaluate(f"{WORLD}; differencesOf([1, 40, 60, 75, 90, 110])")
     assert differing == [0] * 12

@@ -61,6 +61,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def page(browser: Chromium, folder: Path) -> Chromium:
+    """The report of that run, opened."""
+    browser.open(folder / "report.html")
+    return browser
+
+
+@pytest.fixture
 def copy(folder: Path, tmp_path: Path) -> Path:
     """A copy of that run, for a test to spoil."""
     path = tmp_path / "copy"

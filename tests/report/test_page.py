@@ -3,7 +3,6 @@
 import csv
 import io
 import time
-from pathlib import Path
 
 import pytest
 
@@ -19,22 +18,16 @@ POINT = """(() => {
 })()"""
 
 
-@pytest.fixture
-def page(browser: Chromium, folder: Path) -> Chromium:
-    browser.open(folder / "report.html")
-    return browser
-
-
 def texts(page: Chromium, selector: str) -> list[str]:
     return page.evaluate(
         f"[...document.querySelectorAll({selector!r})].map((each) => each.textContent.trim())"
     )
 
 
-def select(page: Chromium, name: str, value: str) -> None:
+def select(page: Chromium, name: str, value: str, event: str = "change") -> None:
     page.evaluate(
         f"(() => {{ const it = document.getElementById({name!r}); it.value = {value!r};"
-        " it.dispatchEvent(new Event('change')); })()"
+        f" it.dispatchEvent(new Event({event!r})); }})()"
     )
 
 
@@ -150,10 +143,7 @@ def test_heatmaps_count_what_the_rasteriser_counted(page, folder):
 
 
 def test_the_slider_and_the_gallery_change_the_picture(page):
-    page.evaluate(
-        "(() => { const it = document.getElementById('split'); it.value = 20;"
-        " it.dispatchEvent(new Event('input')); })()"
-    )
+    select(page, "split", "20", "input")
     clip = page.evaluate("getComputedStyle(document.getElementById('canvas-right')).clipPath")
     assert "20%" in clip
     caption = texts(page, "#heatmap-caption")
@@ -167,16 +157,10 @@ def test_the_slider_and_the_gallery_change_the_picture(page):
 
 
 def test_cases_are_found_and_sorted(page):
-    page.evaluate(
-        "(() => { const it = document.getElementById('find'); it.value = 'DELAUNAY 128';"
-        " it.dispatchEvent(new Event('input')); })()"
-    )
+    select(page, "find", "DELAUNAY 128", "input")
     assert texts(page, "#cases tbody th") == ["delaunay"]
     assert texts(page, "#found") == ["1 to 1 of 1"]
-    page.evaluate(
-        "(() => { const it = document.getElementById('find'); it.value = '256';"
-        " it.dispatchEvent(new Event('input')); })()"
-    )
+    select(page, "find", "256", "input")
     column = texts(page, "#cases thead th").index("helper lanes")
     for direction in ("ascending", "descending"):
         page.evaluate(f"document.querySelectorAll('#cases thead button')[{column}].click()")

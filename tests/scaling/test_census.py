@@ -41,9 +41,7 @@ def counted_one_by_one(footprints, name):
     """
     found = []
     for footprint in footprints:
-        rounded = shapely.transform(
-            footprint, lambda xy: np.rint((xy + 4000.0) * 4 * SUBPIXEL) / SUBPIXEL
-        )
+        rounded = shapely.transform(footprint, on_the_grid)
         points, _, _ = on_grid([rounded])
         each = predict(bare_frame(8, points).points, triangulate(rounded, name))
         found.append([each[measure].sum() for measure in COUNTED])

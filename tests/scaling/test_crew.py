@@ -203,15 +203,6 @@ def test_every_task_ends_once_and_few_wait_at_a_time():
     assert crew.begun == Counter(MANY)
 
 
-def test_a_task_that_fails_is_set_aside_after_three_attempts_of_its_own():
-    bad = Answer(failed="died: SIGSEGV")
-    crew, done, aside = carried_out(lambda name, time: bad if name == MANY[3] else Answer())
-    assert aside == {MANY[3]: "died: SIGSEGV"}
-    assert crew.begun[MANY[3]] == ATTEMPTS
-    assert done == Counter(set(MANY) - {MANY[3]})
-    assert all(crew.begun[name] == 1 for name in done)
-
-
 def test_a_task_that_fails_twice_and_then_works_is_done():
     bad = Answer(failed="no space")
     _, done, aside = carried_out(lambda name, time: bad if time < ATTEMPTS else Answer())

@@ -20,7 +20,6 @@ from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.task_queue import Crew
 from harness.scaling.triangulated import TRIANGLES, Options
 from harness.stored import atomic
-from scenes import SceneError
 from scenes.files import read_chunks
 from scenes.slices import comparisons, cut
 from tests.conftest import ends_well
@@ -298,13 +297,3 @@ def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
     tables = [next(read_chunks(str(file), rows=rows)).attributes for rows in found.rows]
     assert pd.concat(tables)["id"].tolist() == list(range(100))
     assert cut(str(file), where="id > 3").rows == [None]
-
-
-def test_a_truncated_file_and_one_without_geometry_are_refused_in_one_line(parts, footprints):
-    file = parts / "0.parquet"
-    file.write_bytes(file.read_bytes()[:-1000])
-    with pytest.raises(SceneError, match=r"0\.parquet cannot be read as GeoParquet"):
-        cut(str(file))
-    write_parquet(file, footprints[:10], 0, geo=None)
-    with pytest.raises(SceneError, match="no geometry column"):
-        cut(str(file))
