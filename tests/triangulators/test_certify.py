@@ -409,7 +409,7 @@ def test_four_times_a_total_stays_below_the_room_for_weights():
     ],
 )
 def test_whole_costs_have_units_where_doubles_are_exact(side, cost, scale, most):
-    points = np.array([(0.0, 0.0), (side, 0.0), (0.0, side)])
+    points = np.array([(16.0, 0.0), (16.0 + side, 0.0), (16.0, side)])
     found, whole, units = whole_scale(points, cost)
     assert (found, units) == (scale, most)
     assert whole == (side % 1 == 0 and most < np.inf)

@@ -155,7 +155,7 @@ def _rows(rows: Any, width: int, of: Callable[[Any], Any]) -> np.ndarray:
         raise TypeError(f"{rows!r:.40} is no list of {width} numbers each")
     kind = np.float64 if of is _double else np.int64
     values = [of(value) for value in chain.from_iterable(rows)]
-    return np.array(values, dtype=kind).reshape(-1, width)
+    return np.array(values, dtype=kind).reshape(len(rows), width)
 
 
 def _double(value: Any) -> float:
