@@ -86,6 +86,8 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
     )
     fewest = [record(name, range(9, 9 + FEWEST)) for name in "ab"]
     assert f"intervals over {FEWEST} tiles" in said(fewest)[0]
+    tests = [{**each, VIEWS: {"bbox_tests": each[VIEWS]["quads"]}} for each in (BASE, OTHER)]
+    assert said(tests)[0].startswith("bounding-box tests in ratio")
 
 
 @pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])

@@ -331,13 +331,6 @@ def test_drawings_are_prepared_anew_in_changing_order():
     assert [len(piece.split()) for piece in pieces] == [3 * (1 + n) for n in epochs[1:]]
 
 
-def test_few_slow_rounds_are_enough_epochs():
-    renewed = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
-    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
-    assert times["a"].epochs == [2] * 6
-    assert len(times["a"].samples_s) == MIN_ROUNDS
-
-
 @pytest.mark.parametrize("epochs", [1, 2])
 def test_drawings_are_prepared_no_more_often_than_asked_for(epochs):
     renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 1)

@@ -349,14 +349,6 @@ def test_two_triangulations_are_a_choice_and_one_is_none():
     assert regret_table(both[:1]).empty
 
 
-def test_regret_of_the_best_lies_between_its_ends():
-    values = np.array([[1.0, 1.2, 1.1], [1.1, 1.0, 1.2], [2.0, 2.0, 2.0]])
-    low, high = regret_ends(values, 0)
-    assert low < 0 <= high
-    assert regret_ends(values, 2)[0] == pytest.approx(2 / 1.2 - 1, rel=0.1)
-    assert regret_ends(np.array([[1.0, 1.0], [2.0, 2.0]]), 1) == pytest.approx((1.0, 1.0))
-
-
 def test_the_interval_of_regret_takes_the_outer_ends():
     rng = np.random.default_rng(4)
     low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])

@@ -310,6 +310,9 @@ def test_a_single_side_that_is_no_edge_is_refused():
     outline, sites, cost = about(SQUARE, best)
     true = certify(SQUARE, best).evidence
     checker.lower_bound(outline, sites, cost, true)
+    beyond = replace(true, edges=np.where(true.edges == 0, len(outline.points), true.edges))
+    with pytest.raises(Refused, match="vertices that are none"):
+        checker.lower_bound(outline, sites, cost, beyond)
     seen = {tuple(sorted(edge)) for edge in edges_of(outline).ends.tolist()}
     across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
     third = next(k for k in range(len(outline.points)) if k not in across)
