@@ -196,6 +196,7 @@ def test_shaded_lanes_are_four_a_quad():
     shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
     assert find("overshading")(shaded) == pytest.approx(4 * 300 / 900)
     assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None
+    assert [find(name).adds_up for name in ("quads", "overshading")] == [True, False]
 
 
 def test_the_limit_is_the_outline_drawn_in_one_piece():
