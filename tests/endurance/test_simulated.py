@@ -17,14 +17,13 @@ from harness.rasterisers.simulated.skybox import Skybox
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.recipes import parse_all
+from harness.triangulating.recipes import parse, parse_all
 from scenes import Scene, load
 from scripts.studies import whole_gpu
 from tests.paths import ROOT
 from tests.simulated.conftest import KINDS, triangles_of
 from tests.simulated.test_skybox import DRAWN, EXACT, assert_exact, with_parameters
 from tests.triangulators.cases import shared
-from triangulators import TriangulationError, triangulate
 
 BESIDE = {Skybox: "skybox-rtl", Attila: "attila-sim"}
 BUILDS = [
@@ -66,13 +65,7 @@ def totals(counted):
 
 def cut(frame):
     """Return ear clipping's triangles of all polygons that it can cut."""
-    parts = []
-    for polygon in frame.polygons:
-        try:
-            parts.append(triangulate(polygon, "ear-clipping"))
-        except TriangulationError:
-            parts.append(None)
-    return frame.join(parts)
+    return frame.join(triangulate_polygons(parse("ear-clipping"), frame.polygons, None).parts)
 
 
 def scene_of(source):

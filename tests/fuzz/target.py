@@ -124,11 +124,6 @@ def keep(folder: Path, value: Any) -> Path:
     return file
 
 
-def replay(wanted: Target, file: Path) -> None:
-    """Check an input that was kept."""
-    wanted.check(json.loads(file.read_text()))
-
-
 @contextmanager
 def _in_flight(folder: Path, value: Any) -> Iterator[None]:
     """Leave the input behind if checking it ends the process, which a hang does too."""

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.target import FOUND, UNFINISHED, Target, replay, search, targets
+from tests.fuzz.target import FOUND, UNFINISHED, Target, search, targets
 from tests.fuzz.targets import options, runs
 from tests.paths import ROOT
 
@@ -19,7 +19,7 @@ KEPT = sorted(FOUND.glob("*/*.json"))
 
 @pytest.mark.parametrize("file", KEPT, ids=lambda file: f"{file.parent.name}/{file.stem}")
 def test_what_was_found_is_mended(file: Path):
-    replay(TARGETS[file.parent.name], file)
+    TARGETS[file.parent.name].check(json.loads(file.read_text()))
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -39,7 +39,7 @@ def test_a_few_inputs_of_each_target(name: str):
     assert len(tried) >= 8
 
 
-def test_a_failure_is_made_small_kept_and_replayed(tmp_path: Path):
+def test_a_failure_is_made_small_and_kept(tmp_path: Path):
     def check(value):
         assert sum(value) < 1000
 
@@ -49,8 +49,6 @@ def test_a_failure_is_made_small_kept_and_replayed(tmp_path: Path):
     (file,) = (tmp_path / "sums").iterdir()
     assert failure.value.__notes__[-1] == f"kept as {file}"
     assert json.loads(file.read_text()) == [1000]
-    with pytest.raises(AssertionError):
-        replay(wanted, file)
 
 
 def test_a_search_ends_with_its_time(tmp_path: Path):
@@ -104,7 +102,8 @@ def test_what_is_silent_here_is_started_as_a_user_does(monkeypatch):
         options.check_option(value)
 
 
-def test_silence_is_heard(monkeypatch):
+def test_silence_is_heard(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runs, "SILENT_S", 0.0)
     with pytest.raises(runs.Silent, match="said nothing for"):
         options.start("--version")

@@ -4,10 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose
@@ -16,7 +13,7 @@ from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
 from tests.conftest import assert_refused, ends_well
-from tests.models.build import KITE, LONG, Builder, parts_of
+from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
 
 
@@ -55,32 +52,13 @@ def test_a_plate_gets_shorter_diagonals_and_stays_what_it_is(tmp_path, suffix):
     assert {*map(tuple, after.vertices)} == {*map(tuple, before.vertices)}
 
 
-def test_only_bytes_of_indices_change(tmp_path, out):
-    source = tmp_path / "plate.glb"
-    solid().export(source)
-    retriangulate(source, out)
-    before, after = source.read_bytes(), out.read_bytes()
-    told, _ = parts_of(before)
-    accessor = told["accessors"][told["meshes"][0]["primitives"][0]["indices"]]
-    view = told["bufferViews"][accessor["bufferView"]]
-    first = 28 + int.from_bytes(before[12:16], "little") + view.get("byteOffset", 0)
-    last = first + view["byteLength"]
-    assert len(after) == len(before)
-    assert before[:first] + before[last:] == after[:first] + after[last:]
-    assert before != after
-
-
-def test_where_nothing_is_gained_the_file_is_the_same(tmp_path, out):
-    source = tmp_path / "box.glb"
-    trimesh.creation.box().export(source)
-    assert retriangulate(source, out).changed == 0
-    assert out.read_bytes() == source.read_bytes()
-
-
 def test_check_writes_nothing(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
     told, _ = ends_well(harness("triangulate", "plate.glb", "--check"))
     assert "2 faces would get other diagonals" in told
+    lines = [line for line in told.splitlines() if line.startswith("seen from 24 sides")]
+    assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
+    assert all("helper lanes -" in line and "quads -" in line for line in lines)
     assert_refused(
         harness("triangulate", "plate.glb", "--check", "-o", "new.glb"),
         "give -o or --check, not both",
@@ -117,6 +95,7 @@ BUMP = np.array([0, 0, 0, 1])
 ATTRIBUTES = {
     "TEXCOORD_0": lambda bump: np.stack([AFFINE, AFFINE + bump / 50], axis=1).astype("<f4"),
     "NORMAL": lambda bump: np.stack([bump / 100, 0 * bump, 1 + 0 * bump], axis=1).astype("<f4"),
+    "TANGENT": lambda bump: np.stack([1 + bump / 99] * 4, axis=1).astype("<f4"),
     "COLOR_0": lambda bump: np.stack([AFFINE / 99 + bump / 99] * 3, axis=1).astype("<f4"),
     "_FEATURE_ID_0": lambda bump: (5 + bump).astype("<f4"),
     "JOINTS_0": lambda bump: np.stack([3 + bump] * 4, axis=1).astype("<u2"),
@@ -147,14 +126,6 @@ def test_what_skins_has_to_be_the_same_though_it_is_affine(out):
     weights = np.stack([KITE[:, 0] / 18, 1 - KITE[:, 0] / 18, *2 * [0 * KITE[:, 0]]], axis=1)
     builder.first["attributes"]["WEIGHTS_0"] = builder.accessor(weights.astype("<f4"))
     assert triangles_after(builder, out) == [CUT_LONG]
-
-
-@pytest.mark.parametrize(("levels", "wanted"), [(0, CUT_SHORT), (1, CUT_LONG)])
-def test_a_normalized_colour_may_not_be_off_by_its_last_bit(out, levels, wanted):
-    builder = Builder(KITE, LONG)
-    colours = np.stack([100 + levels * BUMP] * 4, axis=1).astype("u1")
-    builder.first["attributes"]["COLOR_0"] = builder.accessor(colours, normalized=True)
-    assert triangles_after(builder, out) == [wanted]
 
 
 @pytest.mark.parametrize(("steps", "wanted"), [(2, CUT_SHORT), (40, CUT_LONG)])
@@ -303,16 +274,6 @@ def test_no_triangle_gets_thin():
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
 
 
-def test_a_face_of_many_corners_and_holes_gets_flips(tmp_path, out):
-    holes = [shapely.Point(x, y).buffer(0.4) for x in range(-6, 7, 2) for y in range(-6, 7, 2)]
-    shape = shapely.Point(0, 0).buffer(10, quad_segs=60).difference(shapely.union_all(holes))
-    trimesh.creation.extrude_polygon(shape, 1.0, engine="earcut").export(tmp_path / "sieve.glb")
-    done = retriangulate(tmp_path / "sieve.glb", out)
-    assert done.faces - done.optimal == done.changed == 2
-    assert done.after < done.before
-    assert trimesh.load_mesh(out).is_watertight
-
-
 def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, out, monkeypatch):
     """Of a plate's 70 faces the two large ones have holes."""
     source = tmp_path / "plate.glb"
@@ -359,53 +320,26 @@ def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, 
     }
 
 
-def spoil(builder: Builder, how: str) -> None:
-    told = builder.json
-    if how == "index":
-        told["accessors"][0]["count"] = 3
-    elif how == "reach":
-        told["accessors"][1]["count"] = 7000
-    elif how == "type":
-        told["accessors"][1]["componentType"] = 4711
-    elif how == "negative":
-        told["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = -1
-    elif how == "packed":
-        told["extensionsUsed"] = ["KHR_draco_mesh_compression"]
-    elif how == "two":
-        told["accessors"][1]["count"] = 5
-
-
 @pytest.mark.parametrize(
-    ("how", "reason"),
+    ("number", "change", "reason"),
     [
-        ("index", "index 3 of 3 vertices"),
-        ("reach", "reaches beyond its buffer view"),
-        ("type", "component type 4711 is unknown"),
-        ("negative", "-1 is no index"),
-        ("packed", "KHR_draco_mesh_compression packs its triangles; unpack it first"),
-        ("two", "5 indices are no triangles"),
+        (0, {"count": 3}, "index 3 of 3 vertices"),
+        (1, {"count": 7000}, "reaches beyond its buffer view"),
+        (1, {"componentType": 4711}, "component type 4711 is unknown"),
+        (1, {"bufferView": -1}, "-1 is no index"),
+        (1, {"count": 5}, "5 indices are no triangles"),
+        (None, {}, "KHR_draco_mesh_compression packs its triangles; unpack it first"),
     ],
 )
-def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, how, reason):
+def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, number, change, reason):
     builder = Builder(KITE, LONG)
-    spoil(builder, how)
+    if number is None:
+        builder.json["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    else:
+        builder.json["accessors"][number] |= change
     builder.write(tmp_path / "kite.glb")
     assert_refused(harness("triangulate", "kite.glb", "-o", "out.glb"), reason)
     assert not (tmp_path / "out.glb").exists()
-
-
-@settings(max_examples=60)
-@given(cut=st.integers(1, 2000), flip=st.integers(0, 255), place=st.integers(0, 1999))
-def test_a_model_with_changed_bytes_is_read_or_refused(tmp_path_factory, cut, flip, place):
-    folder = tmp_path_factory.mktemp("damaged")
-    builder = Builder(KITE, LONG)
-    data = bytearray(builder.write(folder / "kite.glb").read_bytes())
-    data[place % len(data)] ^= flip
-    (folder / "kite.glb").write_bytes(data[: max(1, len(data) - cut % 7 * (cut % 3 == 0))])
-    try:
-        retriangulate(folder / "kite.glb", folder / "out.glb")
-    except (UsageError, SceneError):
-        assert not (folder / "out.glb").exists()
 
 
 @pytest.mark.parametrize("content", [b"glTF", b"[]", b"{", b"glTF\2\0\0\0\x0c\0\0\0", b"null"])
@@ -429,40 +363,3 @@ def test_gltf_with_a_buffer_beside_it(tmp_path):
     (tmp_path / "b").mkdir()
     with pytest.raises(UsageError, match="copy that there first"):
         retriangulate(source, tmp_path / "b" / "other.gltf")
-
-
-@settings(max_examples=25)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_any_way_a_face_lies_its_map_is_the_same_after(seed):
-    """Texture coordinates at random places of a face are what they were."""
-    generator = np.random.default_rng(seed)
-    angles = np.sort(generator.uniform(0, 2 * np.pi, 12))
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) * generator.uniform(1, 9, (12, 1))
-    shape = shapely.Polygon(ring)
-    if not shape.is_valid or np.diff(angles).min() < 0.05:
-        return
-    flat, triangles = trimesh.creation.triangulate_polygon(shape, engine="earcut")
-    frame = np.linalg.qr(generator.normal(size=(3, 3)))[0][:2]
-    points = (flat @ frame + generator.normal(size=3) * 50).astype(np.float32).astype(float)
-    maps = flat @ generator.normal(size=(2, 4))
-    mesh = Mesh(points, triangles, maps / 1e-5, np.empty((len(flat), 0)), tolerance_of(points))
-    faces, _ = flat_faces(mesh)
-    new = mesh.triangles.copy()
-    new[faces.slots] = faces.vertices[choose(faces, "edge-length").triangles]
-    places = shapely.get_coordinates(
-        [shapely.Polygon(flat[row]).centroid for row in (*triangles, *new)]
-    )
-    assert np.allclose(at(places, flat, maps, triangles), at(places, flat, maps, new), atol=1e-4)
-
-
-def at(places, flat, maps, triangles) -> np.ndarray:
-    """Interpolate maps (n, k) at places, each in the triangle that holds it."""
-    result = np.full((len(places), maps.shape[1]), np.nan)
-    for row in triangles:
-        a, b, c = flat[row]
-        weights = np.linalg.solve(
-            np.array([[*a, 1], [*b, 1], [*c, 1]]).T, np.c_[places, 1 + 0 * places[:, 0]].T
-        ).T
-        inside = (weights >= -1e-9).all(axis=1)
-        result[inside] = weights[inside] @ maps[row]
-    return result

@@ -1,10 +1,12 @@
-"""What is left as it is, and that it is counted."""
+"""What is left as it is, and that it is counted; of OBJ all but corners of triangles."""
 
 import numpy as np
 import pytest
 
+from harness.errors import UsageError
 from harness.models.gltf_file import GltfFile
 from harness.models.in_place import Changes, retriangulate
+from scenes import SceneError
 from tests.models.build import KITE, LONG, Builder
 
 BLENDED = "a blended material shows in which order triangles are drawn"
@@ -14,8 +16,8 @@ def of_gltf(builder: Builder, folder) -> Changes:
     return retriangulate(builder.write(folder / "a.glb"), folder / "b.glb")
 
 
-def of_text(text: str, folder, suffix: str = ".obj") -> tuple[Changes, str]:
-    source, out = folder / f"a{suffix}", folder / f"b{suffix}"
+def of_text(text: str, folder) -> tuple[Changes, str]:
+    source, out = folder / "a.obj", folder / "b.obj"
     source.write_text(text)
     return retriangulate(source, out), out.read_text()
 
@@ -105,24 +107,22 @@ def test_what_is_left_is_counted(tmp_path):
     assert after == POINTS + faces
 
 
-def changed(builder: Builder, folder) -> int:
-    return retriangulate(builder.write(folder / "a.glb"), folder / "b.glb").changed
-
-
-def carrying(name: str, values: np.ndarray, normalized: bool = False) -> Builder:
-    builder = Builder(KITE, LONG)
-    builder.first["attributes"][name] = builder.accessor(values, normalized=normalized)
-    return builder
-
-
 @pytest.mark.parametrize(("kind", "normalized"), [("<u2", False), ("<u2", True), ("u1", True)])
 @pytest.mark.parametrize("bump", [0, 1])
 def test_whole_texture_coordinates_have_to_be_affine_to_the_last_bit(
     tmp_path, kind, normalized, bump
 ):
     values = np.stack([KITE[:, 0] * 3, KITE[:, 1] + 2 + [0, 0, 0, bump]], axis=1).astype(kind)
-    builder = carrying("TEXCOORD_0", values, normalized)
-    assert changed(builder, tmp_path) == 1 - bump
+    builder = Builder(KITE, LONG)
+    builder.first["attributes"]["TEXCOORD_0"] = builder.accessor(values, normalized=normalized)
+    assert of_gltf(builder, tmp_path).changed == 1 - bump
+
+
+def test_normalized_texture_coordinates_may_be_rounded_to_their_last_bit(tmp_path):
+    builder = Builder(KITE, LONG)
+    values = np.rint(np.stack([KITE[:, 0] * 45001 / 9, KITE[:, 1] * 3000 + 9000], axis=1))
+    builder.first["attributes"]["TEXCOORD_0"] = builder.accessor(values.astype("<u2"), True)
+    assert of_gltf(builder, tmp_path).changed == 1
 
 
 def test_whole_displacements_have_to_be_affine(tmp_path):
@@ -130,7 +130,7 @@ def test_whole_displacements_have_to_be_affine(tmp_path):
         moved = (KITE + [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, bump]]).astype("<i2")
         builder = Builder(KITE, LONG)
         builder.first["targets"] = [{"POSITION": builder.accessor(moved)}]
-        assert changed(builder, tmp_path) == 1 - bump
+        assert of_gltf(builder, tmp_path).changed == 1 - bump
 
 
 @pytest.mark.parametrize(("size", "rise", "flat"), [(1, 2, 0), (1, 0, 1), (1500, 2, 1)])
@@ -139,29 +139,18 @@ def test_a_unit_of_whole_positions_counts_only_where_it_is_small(tmp_path, size,
     roof = np.array([(0, 0, 0), (9, -6, 0), (20, 0, 0), (9, 6, 0)]) * size
     roof[2, 2] = rise
     builder.primitive(roof.astype("<i2"), LONG)
-    assert changed(builder, tmp_path) == flat
+    assert of_gltf(builder, tmp_path).changed == flat
 
 
 ROOF = [(0, 0, 0), (30, -20, 0), (80, 0, 1.5), (30, 20, 0)]
-FAR = (385000, 6672000, 0)
-
-
-def far(rise: float) -> np.ndarray:
-    return np.array(ROOF) * [1, 1, rise] + FAR
-
-
-def obj(points: np.ndarray) -> bytes:
-    lines = ["v {:.3f} {:.3f} {:.3f}".format(*row) for row in points.tolist()]
-    return "\n".join([*lines, "f 1 2 3", "f 1 3 4", ""]).encode()
 
 
 def test_a_roof_in_map_coordinates_is_bent(tmp_path):
     """Single precision is off by half a unit there, but these are no single numbers."""
-    source = tmp_path / "roof.obj"
     for rise, flat in ((1, 0), (0, 1)):
-        source.write_bytes(obj(far(rise)))
-        done = retriangulate(source, source.with_stem("out"))
-        assert done.changed == flat
+        points = np.array(ROOF) * [1, 1, rise] + (385000, 6672000, 0)
+        lines = ["v {:.3f} {:.3f} {:.3f}\n".format(*row) for row in points.tolist()]
+        assert of_text("".join(lines) + "f 1 2 3\nf 1 3 4\n", tmp_path)[0].changed == flat
 
 
 STRAY = np.vstack([np.array(ROOF), [(3e6, 0, 0)]])
@@ -170,9 +159,77 @@ STRAY = np.vstack([np.array(ROOF), [(3e6, 0, 0)]])
 def test_a_vertex_that_no_triangle_uses_is_no_measure(tmp_path):
     for points in (STRAY.astype("<f4"), np.minimum(STRAY, 30000).astype("<i2")):
         builder = Builder(points, LONG)
-        assert changed(builder, tmp_path) == 0
+        assert of_gltf(builder, tmp_path).changed == 0
     maps = np.vstack([KITE[:, :2], [(3e6, 0)]])
     maps[3, 1] += 0.1
     builder = Builder(np.vstack([KITE, KITE[:1]]), LONG)
     builder.first["attributes"]["TEXCOORD_0"] = builder.accessor(maps.astype("<f4"))
-    assert changed(builder, tmp_path) == 0
+    assert of_gltf(builder, tmp_path).changed == 0
+
+
+OBJ = """# a kite
+mtllib paint.mtl
+v 0 0 0
+v 2 -1 0
+v 9 0 0
+v 2 1 0
+vt 0 0
+vt 0.2 0.4
+vt 0.9 2.25
+vt 0.2 0.6
+vn 0 0 1
+o kite
+usemtl red
+f 1/1/1 2/2/1 3/3/1
+f -4/-4/-1 -2/-2/-1 -1/-1/-1 # the other half
+l 1 2
+"""
+
+
+def test_obj_keeps_all_other_lines_and_the_triples(tmp_path):
+    before, after = OBJ.splitlines(), of_text(OBJ, tmp_path)[1].splitlines()
+    assert before[:13] + before[15:] == after[:13] + after[15:]
+    assert after[13] == "f 4/4/1 1/1/1 2/2/1"
+    assert after[14] == "f 4/4/1 2/2/1 3/3/1 # the other half"
+
+
+def obj_with(old: str, new: str) -> str:
+    assert old in OBJ
+    return OBJ.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        obj_with("vt 0 0", "vt 0 0.1"),  # the map is not affine
+        obj_with("f -4", "usemtl blue\nf -4"),
+        obj_with("f -4", "s 2\nf -4"),
+        obj_with("f -4/-4/-1", "f -4/-4"),  # one corner without a normal is another vertex
+        obj_with("v 9 0 0", "v 9 0 0.1"),
+        obj_with("v 2 1 0", "v 2 1 0.001"),
+        obj_with("f 1/1/1 2/2/1 3/3/1", "f 1/1/1 2/2/1 \\\n3/3/1"),
+    ],
+)
+def test_obj_that_is_left(tmp_path, content):
+    assert of_text(content, tmp_path)[1] == content
+
+
+def test_obj_of_whole_numbers_is_not_taken_for_flat_because_they_are_short(tmp_path):
+    """A step of 1 in the texts is no tolerance: this roof rises by 1."""
+    roof = "v 0 0 0\nv 9 -3 0\nv 20 0 1\nv 9 3 0\nf 1 2 3\nf 1 3 4\n"
+    assert of_text(roof, tmp_path)[1] == roof
+
+
+@pytest.mark.parametrize("line", ["f 1 2 9", "f 1 2 x", "v 1 2", "f 0 1 2", "vt a", "f //1 2 3"])
+def test_obj_that_is_none(tmp_path, line):
+    with pytest.raises(SceneError, match=r"is not OBJ|as a model"):
+        of_text(f"{OBJ}{line}\n", tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".off"])
+def test_models_of_other_formats_are_refused(tmp_path, suffix):
+    source = tmp_path / f"kite{suffix}"
+    source.write_bytes(b"ply")
+    for out in (None, tmp_path / f"out{suffix}", tmp_path / "out.obj"):
+        with pytest.raises(UsageError, match=r"kite\.\w+: models are read as \.glb, \.gltf, \.obj"):
+            retriangulate(source, out)

@@ -67,27 +67,6 @@ def test_a_sphere_fills_the_picture_and_no_more():
         assert np.ptp(flat, axis=0).min() > 0.99
 
 
-def test_counts_are_those_of_the_front_faces(monkeypatch):
-    """One direction, by hand: the camera looks down on a kite, which fills the picture."""
-    monkeypatch.setattr(views, "directions", lambda: np.array([[0.0, 1e-9, 1.0]]))
-    mesh = mesh_of(KITE, LONG)
-    seen = views.look([views.Drawn(mesh, SHORT, (np.eye(4),))])
-    radius = np.hypot(4.5, 0.0)
-    for found in seen:
-        grid = np.rint(
-            views.projected((KITE - [4.5, 0, 0]) / radius, np.array([0.0, 1e-9, 1.0]))[0]
-            * found.pixels
-            * 256
-        ).astype(np.int32)
-        wanted = [predict(grid, each.astype(np.int32)) for each in (LONG, SHORT)]
-        assert found.lanes_before == wanted[0]["helper_lanes"].sum() > 0
-        assert found.lanes_after == wanted[1]["helper_lanes"].sum()
-        assert found.quads_before == wanted[0]["quads"].sum()
-        assert found.quads_after == wanted[1]["quads"].sum()
-    below = views.look([views.Drawn(mesh_of(KITE, LONG[:, ::-1]), SHORT[:, ::-1], (np.eye(4),))])
-    assert all(found.quads_before == found.quads_after == 0 for found in below)
-
-
 def test_a_mirror_turns_front_faces_round(monkeypatch):
     monkeypatch.setattr(views, "directions", lambda: np.array([[0.0, 0.6, 0.8]]))
     mesh, mirror = mesh_of(KITE, LONG), np.diag([1.0, -1.0, 1.0, 1.0])
@@ -127,30 +106,11 @@ def test_nodes_place_a_mesh_as_others_read_it(tmp_path):
     assert np.allclose(np.sort(np.vstack(ours), axis=0), np.sort(np.vstack(theirs), axis=0))
 
 
-def test_check_tells_what_is_seen(tmp_path, harness):
-    solid().export(tmp_path / "plate.glb")
-    _, told, _ = harness("triangulate", "plate.glb", "--check")
-    lines = [line for line in told.splitlines() if line.startswith("seen from 24 sides")]
-    assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
-    assert all("helper lanes -" in line and "quads -" in line for line in lines)
-
-
 def test_where_nothing_changes_nothing_is_looked_at(tmp_path, harness, monkeypatch):
     monkeypatch.setattr("harness.models.in_place.look", None)
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
     told, _ = ends_well(harness("triangulate", "ball.glb", "--check"))
     assert "nothing to gain" in told
-
-
-def test_the_mean_manhattan_length_over_all_views_is_the_length():
-    """A segment as seen from all sides, turned on the screen in all ways: midpoint quadrature."""
-    steps = 400
-    height = (np.arange(steps) + 0.5) / steps * 2 - 1  # uniform on a sphere (Archimedes)
-    turn = (np.arange(steps) + 0.5) / steps * 2 * np.pi
-    seen = np.sqrt(1 - height**2)  # the sine of the angle to the line of sight
-    manhattan = np.abs(np.cos(turn)) + np.abs(np.sin(turn))
-    assert seen.mean() == pytest.approx(np.pi / 4, rel=1e-3)
-    assert np.outer(seen, manhattan).mean() == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.fixture(scope="module")

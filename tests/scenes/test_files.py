@@ -288,12 +288,6 @@ class TestErrors:
         (tmp_path / "table.csv").write_text("a,b\n1,2\n")
         assert "no geometry" in self.refused(tmp_path / "table.csv")
 
-    @pytest.mark.parametrize("suffix", [".pbf", ".txt", ".xyz"])
-    def test_rubbish(self, tmp_path, suffix):
-        path = tmp_path / f"rubbish{suffix}"
-        path.write_bytes(bytes(range(256)) * 8)
-        self.refused(path)
-
     def test_nul_in_path(self):
         with pytest.raises(SceneError, match="NUL"):
             load("a\0b.geojson")

@@ -1,21 +1,15 @@
 """Scenes that are generated or come with the product's own dependencies."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.frame import Frame, View, make_frame
-from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.recipes import parse
 from scenes import SceneError, load
 from scenes.generated.stress import FAMILIES
 from tests.scenes.conftest import assert_sound
 from tests.triangulators.cases import shared
-from triangulators import names as triangulators_of
 
 OWN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
 
@@ -148,7 +142,7 @@ class TestCad:
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        *(("stress:vertices=3", ""), ("stress:vertices=100001", ""), ("stress:family=no", "")),
+        *((f"stress:{wrong}", None) for wrong in ("vertices=3", "vertices=100001", "family=no")),
         *(("cad:parts=0", "out of range"), ("city:buildings=0", "give 1 to 100000")),
         *(("city:buildings=-5", "give 1 to"), ("city:buildings=100001", "give 1 to 100000")),
     ],
@@ -213,32 +207,3 @@ def test_every_seed_gives_a_sound_city_of_the_size_asked(seed, buildings):
     scene = load("city", seed=seed, buildings=buildings)
     assert len(scene.polygons) == buildings
     assert_sound(scene.polygons)
-
-
-SCENES = (
-    "city:buildings=15",
-    "glyphs:text=Rg%8©ß",
-    "cad:parts=5,segments=12",
-    "paper",
-    "stress:vertices=24",
-    "meshes:limit=40",
-)
-
-
-@cache
-def frame_of(scene: str) -> Frame:
-    return make_frame(load(scene).polygons, View(resolution=512))
-
-
-@pytest.mark.parametrize("name", triangulators_of(available_only=True))
-@pytest.mark.parametrize("scene", SCENES)
-def test_scene_by_triangulator(scene, name, monkeypatch):
-    # `listed` keeps sets of triangulations: minutes for its most; the benchmarks let it do these.
-    monkeypatch.setattr("triangulators.methods.exhaustive.MOST_PAPER", 500)
-    frame = frame_of(scene)
-    result = triangulate_polygons(parse(name), frame.polygons)
-    assert result.failed == []
-    done = [part for part in result.parts if part is not None]
-    # what is not there has a stated reason
-    assert len(done) + len(result.skipped) == len(frame.polygons)
-    assert all(np.issubdtype(part.dtype, np.int32) for part in done)

@@ -92,12 +92,13 @@ def test_what_ends_a_program_is_no_damage_and_lack_of_memory_has_a_name(
 
 
 @pytest.mark.parametrize(
-    "suffix", [".geojson", ".gpkg", ".shp", ".fgb", ".wkt", ".svg", ".obj", ".ply", ".json", ".wkb"]
+    "kind",
+    ["geojson", "gpkg", "shp", "fgb", "pbf", "wkt", "wkb", "svg", "obj", "ply", "json", "xyz"],
 )
 @FUZZ
 @given(data=st.binary(max_size=200) | st.text(max_size=100).map(str.encode))
-def test_arbitrary_bytes(tmp_path, suffix, data):
-    path = tmp_path / f"a{suffix}"
+def test_arbitrary_bytes(tmp_path, kind, data):
+    path = tmp_path / f"a.{kind}"
     path.write_bytes(data)
     sound_or_refused(path)
 

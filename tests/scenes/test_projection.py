@@ -10,13 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.projection import (
-    Projection,
-    is_geographic,
-    mean_direction,
-    off_globe,
-    units,
-)
+from scenes.cleaning.projection import Projection, is_geographic, mean_direction, off_globe, units
 from scenes.files import read_chunks
 from tests.conftest import geojson
 from tests.scenes.conftest import assert_sound

@@ -14,10 +14,6 @@ from harness.triangulating.database import ModelDatabase, Timed, default_path
 SOME = Timed(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
 
 
-def timed(triangles: np.ndarray) -> Timed:
-    return Timed(triangles, 0.5)
-
-
 @pytest.fixture
 def path(tmp_path) -> Path:
     return tmp_path / "folder" / "model.sqlite"
@@ -30,7 +26,7 @@ def key(number: int) -> bytes:
 def test_what_was_put_is_there_for_the_next(path):
     with ModelDatabase(path) as database:
         assert database.find([key(1)]) == {}
-        database.keep("delaunay", [(key(1), SOME), (key(2), timed(SOME.triangles[:1]))])
+        database.keep("delaunay", [(key(1), SOME), (key(2), Timed(SOME.triangles[:1], 0.5))])
     with ModelDatabase(path) as database:
         found = database.find([key(k) for k in range(1200)])
         assert {k: (v.triangles.tolist(), v.seconds) for k, v in found.items()} == {
@@ -62,12 +58,6 @@ def test_keys_differ_where_content_does(points, index, name):
     ]
     assert base == model.key("optimal:overdraw", {}, vertices.copy(), [len(vertices)])
     assert len({base, *others}) == 5
-
-
-def test_another_version_of_the_triangulators_has_other_keys(monkeypatch):
-    before = key(1)
-    monkeypatch.setattr(model, "triangulators_version", lambda: "another")
-    assert key(1) != before
 
 
 def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
@@ -148,7 +138,7 @@ def _work(path: Path, worker: int, damage: bool) -> int:
     with ModelDatabase(path, lambda _: None) as database:
         for turn in range(40):
             number = (worker * 7 + turn) % 60
-            database.keep("delaunay", [(key(number), timed(SOME.triangles + number))])
+            database.keep("delaunay", [(key(number), Timed(SOME.triangles + number, 0.5))])
             if damage and turn == 20:
                 with path.open("r+b") as stream:
                     stream.seek(0)

@@ -79,23 +79,23 @@ def _uncross(apart: list[list[float]], order: list[int]) -> bool:
 
 def star(n: int, seed: int = 0, spread: float = 0.15) -> shapely.Polygon:
     """A noisy star on the 1/256 grid, about 800 px wide."""
-    radius = 1 + np.random.default_rng(seed).uniform(-spread, spread, n)
-    angle = np.arange(n) * 2 * np.pi / n
-    return snapped(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512)
+    return snapped(around(n, 1 + np.random.default_rng(seed).uniform(-spread, spread, n)))
 
 
 def convex(n: int) -> shapely.Polygon:
-    angle = np.arange(n) * 2 * np.pi / n
-    return shapely.Polygon(np.column_stack((np.cos(angle), np.sin(angle))) * 400 + 512)
+    return shapely.Polygon(around(n, np.ones(n)))
 
 
 def smooth(n: int) -> shapely.Polygon:
     """A smooth outline with bays."""
     angle = np.arange(n) * 2 * np.pi / n
-    radius = 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)
-    return shapely.Polygon(
-        np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512
-    )
+    return shapely.Polygon(around(n, 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)))
+
+
+def around(n: int, radius: np.ndarray) -> np.ndarray:
+    """Points at n even steps round (512, 512), `radius` in 400 px."""
+    angle = np.arange(n) * 2 * np.pi / n
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512
 
 
 def snapped(points: np.ndarray) -> shapely.Polygon:

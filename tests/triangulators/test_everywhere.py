@@ -110,6 +110,13 @@ def test_a_city():
     assert min(done) >= 6
 
 
+@pytest.mark.parametrize(
+    "scene", ["cad:parts=5,segments=12", "paper", "stress:vertices=24", "meshes:limit=40"]
+)
+def test_scenes(scene):
+    assert all(check(polygon, scene) for polygon in load(scene).polygons)
+
+
 def test_real_buildings():
     done = [check(polygon, label) for label, polygon in shared("helsinki.json")[::4]]
     assert sum(done) > 8 * 240

@@ -13,16 +13,9 @@ from tests.triangulators.cases import (
     smooth,
     star,
 )
-from triangulators import (
-    Skipped,
-    criteria,
-    names,
-    triangulate,
-    triangulate_with_gap,
-    vertices,
-)
+from triangulators import Skipped, criteria, names, triangulate, triangulate_with_gap, vertices
 from triangulators.checking.units import doubles_add_up
-from triangulators.criteria import CRITERIA, FEATURES, predict
+from triangulators.criteria import CRITERIA, predict
 from triangulators.criteria.cost import cost_of
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon import boundary
@@ -81,24 +74,6 @@ def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
             )
             worst = triangulate(polygon, "worst", criterion=criterion)
             assert criterion.total(points, worst) == pytest.approx(max(totals), rel=1e-9)
-
-
-def test_edges_count_twice_where_they_are_mixed_with_boxes():
-    """A diagonal is an edge of two triangles; beside another term its rate matters."""
-    features = dict.fromkeys(FEATURES, 0.0) | {"bbox_area": 1.0, "edge_length": 3.0}
-    mixture = criteria.Criterion("both", "boxes and edges", tuple(features.values()))
-    rng = np.random.default_rng(12)
-    decided = 0
-    for _ in range(60):
-        polygon = random_simple(rng, 9)
-        points = vertices(polygon)
-        everything = [np.array(found) for found in all_triangulations(polygon)]
-        totals = [mixture.total(points, found) for found in everything]
-        best = mixture.total(points, triangulate(polygon, "optimal", criterion=mixture))
-        assert best == pytest.approx(min(totals), rel=1e-12), polygon.wkt
-        boxes = [predict(points, found)["bbox_area"] for found in everything]
-        decided += totals[int(np.argmin(boxes))] > min(totals) * (1 + 1e-9)
-    assert decided > 20
 
 
 @pytest.mark.parametrize("criterion", [name for name in PLAIN if name != "complexity"])

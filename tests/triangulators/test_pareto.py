@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.triangulators.cases import (
-    all_triangulations,
-    brute_cost,
-    random_simple,
-    star,
-    with_hole,
-)
+from tests.triangulators.cases import all_triangulations, brute_cost, random_simple, star, with_hole
 from triangulators import Skipped, criteria, triangulate, vertices
 from triangulators.criteria import predict
 from triangulators.methods.pareto import pareto_front

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.triangulators.cases import convex, paper_polygon, random_simple
+from tests.triangulators.cases import convex, paper_polygon, random_simple, twice_area
 from triangulators import Skipped, Unavailable, find, triangulate, vertices
 from triangulators.verify import verify
 
@@ -44,39 +44,24 @@ def test_fan_and_strip_skip_what_they_cannot_do():
             triangulate(comb, name)
 
 
-def test_greedy_takes_the_shortest_diagonal():
-    rng = np.random.default_rng(3)
-    for _ in range(40):
-        polygon = random_simple(rng, 10)
-        points, triangles = vertices(polygon), triangulate(polygon, "greedy")
-        edges = {
-            frozenset(pair) for a, b, c in triangles.tolist() for pair in ((a, b), (b, c), (c, a))
-        }
-        sides = {frozenset((k, (k + 1) % 10)) for k in range(10)}
-        shortest = min(np.hypot(*(points[a] - points[b])) for a, b in map(tuple, edges - sides))
-        others = [triangulate(polygon, "random", seed=seed) for seed in range(20)]
-        for other in others:
-            pairs = {
-                frozenset(p) for a, b, c in other.tolist() for p in ((a, b), (b, c), (c, a))
-            } - sides
-            lengths = [np.hypot(*(points[a] - points[b])) for a, b in map(tuple, pairs)]
-            assert min(lengths) >= shortest - 1e-12
+def test_greedy_has_the_shortest_diagonal_and_max_area_the_largest_triangle():
+    def extremes(triangles):
+        corners = points[triangles]
+        pairs = np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1)
+        inside = pairs[~np.isin(pairs[:, 1] - pairs[:, 0], (1, 9))]
+        shortest = np.hypot(*(points[inside[:, 0]] - points[inside[:, 1]]).T).min()
+        return shortest, max(abs(twice_area(*each)) for each in corners)
 
-
-def test_max_area_takes_the_largest_triangle():
     rng = np.random.default_rng(3)
     for _ in range(40):
         polygon = random_simple(rng, 10)
         points = vertices(polygon)
-
-        def largest(triangles, points=points):
-            a, b, c = np.moveaxis(points[triangles], 1, 0)
-            u, v = b - a, c - a
-            return np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).max()
-
-        most = largest(triangulate(polygon, "max-area"))
+        least, _ = extremes(triangulate(polygon, "greedy"))
+        _, most = extremes(triangulate(polygon, "max-area"))
         for seed in range(20):
-            assert largest(triangulate(polygon, "random", seed=seed)) <= most + 1e-9
+            shortest, largest = extremes(triangulate(polygon, "random", seed=seed))
+            assert shortest >= least - 1e-12
+            assert largest <= most + 1e-9
 
 
 def test_a_missing_package_is_unavailable_with_the_install_line(monkeypatch):

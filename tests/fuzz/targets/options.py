@@ -1,8 +1,5 @@
 """Every option of every command with values that cannot be meant: one line, and an exit code."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -11,9 +8,10 @@ from typing import Any
 from hypothesis import strategies as st
 
 from harness.commands.index import COMMANDS, load
+from tests.endurance.programs import run
 from tests.fuzz.target import target
-from tests.fuzz.targets.runs import Heard, Silent, beside_a_run, command
-from tests.paths import ROOT
+from tests.fuzz.targets import runs
+from tests.fuzz.targets.runs import Silent, beside_a_run, command
 
 VALUES = (
     *("", " ", "-1", "0", "nan", "inf", "-inf", "1e999", "1e300", "99999999999999999999"),
@@ -70,22 +68,11 @@ def every() -> Iterator[dict[str, str]]:
 
 
 def start(*arguments: str) -> tuple[int, str]:
-    """Start the program as a user does; returns its exit code and its standard error."""
-    heard = Heard()
-    with subprocess.Popen(
-        [sys.executable, "-m", "harness", *arguments],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            heard.write(line)
-    heard.write("")  # its end is heard, too
-    heard.require_heard(arguments)
-    return process.returncode, heard.getvalue()
+    """Start the program as a user does; returns its exit code and what it says."""
+    ended = run(list(arguments), Path())
+    if ended.silent_s >= runs.SILENT_S:
+        raise Silent(f"said nothing for {ended.silent_s:.0f} s: {arguments}")
+    return ended.code, ended.said
 
 
 @target(

@@ -7,7 +7,7 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -17,13 +17,7 @@ import pytest
 from hypothesis import strategies as st
 from rich.console import Console
 
-from harness.errors import (
-    BAD_INPUT,
-    GOOD,
-    INCONCLUSIVE,
-    NOTHING_MEASURED,
-    REGRESSION,
-)
+from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, NOTHING_MEASURED, REGRESSION
 from harness.measuring.plan import Plan
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
@@ -66,11 +60,6 @@ class Heard(io.StringIO):
         self._last = time.monotonic()
         return super().write(text)
 
-    def require_heard(self, arguments: Sequence[str]) -> None:
-        """Raise `Silent` if it was silent for too long."""
-        if self.silent_s >= SILENT_S:
-            raise Silent(f"said nothing for {self.silent_s:.0f} s: {arguments}")
-
 
 class Silent(AssertionError):  # noqa: N818 - says what happened
     """A command said nothing for too long."""
@@ -83,7 +72,8 @@ def command(*arguments: str) -> tuple[int, str]:
         code = exit_code(*arguments)
     text = err.getvalue()
     err.write("")  # its end is heard, too
-    err.require_heard(arguments)
+    if err.silent_s >= SILENT_S:
+        raise Silent(f"said nothing for {err.silent_s:.0f} s: {arguments}")
     return code, text
 
 

@@ -7,7 +7,7 @@ import shapely
 from hypothesis import strategies as st
 
 from tests.fuzz.target import target
-from tests.triangulators.cases import Rings, all_triangulations, polygon_of, rings
+from tests.triangulators.cases import Rings, all_triangulations, polygon_of, rings, twice_area
 from tests.triangulators.test_everywhere import check
 from triangulators import criteria, triangulate, vertices
 from triangulators.verify import verify
@@ -64,18 +64,13 @@ def check_verifier(value: dict[str, Any]) -> None:
     for each in value["changes"]:
         triangles = _changed(triangles, len(points), each)
     shapes = [shapely.Polygon(points[row]) for row in triangles]
-    left = all(twice_area(points[row]) > 0 for row in triangles)
+    left = all(twice_area(*points[row]) > 0 for row in triangles)
     # On the grid areas are exact, so shapes that fill it and add up to it cannot overlap.
     fills = shapely.union_all(shapes).symmetric_difference(polygon).area < 1e-9 * polygon.area
-    adds_up = sum(twice_area(points[row]) for row in triangles) == sum(
-        twice_area(points[row]) for row in triangulate(polygon, "greedy")
+    adds_up = sum(twice_area(*points[row]) for row in triangles) == sum(
+        twice_area(*points[row]) for row in triangulate(polygon, "greedy")
     )
     assert verify(polygon, triangles).ok == (left and fills and adds_up)
-
-
-def twice_area(corners: np.ndarray) -> float:
-    a, b, c = corners
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _changed(triangles: np.ndarray, vertex_count: int, change: dict[str, Any]) -> np.ndarray:
