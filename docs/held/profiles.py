@@ -45,16 +45,16 @@ NOUNS = {
     "fragments": "covered pixels",
 }
 
-RULES = {
-    (8, 64): "PowerVR: 32 px or more a triangle | a pixel at 32 px, beside one at 2,048",
-    (4, 64): "Arm: 10 to 20 px or more | a pixel at 8 px, beside one at 2,048",
-    (16, 64): "- | a pixel at 128 px, beside one at 2,048",
-    8: "Godot: not thinner than 8:1 | 8:1 beside 1:1, of 8 and of 64 px^2",
-    16: "- | 16:1 beside 1:1, the same",
-    64: "Android: no long thin triangles | 64:1 beside 1:1, the same",
-    "twice": "- | from which aspect on twice, if up to 64:1",
+SMALL_AND_THIN = {
+    (4, 64): "a pixel of triangles of 8 px, beside one of those of 2,048",
+    (8, 64): "a pixel of triangles of 32 px, beside one of those of 2,048",
+    (16, 64): "a pixel of triangles of 128 px, beside one of those of 2,048",
+    8: "8:1 beside 1:1, of 8 and of 64 px^2",
+    16: "16:1 beside 1:1, the same",
+    64: "64:1 beside 1:1, the same",
+    "twice": "from which aspect on twice, if up to 64:1",
 }
-"""Rules of thumb, each with what it would say here: of two sides of triangles, or an aspect."""
+"""What was timed: of two sides of triangles, or an aspect."""
 
 
 def profile(name: str) -> Any:
@@ -118,15 +118,15 @@ def _judgement(of: tuple[str, str], column: str) -> str:
     return bold(f"{shown(rows['regret'][column], '.1%')} %", rows["advice"][column] == 1)
 
 
-def _rule(rule: Any, name: str) -> str:
-    """Return a cell of the table of rules of thumb."""
+def _small_or_thin(what: Any, name: str) -> str:
+    """Return a cell of the table of small and thin triangles."""
     of = profile(name)
-    if rule == "twice":
+    if what == "twice":
         return ", ".join(_twice(each) or "-" for each in of["aspects"])
-    if isinstance(rule, int):
-        return ", ".join(_ratio(each, rule) for each in of["aspects"])
+    if isinstance(what, int):
+        return ", ".join(_ratio(each, what) for each in of["aspects"])
     timed = {each["name"]: each for each in of["times"] if each["kind"] == "size"}
-    draws = [timed[f"{side} px"] for side in rule]
+    draws = [timed[f"{side} px"] for side in what]
     small, large = (
         (median(each["epochs"]) - of["empty"]) / each["counters"]["fragments"] for each in draws
     )
@@ -168,8 +168,10 @@ TABLES: Held = {
         (8, 64, "twice", "lanes", "most"),
         _thin,
     ),
-    "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
-        RULES, ("opengl-llvmpipe", SWIFTSHADER, SOFTPIPE, "bounding-box-llvmpipe"), _rule
+    "| what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
+        SMALL_AND_THIN,
+        ("opengl-llvmpipe", SWIFTSHADER, SOFTPIPE, "bounding-box-llvmpipe"),
+        _small_or_thin,
     ),
     "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
     " | advised above H, Q, A |": grid(
