@@ -1,6 +1,7 @@
 """The fewest quads of a frame's polygons: known where it is cheap, and never undercut."""
 
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -20,11 +21,8 @@ from triangulators import triangulate
 
 def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
-    bench = Bench(open_worker, 60)
-    try:
+    with closing(Bench(open_worker, 60)) as bench:
         return lower_limits.Limits(frame, parts, bench).collect()
-    finally:
-        bench.close()
 
 
 def test_it_lies_between_the_outline_and_every_triangulation():

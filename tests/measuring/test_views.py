@@ -26,6 +26,10 @@ from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import FAST, measure
 from tests.models.various import solid
 
+TILES = "helsinki-tiles:zoom=16,tiles=3,layers=building"
+CUTS = parse_all(["ear-clipping", "delaunay"])
+OF_TILES = Plan(TILES, triangulators=CUTS, rasterisers=("reference",), timing=FAST)
+
 
 @pytest.fixture
 def model(tmp_path) -> str:
@@ -121,22 +125,6 @@ def test_ties_of_depth_are_told():
     assert "ties" not in said([record("original", 0), record("delaunay", 1)])[-1]
 
 
-def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
-    out = tmp_path / "out"
-    first = measure(plan(model), out)
-    stored = Plan.from_json(read_run(out).facts["plan"])
-    assert stored.views == (View(128, 0.0, "view"),)
-    assert str(stored.triangulators[0]) == "original"
-    again = measure(stored, out, resume=True)
-    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
-    # the same faces, turned in space
-    solid(0.3).export(model)
-    with pytest.raises(UsageError, match="the scene's content"):
-        measure(stored, out, resume=True)
-    with pytest.raises(UsageError, match="is of a model's views, which a page cannot cut"):
-        content_of(read_run(out))
-
-
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
         measure(plan(model, views=(View(512),)), tmp_path / "other")
@@ -144,20 +132,6 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
         for option in ("--resolution=512", "--rotation=30", "--fit=box"):
             answer = harness("run", "--scene", scene, option, "--quick")
             assert_refused(answer, f"error: {ITS_OWN_VIEW.format(what)}")
-
-
-def test_an_option_that_is_misspelt_is_told_with_those_of_views(model, tmp_path, harness):
-    for wrong, meant in (("view=4", "views"), ("pixel=64", "pixels"), ("dept=file", "depth")):
-        assert_refused(
-            harness("run", "--scene", f"{model}:{wrong}", "--quick"),
-            f"no parameter {wrong.partition('=')[0]!r}; did you mean {meant}?",
-        )
-    assert_refused(
-        harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
-        "pixels= is the resolution of a model's views: leave --sizes",
-    )
-    out, _ = ends_well(harness("inspect", f"{model}:views=4", "--out", "a.png"))
-    assert "picture: a.png" in out
 
 
 def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
@@ -172,17 +146,22 @@ def test_faces_side_by_side_have_no_original(model, tmp_path):
         measure(plan(model, scene=model, triangulators=names), tmp_path / "out")
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("views=0", "views=0 is outside 1..24"),
+def test_options_that_views_have_not_are_told_in_a_line(model, harness):
+    for text, reason in (
+        ("view=4", "no parameter 'view'; did you mean views?"),
+        ("pixel=64", "no parameter 'pixel'; did you mean pixels?"),
+        ("dept=file", "no parameter 'dept'; did you mean depth?"),
         ("views=x", "parameter views='x' is not int"),
+        ("views=0", "views=0 is outside 1..24"),
         ("views=4,limit=3", "has no parameter 'limit'"),
-        ("views=4,depth=deep", "depth=deep is none of"),
-    ],
-)
-def test_what_views_cannot_be(model, harness, text, reason):
-    assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)
+    ):
+        assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)
+    assert_refused(
+        harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
+        "pixels= is the resolution of a model's views: leave --sizes",
+    )
+    out, _ = ends_well(harness("inspect", f"{model}:views=4", "--out", "a.png"))
+    assert "picture: a.png" in out
 
 
 @pytest.mark.parametrize(
@@ -204,13 +183,27 @@ def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, 
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
 
 
-TILES = "helsinki-tiles:zoom=16,tiles=3,layers=building"
+@pytest.mark.parametrize("view", [View(128, 0.0, "view"), View(512, 0.0, "tile")], ids=str)
+def test_a_run_goes_on_in_views_of_its_own_which_a_page_cannot_cut(model, tmp_path, view):
+    out = tmp_path / "out"
+    wanted, what = (
+        (plan(model), "a model's views") if view.fit == "view" else (OF_TILES, "map tiles")
+    )
+    first = measure(wanted, out)
+    stored = Plan.from_json(read_run(out).facts["plan"])
+    assert stored.views == (view,)
+    assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
+    again = measure(stored, out, resume=True)
+    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
+    with pytest.raises(UsageError, match=f"is of {what}, which a page cannot cut"):
+        content_of(read_run(out))
 
 
-def plan_of_tiles(**changes: object) -> Plan:
-    names = parse_all(["ear-clipping", "delaunay"])
-    known = Plan(TILES, triangulators=names, rasterisers=("reference",), timing=FAST)
-    return replace(known, **changes)  # type: ignore[arg-type]
+def test_the_same_faces_turned_in_space_are_another_scene(model, tmp_path):
+    measure(plan(model), tmp_path / "out")
+    solid(0.3).export(model)
+    with pytest.raises(UsageError, match="the scene's content"):
+        measure(plan(model), tmp_path / "out", resume=True)
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +213,7 @@ def scene() -> Scene:
 
 def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
     out = tmp_path / "out"
-    (record, _) = measure(plan_of_tiles(), out).records
+    (record, _) = measure(OF_TILES, out).records
     assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
     assert record["coverage_error"] == 0
     polygons = read_arrays(read_run(out), record["key"])
@@ -241,19 +234,6 @@ def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
     assert len(alone) == 3
     for name in ("fragments", "quads", "helper_lanes", "bbox_tests"):
         assert record["counters"][name] == sum(each[name] for each in alone)
-
-
-def test_the_view_is_the_tiles_own_and_a_run_is_resumed(tmp_path):
-    out = tmp_path / "out"
-    first = measure(plan_of_tiles(), out)
-    stored = Plan.from_json(read_run(out).facts["plan"])
-    assert stored.views == (View(512, 0.0, "tile"),)
-    again = measure(stored, out, resume=True)
-    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
-    with pytest.raises(UsageError, match="pixels= is the resolution of map tiles: leave"):
-        measure(plan_of_tiles(views=(View(512),)), tmp_path / "other")
-    with pytest.raises(UsageError, match="is of map tiles, which a page cannot cut"):
-        content_of(read_run(out))
 
 
 def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):

@@ -172,10 +172,13 @@ def test_a_hang_is_stopped(worker):
     assert time.monotonic() - start < 20
 
 
-def test_an_error_is_one_line(worker):
+@pytest.mark.parametrize("code", [0, 3])
+def test_an_error_is_one_line_and_an_exit_is_one(worker, code):
     with pytest.raises(TaskFailed, match=r"^ValueError: two lines$") as failure:
         worker.call(raise_value_error)
     assert "in raise_value_error" in failure.value.detail
+    with pytest.raises(TaskFailed, match=rf"^SystemExit: {code}$"):
+        worker.call(sys.exit, code)
 
 
 def test_an_error_of_the_harness_keeps_its_kind(worker):
