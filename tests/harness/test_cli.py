@@ -42,16 +42,6 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     assert Path("results/plots/predicted-vs-measured.png").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("no_plots", "in_process")
-def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
-    run = ("run", "--scene", str(block), *MOCK)
-    assert harness(*run, "--out", "results")[0] == 0
-    assert_refused(harness(*run, "--out", "results"), "results already holds a run", "--resume")
-    before = Path("results/cases.jsonl").read_text()
-    assert harness("run", "--resume", "results", "--quiet")[0] == 0
-    assert Path("results/cases.jsonl").read_text() == before
-
-
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
@@ -76,25 +66,17 @@ def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "parts"),
+    ("name", "content"),
     [
-        ("empty.geojson", features(), ["empty.geojson"]),
-        (
-            "nan.geojson",
-            features([[float("nan"), 0], [1, 0], [1, 1], [float("nan"), 0]]),
-            ["nan.geojson"],
-        ),
-        ("not.geojson", "this is no GeoJSON", ["not.geojson"]),
-        (
-            "point.geojson",
-            geojson([{"type": "Point", "coordinates": [1, 2]}]),
-            ["point.geojson"],
-        ),
+        ("empty.geojson", features()),
+        ("nan.geojson", features([[float("nan"), 0], [1, 0], [1, 1], [float("nan"), 0]])),
+        ("not.geojson", "this is no GeoJSON"),
+        ("point.geojson", geojson([{"type": "Point", "coordinates": [1, 2]}])),
     ],
 )
-def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content, parts):
+def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content):
     write(name, content)
-    assert_refused(harness("run", "--scene", name, *MOCK), *parts)
+    assert_refused(harness("run", "--scene", name, *MOCK), name)
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
@@ -165,20 +147,11 @@ def test_fit_has_the_choices_of_a_view():
     assert (*get_args(CHOSEN_FITS), *OWN_VIEWS) == get_args(Fit)
 
 
-WITHOUT_HEAVY_LIBRARIES = (
-    ("--help",),
-    ("run", "--help"),
-    ("no-command",),
-    ("run", "--no-option"),
-    ("study", "validate", "--no-option"),
-    ("triangulate", "--no-option"),
-    ("compare", "--no-option"),
-    ("profile", "--no-option"),
-    ("list", "nothing"),
-    ("list", "triangulators"),
-    ("list", "criteria"),
-    ("list", "metrics"),
-)
+WITHOUT_HEAVY_LIBRARIES = [
+    *("--help", "run --help", "no-command", "run --no-option", "study validate --no-option"),
+    *("triangulate --no-option", "compare --no-option", "profile --no-option"),
+    *("list nothing", "list triangulators", "list criteria", "list metrics"),
+]
 
 
 def test_help_and_wrong_options_need_no_heavy_library():
@@ -188,7 +161,7 @@ import contextlib, io, os, sys
 from harness.cli import main
 heavy = ("numba", "scipy", "matplotlib", "pandas", "jinja2", "moderngl", "trimesh")
 for arguments in {WITHOUT_HEAVY_LIBRARIES!r}:
-    sys.argv = ["harness", *arguments]
+    sys.argv = ["harness", *arguments.split()]
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         with contextlib.suppress(SystemExit):
             main()

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from harness.commands.export import COMPILING
+from harness.commands.running import default_folder
 from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
@@ -237,17 +238,14 @@ def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):
 
 
 def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
-    from harness.commands.running import default_folder
-
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
     folders = []
     for _ in range(3):
         folders.append(default_folder("city"))
         folders[-1].mkdir(parents=True)
-    assert [folder.name for folder in folders] == [
-        *("city-20260101-120000", "city-20260101-120000-2", "city-20260101-120000-3")
-    ]
+    stamp = "city-20260101-120000"
+    assert [folder.name for folder in folders] == [stamp, f"{stamp}-2", f"{stamp}-3"]
 
 
 @pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])

@@ -80,15 +80,6 @@ def test_tables_in_a_pipe_are_not_cut_and_not_padded(monkeypatch):
     assert any(line.endswith(" ") for line in screen.getvalue().splitlines())
 
 
-def test_a_short_stage_is_one_line():
-    said = Said()
-    with said.reporter.stage("counting", 3) as stage:
-        for _ in range(3):
-            said.now += 1.0
-            stage.advance()
-    assert said.lines == ["counting ..."]
-
-
 def test_details_are_for_those_who_ask():
     for verbose in (False, True):
         said = Said(verbose=verbose)
@@ -108,15 +99,6 @@ def test_quiet_says_nothing_but_warnings():
         said.now += 100.0
         stage.advance()
     assert said.lines == ["warning: b"]
-
-
-def test_on_a_terminal_there_is_a_bar(monkeypatch):
-    monkeypatch.delenv("CI", raising=False)
-    said = Said(terminal=True)
-    with said.reporter.stage("counting", 2) as stage:
-        stage.advance()
-    assert "counting" in "".join(said.lines)
-    assert "100 %" in "".join(said.lines)
 
 
 @pytest.mark.parametrize("verbose", [False, True])
@@ -145,9 +127,13 @@ def test_parts_say_their_rate_and_the_time_left():
     ]
 
 
-def test_a_terminal_shows_the_parts_in_one_bar(monkeypatch):
+def test_on_a_terminal_there_is_a_bar_and_one_for_parts(monkeypatch):
     monkeypatch.delenv("CI", raising=False)
     said = Said(terminal=True)
+    with said.reporter.stage("counting", 2) as stage:
+        stage.advance()
+    assert "counting" in said.text
+    assert "100 %" in said.text
     with said.reporter.parts("triangulating", 4, 4, "parts") as show:
         for part in range(1, 5):
             said.now += 6.0

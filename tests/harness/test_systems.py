@@ -24,24 +24,6 @@ def call(*arguments: str, cwd: Path) -> str:
     return done.stdout
 
 
-def test_they_are_hidden():
-    check = (
-        "import ctypes, os, signal\n"
-        "assert not hasattr(os, 'setpgid') and not hasattr(signal, 'SIGHUP')\n"
-        "for name in ('fcntl', 'resource'):\n"
-        "    try: __import__(name)\n"
-        "    except ImportError: print('no', name)\n"
-        "try: ctypes.CDLL('libEGL.so.1')\n"
-        "except OSError as error: print(error)\n"
-    )
-    done = python("-c", check, env={"PYTHONPATH": str(BARE)}, check=True)
-    assert done.stdout.splitlines() == [
-        "no fcntl",
-        "no resource",
-        "libEGL.so.1: there is no such library on this system",
-    ]
-
-
 def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
     out = call("triangulate", str(block), "-o", "triangles.geojson", cwd=tmp_path)
     assert "triangles.geojson" in out

@@ -158,13 +158,10 @@ def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
 
 def test_the_later_record_of_a_case_counts(tmp_path):
     with Store.create(tmp_path) as store:
-        store.append(record("a", status="failed"))
-        store.append(record("b"))
-        store.append(record("a"))
-    assert [(r["key"], r["status"]) for r in read_run(tmp_path).records] == [
-        (B, "ok"),
-        (A, "ok"),
-    ]
+        for letter, status in (("a", "failed"), ("b", "ok"), ("a", "ok")):
+            store.append(record(letter, status=status))
+    found = read_run(tmp_path).records
+    assert [(each["key"], each["status"]) for each in found] == [(B, "ok"), (A, "ok")]
 
 
 def test_a_single_file_of_records_is_a_run(tmp_path):
@@ -178,6 +175,18 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
         store.write_facts({})
     with pytest.raises(UsageError, match="already holds a run"):
         Store.create(tmp_path)
+
+
+@pytest.mark.parametrize("call", [Store.resume, read_run])
+def test_a_folder_without_a_run_is_refused(tmp_path, call):
+    with pytest.raises(UsageError, match="holds no run"):
+        call(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match=r"cannot use .*file/run: Not a directory"):
+        Store.create(tmp_path / "file" / "run")
 
 
 def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
