@@ -27,11 +27,6 @@ REFERENCE = get("reference")(find_device("reference"))
 SIDE = 32
 """Random polygons stand in SIDE x SIDE cells."""
 
-DEVICES = [
-    *((name, size) for name in ("llvmpipe", "zink", "osmesa") for size in SIZES),
-    ("softpipe", 256),  # slow, and known to differ
-]
-
 
 @pytest.mark.parametrize("side", [20, 100, 1000])
 def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, side):
@@ -71,6 +66,19 @@ def on_pixel_centres(size: int) -> Frame:
     return Frame(size, size, 1.0, View(size), numbers, *on_grid(polygons))
 
 
+DEVICES = [
+    *(("opengl", name, size) for name in ("llvmpipe", "zink") for size in SIZES),
+    *(("osmesa", "osmesa", size) for size in SIZES),
+    *(
+        (walker, name, size)
+        for walker in ("bounding-box", "scanline")
+        for name in ("llvmpipe", "zink")
+        for size in SIZES
+    ),
+    ("opengl", "softpipe", 256),  # slow, and known to differ
+]
+
+
 @cache
 def drawn(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
     if scene == "pixel centres":
@@ -100,38 +108,22 @@ def workers():
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize(("name", "size"), DEVICES)
-def test_counters_equal_the_reference_polygon_by_polygon(workers, name, size, scene):
-    rasteriser = "osmesa" if name == "osmesa" else "opengl"
+@pytest.mark.parametrize(("rasteriser", "name", "size"), DEVICES)
+def test_counters_equal_the_reference_polygon_by_polygon(workers, rasteriser, name, size, scene):
     device = find_device(rasteriser, name)
-    worker = workers(device)
     frame, cut = drawn(scene, size)
     report = []
     for triangulator, triangles in cut.items():
         exact = REFERENCE.count(frame, triangles, Options())
-        counted = worker.call(tasks.count, rasteriser, device, frame, triangles, Options())
-        assert np.array_equal(4 * counted["quads"], counted["fragments"] + counted["helper_lanes"])
-        report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, exact)]
-    totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in exact.items())
-    print(f"\n{name}, {scene}, {size} px, {len(frame.polygons)} polygons: {totals}")
+        exact["hits"] = exact["fragments"]
+        counted = workers(device).call(tasks.count, rasteriser, device, frame, triangles, Options())
+        own = {counter: exact[counter] for counter in get(rasteriser).counters if counter in exact}
+        assert own
+        assert counted.keys() >= own.keys()
+        report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, own)]
+    totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in own.items())
+    print(f"\n{rasteriser}, {name}, {scene}, {size} px, {len(frame.polygons)} polygons: {totals}")
     for line in report:
         print(f"  {name} differs: {line}")
     # Softpipe decides in floating point what lies on an edge: it is reported, not condemned.
     assert name == "softpipe" or report == []
-
-
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["llvmpipe", "zink"])
-def test_bounding_box_tests_equal_the_prediction(workers, name, size, scene):
-    device = find_device("bounding-box", name)
-    worker = workers(device)
-    frame, cut = drawn(scene, size)
-    for triangles in cut.values():
-        exact = REFERENCE.count(frame, triangles, Options())
-        arguments = (device, frame, triangles, Options())
-        walked = worker.call(tasks.count, "bounding-box", *arguments)
-        assert np.array_equal(walked["bbox_tests"], exact["bbox_tests"])
-        assert np.array_equal(walked["hits"], exact["fragments"])
-        walked = worker.call(tasks.count, "scanline", *arguments)
-        assert np.array_equal(walked["hits"], exact["fragments"])

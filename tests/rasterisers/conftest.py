@@ -1,6 +1,5 @@
 """Frames made by hand, and the real devices the rasterisers are tested on."""
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,7 +15,6 @@ from harness.rasterisers import Device, Options, Rasteriser, find_device, get
 from harness.rasterisers.reference import disagreements
 
 Coordinates = list[list[int]]
-MakeFrame = Callable[..., tuple[Frame, np.ndarray]]
 Call = Callable[..., Any]
 
 
@@ -95,16 +93,6 @@ def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Fram
 
 
 @pytest.fixture(scope="session")
-def loose() -> MakeFrame:
-    return loose_triangles
-
-
-@pytest.fixture(scope="session")
-def scattered() -> MakeFrame:
-    return random_triangles
-
-
-@pytest.fixture(scope="session")
 def reference() -> Rasteriser:
     return get("reference")(find_device("reference"))
 
@@ -119,22 +107,18 @@ def _open_rasterisers() -> dict[str, Rasteriser]:
 def opened(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[Callable[[str], Rasteriser]]:
     """Open a rasteriser on llvmpipe in this process, each once."""
     device = find_device("opengl", "llvmpipe")
-    before = {key: os.environ.get(key) for key in device.environment}
-    os.environ.update(device.environment)
 
     def open_(name: str) -> Rasteriser:
         if name not in _open_rasterisers:
             _open_rasterisers[name] = get(name)(device)
         return _open_rasterisers[name]
 
-    yield open_
-    while _open_rasterisers:
-        _open_rasterisers.popitem()[1].close()
-    for key, value in before.items():
-        if value is None:
-            del os.environ[key]
-        else:
-            os.environ[key] = value
+    with pytest.MonkeyPatch.context() as patch:
+        for key, value in device.environment.items():
+            patch.setenv(key, value)
+        yield open_
+        while _open_rasterisers:
+            _open_rasterisers.popitem()[1].close()
 
 
 @pytest.fixture(autouse=True)

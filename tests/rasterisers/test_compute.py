@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.test_opengl import anywhere, half_pixel
 
 
@@ -16,16 +17,16 @@ def walker(request, opened) -> Rasteriser:
     return opened(request.param)
 
 
-def test_a_box_of_4096_px_is_tested_in_full(opened, loose):
+def test_a_box_of_4096_px_is_tested_in_full(opened):
     corners = [[0, 0], [4096 * 256, 0], [0, 4096 * 256]]
-    frame, triangles = loose(corners, 4096)
+    frame, triangles = loose_triangles(corners, 4096)
     counted = opened("bounding-box").count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4096**2]
 
 
-def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened, loose):
+def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened):
     corner = [[256, 256], [768, 256], [256, 768]]
-    frame, triangles = loose(corner * 70_000, 8)
+    frame, triangles = loose_triangles(corner * 70_000, 8)
     counted = opened("bounding-box").count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4] * 70_000
 
@@ -34,19 +35,19 @@ def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened, loo
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
 )
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_hit_as_by_the_reference(walker, reference, loose, corners):
-    frame, triangles = loose(corners, 32)
+def test_any_triangle_is_hit_as_by_the_reference(walker, reference, corners):
+    frame, triangles = loose_triangles(corners, 32)
     drawn = walker.count(frame, triangles, Options())["hits"]
     assert drawn.tolist() == reference.count(frame, triangles, Options())["fragments"].tolist()
 
 
-def test_scanline_counts_the_rows_of_the_box(opened, loose):
-    frame, triangles = loose([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
+def test_scanline_counts_the_rows_of_the_box(opened):
+    frame, triangles = loose_triangles([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
     assert opened("scanline").count(frame, triangles, Options())["rows"].tolist() == [19]
 
 
-def test_multisampling_and_work_are_refused(walker, scattered):
-    frame, triangles = scattered(seed=1, size=64, number=2, grid=1)
+def test_multisampling_and_work_are_refused(walker):
+    frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
     for options in (Options(samples=4), Options(work=3)):
         with pytest.raises(UsageError, match="neither multisampling nor fragment work"):
             walker.count(frame, triangles, options)
@@ -57,8 +58,8 @@ def test_multisampling_and_work_are_refused(walker, scattered):
         lambda corners: len(corners) % 3 == 0
     )
 )
-def test_jobs_cover_each_row_once_and_are_small(loose, corners):
-    frame, triangles = loose(corners, 16384)
+def test_jobs_cover_each_row_once_and_are_small(corners):
+    frame, triangles = loose_triangles(corners, 16384)
     jobs = split_rows(frame, triangles)
     boxes = frame.points[triangles]
     first = np.ceil(boxes.min(axis=1) / 256 - 0.5).astype(int)

@@ -8,26 +8,31 @@ from harness.measuring import tasks
 from harness.rasterisers import Options, get, names
 from harness.rasterisers.reference import SHADED, disagreements
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import require_the_references_counts, worker_on
+from tests.rasterisers.conftest import (
+    loose_triangles,
+    random_triangles,
+    require_the_references_counts,
+    worker_on,
+)
 
 
-def test_counters_and_pixels_equal_the_reference_for_every_polygon(on_device, reference, scattered):
+def test_counters_and_pixels_equal_the_reference_for_every_polygon(on_device, reference):
     for size in (64, 250, 1024):
         for grid in (1, 128):
-            case = scattered(seed=size + grid, size=size, number=150, grid=grid)
+            case = random_triangles(seed=size + grid, size=size, number=150, grid=grid)
             require_the_references_counts(on_device, reference, *case)
             drawn = on_device[1](pictures.image, *case, Options())
             expected = reference.image(*case, Options())
             assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
 
 
-def test_layers_that_hide_each_other_are_all_counted(on_device, reference, loose):
+def test_layers_that_hide_each_other_are_all_counted(on_device, reference):
     layer = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
-    require_the_references_counts(on_device, reference, *loose(layer * 20, 256))
+    require_the_references_counts(on_device, reference, *loose_triangles(layer * 20, 256))
 
 
-def test_nothing_is_counted_and_drawn_of_no_triangles(on_device, loose):
-    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], 16)
+def test_nothing_is_counted_and_drawn_of_no_triangles(on_device):
+    frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], 16)
     case = (frame, np.empty((0, 3), np.int32), Options())
     _, call = on_device
     assert not any(np.any(values) for values in call(tasks.count, *case).values())
@@ -40,19 +45,19 @@ def test_what_counts_quads_counts_partial_ones():
     assert all(set(get(name).counters) >= set(SHADED) for name in of_quads)
 
 
-def test_zink_tests_the_bounding_box_as_predicted(reference, scattered):
+def test_zink_tests_the_bounding_box_as_predicted(reference):
     with worker_on("bounding-box", "zink") as call:
         for grid in (1, 128):
-            case = scattered(seed=5, size=300, number=50, grid=grid)
+            case = random_triangles(seed=5, size=300, number=50, grid=grid)
             require_the_references_counts(("bounding-box", call), reference, *case)
 
 
 TOLD = re.compile(r"(\w+) differ in \d+ of \d+ polygons; polygon (\d+): (\d+) instead of (\d+)")
 
 
-def test_softpipe_counts_consistently_and_what_differs_is_named(reference, scattered):
+def test_softpipe_counts_consistently_and_what_differs_is_named(reference):
     """Softpipe rounds edges in floating point: some pixels on an edge fall to the other side."""
-    frame, triangles = scattered(seed=6, size=128, number=60, grid=128)
+    frame, triangles = random_triangles(seed=6, size=128, number=60, grid=128)
     with worker_on("opengl", "softpipe") as call:
         drawn = call(tasks.count, frame, triangles, Options())
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
@@ -65,8 +70,8 @@ def test_softpipe_counts_consistently_and_what_differs_is_named(reference, scatt
         assert exact[name][int(polygon)] == int(expected)
 
 
-def test_softpipe_counts_the_quads_of_its_own_pictures(scattered):
-    frame, triangles = scattered(seed=7, size=64, number=12, grid=1)
+def test_softpipe_counts_the_quads_of_its_own_pictures():
+    frame, triangles = random_triangles(seed=7, size=64, number=12, grid=1)
     with worker_on("opengl", "softpipe") as call:
         for number, triangle in enumerate(triangles):
             case = (frame, triangle[None], Options())
@@ -78,8 +83,8 @@ def test_softpipe_counts_the_quads_of_its_own_pictures(scattered):
             assert counted == [lanes.sum(), quads, 4 * quads - lanes.sum(), partial]
 
 
-def test_disagreements_name_counter_and_polygon(loose):
-    frame, _ = loose([[0, 0], [512, 0], [0, 512]] * 3, 8)
+def test_disagreements_name_counter_and_polygon():
+    frame, _ = loose_triangles([[0, 0], [512, 0], [0, 512]] * 3, 8)
     expected = {"fragments": np.array([1, 2, 3]), "blocks": np.array([1, 1, 1])}
     drawn = {"fragments": np.array([1, 5, 4]), "samples_passed": np.array(10)}
     (found,) = disagreements(frame, drawn, expected)

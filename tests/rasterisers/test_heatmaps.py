@@ -8,6 +8,7 @@ from shapely import Polygon, box
 from harness.frame import View, make_frame
 from harness.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
 from harness.rasterisers import Options
+from tests.rasterisers.conftest import loose_triangles, random_triangles
 from triangulators import triangulate
 
 ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
@@ -15,8 +16,8 @@ ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
 
 @pytest.mark.parametrize("size", [64, 65, 300])
 @pytest.mark.parametrize("grid", [1, 128])
-def test_maps_add_up_to_the_counters(reference, scattered, size, grid):
-    frame, triangles = scattered(seed=size, size=size, number=80, grid=grid)
+def test_maps_add_up_to_the_counters(reference, size, grid):
+    frame, triangles = random_triangles(seed=size, size=size, number=80, grid=grid)
     covered, helpers = lane_maps(frame, triangles)
     counters = reference.count(frame, triangles, Options())
     assert covered.shape == (size, size)
@@ -26,8 +27,8 @@ def test_maps_add_up_to_the_counters(reference, scattered, size, grid):
         assert helpers.sum() == counters["helper_lanes"].sum()
 
 
-def test_a_single_pixel_has_three_helpers_beside_it(loose):
-    frame, triangles = loose([[800, 800], [1000, 800], [800, 1000]], 8)
+def test_a_single_pixel_has_three_helpers_beside_it():
+    frame, triangles = loose_triangles([[800, 800], [1000, 800], [800, 1000]], 8)
     covered, helpers = lane_maps(frame, triangles)
     assert np.argwhere(covered).tolist() == [[3, 3]]
     assert np.argwhere(helpers).tolist() == [[2, 2], [2, 3], [3, 2]]

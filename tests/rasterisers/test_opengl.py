@@ -13,6 +13,7 @@ from harness.rasterisers import Device, Options, get
 from harness.rasterisers.base import batches
 from harness.rasterisers.reference import SHADED
 from tests.rasterisers import pictures
+from tests.rasterisers.conftest import loose_triangles, random_triangles
 
 half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
 anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
@@ -20,23 +21,23 @@ anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, loose, corners):
-    frame, triangles = loose(corners, 32)
+def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, corners):
+    frame, triangles = loose_triangles(corners, 32)
     drawn = llvmpipe.count(frame, triangles, Options())
     exact = reference.count(frame, triangles, Options())
     assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
-def test_image_equals_the_references(llvmpipe, reference, scattered):
-    frame, triangles = scattered(seed=9, size=300, number=60, grid=64)
+def test_image_equals_the_references(llvmpipe, reference):
+    frame, triangles = random_triangles(seed=9, size=300, number=60, grid=64)
     for order in ("native", "shuffled", "morton", "walk"):
         options = Options(order=order, seed=2)
         drawn = llvmpipe.image(frame, triangles, options)
         assert np.array_equal(drawn, reference.image(frame, triangles, options))
 
 
-def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe, loose):
-    frame, triangles = loose([[300, 300], [15000, 900], [2000, 14000]], 64)
+def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
+    frame, triangles = loose_triangles([[300, 300], [15000, 900], [2000, 14000]], 64)
     one = llvmpipe.count(frame, triangles, Options())
     four = llvmpipe.count(frame, triangles, Options(samples=4))
     assert four["fragments"][0] > one["fragments"][0]
@@ -45,14 +46,14 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe, loose):
     assert area == pytest.approx(four["samples_passed"] / 4, rel=0.01)
 
 
-def test_too_many_samples_name_what_the_device_has(llvmpipe, scattered):
-    frame, triangles = scattered(seed=9, size=64, number=2, grid=64)
+def test_too_many_samples_name_what_the_device_has(llvmpipe):
+    frame, triangles = random_triangles(seed=9, size=64, number=2, grid=64)
     with pytest.raises(UsageError, match="the device has 4"):
         llvmpipe.count(frame, triangles, Options(samples=8))
 
 
-def test_fragment_work_changes_no_pixel(llvmpipe, scattered):
-    frame, triangles = scattered(seed=10, size=256, number=30, grid=64)
+def test_fragment_work_changes_no_pixel(llvmpipe):
+    frame, triangles = random_triangles(seed=10, size=256, number=30, grid=64)
     hard = Options(work=200)
     assert np.array_equal(
         llvmpipe.image(frame, triangles, Options()), llvmpipe.image(frame, triangles, hard)
@@ -66,9 +67,9 @@ def test_fragment_work_changes_no_pixel(llvmpipe, scattered):
 
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])
-def test_every_repeat_is_drawn(llvmpipe, loose, monkeypatch, software, calls):
+def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
     """As calls on a CPU, as instances of one call on a GPU: llvmpipe can be told to do either."""
-    frame, triangles = loose([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
+    frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software
         drawn = []
@@ -80,9 +81,9 @@ def test_every_repeat_is_drawn(llvmpipe, loose, monkeypatch, software, calls):
     assert drawn == calls
 
 
-def test_two_rasterisers_share_a_process(opened, reference, scattered):
+def test_two_rasterisers_share_a_process(opened, reference):
     """Each makes its own context current, also while the other's drawings are alive."""
-    frame, triangles = scattered(seed=13, size=128, number=30, grid=1)
+    frame, triangles = random_triangles(seed=13, size=128, number=30, grid=1)
     exact = reference.count(frame, triangles, Options())
     with (
         opened("opengl").prepare(frame, triangles, Options()) as drawn,
@@ -97,17 +98,17 @@ def test_two_rasterisers_share_a_process(opened, reference, scattered):
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
 
 
-def test_batches_cannot_overflow_32_bits(loose):
+def test_batches_cannot_overflow_32_bits():
     layer = [[256, 256], [16383 * 256, 256], [256, 16383 * 256]]
-    frame, triangles = loose(layer * 40, 16384)
+    frame, triangles = loose_triangles(layer * 40, 16384)
     parts = batches(frame, triangles)
     assert np.array_equal(np.concatenate(parts), triangles)
     assert max(len(part) for part in parts) * 16384**2 < 2**32
     assert len(parts) > 1
 
 
-def test_a_frame_larger_than_the_device_is_refused(llvmpipe, scattered):
-    frame, triangles = scattered(seed=1, size=64, number=2, grid=1)
+def test_a_frame_larger_than_the_device_is_refused(llvmpipe):
+    frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
     huge = type(frame)(**{**vars(frame), "width": 40000, "height": 40000})
     with pytest.raises(UsageError, match="40000x40000 px is more than"):
         llvmpipe.count(huge, triangles, Options())
@@ -132,7 +133,7 @@ ALLOWED_BYTES = 20 * 2**20
 
 
 @pytest.mark.parametrize("name", ["opengl", "bounding-box", "reference"])
-def test_a_thousand_frames_leak_nothing(opened, reference, scattered, name):
+def test_a_thousand_frames_leak_nothing(opened, reference, name):
     rasteriser = reference if name == "reference" else opened(name)
     process = psutil.Process()
     rng = np.random.default_rng(0)
@@ -142,7 +143,7 @@ def test_a_thousand_frames_leak_nothing(opened, reference, scattered, name):
             before = process.memory_info().rss
         # Sizes change, so that framebuffers are made and freed too.
         size = int(rng.integers(32, 128)) * 2
-        frame, triangles = scattered(seed=number, size=size, number=20, grid=1)
+        frame, triangles = random_triangles(seed=number, size=size, number=20, grid=1)
         rasteriser.count(frame, triangles, Options())
         pictures.image_of(rasteriser, frame, triangles, Options())
         with rasteriser.prepare(frame, triangles, Options()) as drawing:

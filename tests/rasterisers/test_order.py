@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.rasterisers import Options
 from harness.rasterisers.base import ORDERS, submission
+from tests.rasterisers.conftest import loose_triangles, random_triangles
 
 
 @settings(deadline=None)
@@ -16,16 +17,16 @@ from harness.rasterisers.base import ORDERS, submission
     st.sampled_from(ORDERS),
     st.integers(0, 2**32),
 )
-def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(scattered, number, order, seed):
-    frame, triangles = scattered(seed=1, size=512, number=max(number, 1), grid=1)
+def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(number, order, seed):
+    frame, triangles = random_triangles(seed=1, size=512, number=max(number, 1), grid=1)
     triangles = triangles[:number]
     ordered = submission(frame, triangles, Options(order=order, seed=seed))
     assert sorted(map(tuple, ordered)) == sorted(map(tuple, triangles))
     assert np.array_equal(ordered, submission(frame, triangles, Options(order=order, seed=seed)))
 
 
-def test_native_is_left_alone_and_seeds_differ(scattered):
-    frame, triangles = scattered(seed=1, size=512, number=60, grid=1)
+def test_native_is_left_alone_and_seeds_differ():
+    frame, triangles = random_triangles(seed=1, size=512, number=60, grid=1)
     assert np.array_equal(submission(frame, triangles, Options()), triangles)
     one, two = (
         submission(frame, triangles, Options(order="shuffled", seed=seed)) for seed in (1, 2)
@@ -33,12 +34,12 @@ def test_native_is_left_alone_and_seeds_differ(scattered):
     assert not np.array_equal(one, two)
 
 
-def test_morton_order_visits_quadrant_after_quadrant(loose):
+def test_morton_order_visits_quadrant_after_quadrant():
     corners = []
     for column, row in [(1, 1), (0, 0), (3, 2), (0, 1), (2, 0), (1, 0), (0, 3)]:
         x, y = column * 64 * 256, row * 64 * 256
         corners += [[x, y], [x + 512, y], [x, y + 512]]
-    frame, triangles = loose(corners, 256)
+    frame, triangles = loose_triangles(corners, 256)
     ordered = submission(frame, triangles, Options(order="morton"))
     places = [tuple(frame.points[first] // (64 * 256)) for first in ordered[:, 0]]
     assert places == [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 3), (3, 2)]

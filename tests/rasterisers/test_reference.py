@@ -11,6 +11,7 @@ from harness.errors import UsageError
 from harness.frame import WHOLE
 from harness.rasterisers import Options, find_device, get, spans
 from harness.rasterisers.reference import TILES, colours, count_tiles, predict
+from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
 from triangulators import criteria
 
@@ -40,8 +41,8 @@ def test_expected_quads_are_the_mean_over_all_places_within_a_quad(corners):
     assert counts["quads"].mean() == pytest.approx(expected, abs=0.01)
 
 
-def test_counts_are_per_polygon_and_do_not_depend_on_order(reference, scattered):
-    frame, triangles = scattered(seed=3, size=64, number=50, grid=1)
+def test_counts_are_per_polygon_and_do_not_depend_on_order(reference):
+    frame, triangles = random_triangles(seed=3, size=64, number=50, grid=1)
     exact = reference.count(frame, triangles, Options())
     assert exact["fragments"].shape == (50,)
     for order in ("walk", "morton", "shuffled"):
@@ -50,8 +51,8 @@ def test_counts_are_per_polygon_and_do_not_depend_on_order(reference, scattered)
             assert np.array_equal(values, other[name]), name
 
 
-def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference, loose):
-    frame, triangles = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
+    frame, triangles = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     picture = reference.image(frame, triangles, Options())
     assert picture.shape == (SIZE, SIZE, 4)
     mask = covered(frame.points)[::-1]
@@ -60,8 +61,8 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference, loose
     assert not picture[~mask].any()
 
 
-def test_no_triangles_cost_nothing(reference, loose):
-    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+def test_no_triangles_cost_nothing(reference):
+    frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     nothing = np.empty((0, 3), np.int32)
     assert all(
         values.tolist() == [0] for values in reference.count(frame, nothing, Options()).values()
@@ -69,8 +70,8 @@ def test_no_triangles_cost_nothing(reference, loose):
     assert not reference.image(frame, nothing, Options()).any()
 
 
-def test_every_repeat_is_drawn(reference, scattered, monkeypatch):
-    frame, triangles = scattered(seed=4, size=64, number=20, grid=1)
+def test_every_repeat_is_drawn(reference, monkeypatch):
+    frame, triangles = random_triangles(seed=4, size=64, number=20, grid=1)
     drawn = []
     with reference.prepare(frame, triangles, Options()) as drawing:
         monkeypatch.setattr(spans, "fill", lambda _, triangles, *more: drawn.append(triangles))
@@ -79,8 +80,8 @@ def test_every_repeat_is_drawn(reference, scattered, monkeypatch):
     assert all(each is triangles for each in drawn)
 
 
-def test_multisampling_is_refused_in_one_line(reference, scattered):
-    frame, triangles = scattered(seed=4, size=64, number=2, grid=1)
+def test_multisampling_is_refused_in_one_line(reference):
+    frame, triangles = random_triangles(seed=4, size=64, number=2, grid=1)
     with pytest.raises(UsageError, match="one sample a pixel"):
         reference.count(frame, triangles, Options(samples=4))
 
@@ -94,8 +95,8 @@ def test_multisampling_is_refused_in_one_line(reference, scattered):
         (np.array([[0, 1, -1]]), r"outside 0\.\.2"),
     ],
 )
-def test_what_is_not_a_triangulation_of_the_frame_is_refused(reference, loose, triangles, message):
-    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+def test_what_is_not_a_triangulation_of_the_frame_is_refused(reference, triangles, message):
+    frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     with pytest.raises(ValueError, match=message):
         reference.count(frame, triangles, Options())
 
@@ -122,8 +123,8 @@ def test_tiles_are_those_whose_inside_meets_the_triangles(corners):
     assert by_box == sum(shapely.intersection(tile, bounds).area > 1e-9 for tile in tiles)
 
 
-def test_counts_are_per_polygon_and_larger_tiles_are_fewer(scattered):
-    frame, triangles = scattered(seed=2, size=512, number=40, grid=1)
+def test_counts_are_per_polygon_and_larger_tiles_are_fewer():
+    frame, triangles = random_triangles(seed=2, size=512, number=40, grid=1)
     counters = get("binning")(find_device("binning")).count(frame, triangles, Options())
     for side in TILES:
         assert counters[f"tiles_{side}"].shape == (40,)
@@ -131,8 +132,8 @@ def test_counts_are_per_polygon_and_larger_tiles_are_fewer(scattered):
     assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()
 
 
-def test_it_has_no_time(scattered):
-    frame, triangles = scattered(seed=2, size=64, number=2, grid=1)
+def test_it_has_no_time():
+    frame, triangles = random_triangles(seed=2, size=64, number=2, grid=1)
     binning = get("binning")(find_device("binning"))
     assert not binning.timed
     with pytest.raises(UsageError, match="no time to measure"):

@@ -19,16 +19,6 @@ def test_every_name_leads_to_a_rasteriser_of_that_name():
         assert get(name).name == name
 
 
-def test_an_unknown_rasteriser_gets_the_nearest_name():
-    with pytest.raises(UsageError, match="unknown rasteriser 'opengll'; did you mean 'opengl'"):
-        get("opengll")
-
-
-def test_an_unknown_device_gets_the_nearest_name():
-    with pytest.raises(UsageError, match="unknown device 'llvmpip'; did you mean 'llvmpipe'"):
-        find_device("opengl", "llvmpip")
-
-
 def test_a_missing_gpu_is_an_error_and_no_fallback(monkeypatch):
     monkeypatch.setattr(devices, "of_egl", lambda: ((Device("llvmpipe", True),), ()))
     with pytest.raises(NoRasteriser, match="device 'gpu0' does not work here"):

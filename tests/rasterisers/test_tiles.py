@@ -10,24 +10,28 @@ from harness.errors import UsageError
 from harness.figures.views import VIEWS
 from harness.frame import Frame
 from harness.heatmaps import lane_maps
-from harness.measuring import tasks
 from harness.measuring.records import _views_of
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
 from harness.rasterisers.context import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
-from harness.rasterisers.reference import SHADED, Reference, disagreements, outlines
+from harness.rasterisers.reference import Reference, outlines
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import require_the_references_counts, seconds, worker_on
+from tests.rasterisers.conftest import (
+    loose_triangles,
+    random_triangles,
+    require_the_references_counts,
+    seconds,
+)
 from tests.rasterisers.pictures import covered
 
 NATIVE = Options()
 
 
 @pytest.fixture(scope="session")
-def tiles(scattered) -> tuple[Frame, np.ndarray]:
+def tiles() -> tuple[Frame, np.ndarray]:
     """Two tiles of 128 px in a viewport of 256 px, with triangles that reach over their edges."""
-    frame, triangles = scattered(seed=3, size=256, number=160, grid=128)
+    frame, triangles = random_triangles(seed=3, size=256, number=160, grid=128)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 100, 160]))
     return cut, triangles
 
@@ -45,17 +49,6 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
 
 
-def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
-    with worker_on("opengl", "softpipe") as call:
-        drawn = call(tasks.count, *tiles, NATIVE)
-    exact = reference.count(*tiles, NATIVE)
-    assert disagreements(tiles[0], drawn, exact)
-    for name in SHADED:
-        assert drawn[name].sum() == pytest.approx(exact[name].sum(), rel=0.01)
-        within = 0.03 if name == "partial_quads" else 0.02  # it is of the fewest
-        assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=within)
-
-
 def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
     """Against pictures in which each pixel is marked, one triangle at a time."""
     frame, triangles = tiles
@@ -70,10 +63,10 @@ def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
         assert counted["quads"][number] == quads[number] == (inside + helpers).sum() // 4
 
 
-def test_a_window_is_what_lies_within_of_a_picture_of_edge_functions(reference, loose):
+def test_a_window_is_what_lies_within_of_a_picture_of_edge_functions(reference):
     rng = np.random.default_rng(4)
     corners = rng.integers(0, 32, (60, 3, 2)) * 128
-    frame, triangles = loose(corners, 16)
+    frame, triangles = loose_triangles(corners, 16)
     cut = replace(frame, scissor=(4, 6, 8, 6))
     counted = reference.count(cut, triangles, NATIVE)
     for number in range(60):
@@ -83,10 +76,10 @@ def test_a_window_is_what_lies_within_of_a_picture_of_edge_functions(reference, 
         assert counted["quads"][number] == blocks.sum()
 
 
-def test_bins_are_those_that_meet_the_window(tiles, loose):
+def test_bins_are_those_that_meet_the_window(tiles):
     binning = get("binning")(get("binning").devices()[0])
     big = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
-    frame, triangles = loose(big, 256)
+    frame, triangles = loose_triangles(big, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128))
     assert binning.count(frame, triangles, NATIVE)["tiles_64"].tolist() == [16]
     counted = binning.count(cut, triangles, NATIVE)
@@ -114,9 +107,9 @@ def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):
         assert np.array_equal(rows, triangles) == by_neighbour
 
 
-def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, loose, monkeypatch):
+def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, monkeypatch):
     layer = [[0, 0], [512 * 256, 0], [0, 512 * 256]]
-    frame, triangles = loose(layer * 3, 256)
+    frame, triangles = loose_triangles(layer * 3, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
     assert llvmpipe.count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
     calls: list[slice] = []

@@ -13,7 +13,7 @@ from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
 from harness.rasterisers.reference import SHADED, disagreements
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import Call, loose_triangles, worker_on
+from tests.rasterisers.conftest import Call, loose_triangles, random_triangles, worker_on
 
 DEVICES = ("llvmpipe", "lavapipe")
 
@@ -24,8 +24,8 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
         yield call
 
 
-def test_options_change_no_count_and_no_picture(on_device, reference, scattered):
-    frame, triangles = scattered(seed=250, size=250, number=150, grid=1)
+def test_options_change_no_count_and_no_picture(on_device, reference):
+    frame, triangles = random_triangles(seed=250, size=250, number=150, grid=1)
     exact = reference.count(frame, triangles, Options())
     for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
         drawn = on_device(tasks.count, frame, triangles, options)
@@ -105,8 +105,8 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
         del opened._tally_once
 
 
-def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, scattered):
-    frame, triangles = scattered(seed=4, size=128, number=50, grid=1)
+def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference):
+    frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
     step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
     assert step == 16
     on_it = replace(frame, points=on_coarser_grid(frame.points, 16))
@@ -115,8 +115,8 @@ def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, scattered):
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
-def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference, scattered):
-    frame, triangles = scattered(seed=6, size=250, number=150, grid=1)
+def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference):
+    frame, triangles = random_triangles(seed=6, size=250, number=150, grid=1)
     moved = replace(frame, points=on_coarser_grid(frame.points, 16))
     with worker_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
@@ -127,8 +127,8 @@ def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference, scatt
     assert np.array_equal(picture, reference.image(moved, triangles, Options()))
 
 
-def test_what_it_cannot_do_is_said(on_device, loose):
-    frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
+def test_what_it_cannot_do_is_said(on_device):
+    frame, triangles = loose_triangles([[256, 256], [2000, 256], [256, 2000]], 64)
     assert not get("webgpu").supports(Options(samples=4))
     with pytest.raises(UsageError, match="one sample a pixel"):
         on_device(tasks.count, frame, triangles, Options(samples=4))
