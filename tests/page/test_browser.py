@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,24 +28,15 @@ def opened(browser: Chromium, page: Path) -> None:
     browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
 
 
-class Whole(NamedTuple):
-    """A measurement that nobody disturbed, and what the page showed, saved and asked for."""
-
-    result: dict[str, Any]
-    shown: str
-    device: str
-    saved: str
-    address: str
-    requests: list[str]
-
-
 @pytest.fixture(scope="module")
-def whole(gpu_browser, page) -> Whole:
+def whole(gpu_browser, page) -> SimpleNamespace:
+    """A measurement that nobody disturbed, and what the page showed, saved and asked for."""
     opened(gpu_browser, page)
     result = measured(gpu_browser)
-    asked = ("document.body.innerText", "$('device').innerText", "savedText()", "location.href")
-    shown, device, saved, address = map(gpu_browser.evaluate, asked)
-    return Whole(result, shown, device, saved, address, list(gpu_browser.requests))
+    asked = {"shown": "document.body.innerText", "device": "$('device').innerText"}
+    asked |= {"saved": "savedText()", "address": "location.href"}
+    told = {name: gpu_browser.evaluate(text) for name, text in asked.items()}
+    return SimpleNamespace(result=result, requests=list(gpu_browser.requests), **told)
 
 
 def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run, tmp_path):

@@ -23,11 +23,8 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
     assert content["base"] == "ear-clipping"
     assert [view["resolution"] for view in content["views"]] == [128, 64]
     for view in content["views"]:
-        (kept,) = {
-            id(found): found
-            for record in small_run.records[:1]
-            if (found := drawings.read(small_run, view_of({**record, **where(view)})))
-        }.values()
+        where = {name: view[name] for name in ("resolution", "rotation", "fit")}
+        kept = drawings.read(small_run, view_of({**small_run.records[0], **where}))
         points = decoded(view["points"], "<i4").reshape(-1, 2)
         assert np.array_equal(points, kept.points)
         assert sum(view["sizes"]) == len(points)
@@ -38,10 +35,6 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
             for counter in TOLD:
                 assert decoded(case[counter], "<u4").sum() == predicted[counter].sum()
             assert case["record"]["triangles"] == len(rows)
-
-
-def where(view: dict) -> dict:
-    return {name: view[name] for name in ("resolution", "rotation", "fit")}
 
 
 def test_what_the_run_did_not_count_is_counted(small_run, monkeypatch):

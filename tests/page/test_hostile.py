@@ -31,27 +31,20 @@ def hostile(value: Any, field: str = "") -> Any:
     return value + MARKUP if isinstance(value, str) and field not in PLAIN else value
 
 
-def opened_safely(browser: Chromium, file: Path, ready: str | None = None) -> None:
-    browser.open(file, **({"ready": ready} if ready else {}))
+def opened_safely(browser: Chromium, file: Path) -> None:
+    browser.open(file)
     assert MARKUP in browser.evaluate("document.body.textContent")
     assert not browser.evaluate("'hacked' in window")
     # whatever was made of names is text: none of their elements is there
     assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
 
 
-def write_hostile(run: Any, folder: Path) -> Path:
-    folder.mkdir()
-    (folder / "run.json").write_text(json.dumps(hostile(run.facts)))
-    lines = [json.dumps(hostile(record)) + "\n" for record in run.records]
-    (folder / "cases.jsonl").write_text("".join(lines))
-    (folder / "polygons").symlink_to(run.path / "polygons")
-    return folder
-
-
 def test_the_report_of_a_run(browser, small_run, tmp_path):
-    folder = write_hostile(small_run, tmp_path / "run")
-    file = write_report(read_run(folder))
-    opened_safely(browser, file)
+    (tmp_path / "run.json").write_text(json.dumps(hostile(small_run.facts)))
+    lines = [json.dumps(hostile(record)) + "\n" for record in small_run.records]
+    (tmp_path / "cases.jsonl").write_text("".join(lines))
+    (tmp_path / "polygons").symlink_to(small_run.path / "polygons")
+    opened_safely(browser, write_report(read_run(tmp_path)))
     browser.evaluate(HOVER.replace("PLOT", "chart.plot"))
     browser.evaluate("new Promise((done) => setTimeout(done, 50))")
     assert not browser.evaluate("'hacked' in window")

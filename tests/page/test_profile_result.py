@@ -107,7 +107,6 @@ def without(number: int) -> Callable[[dict[str, Any]], None]:
 
 FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and here it is"),
-    "older design": (lambda r: r["page"].update(design=1), "its draws are of design 1"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),

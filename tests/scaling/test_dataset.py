@@ -144,8 +144,9 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
 
     dataset = Dataset(str(parts), out, OPTIONS, TRIANGLES)
     chosen = dataset.missing[2].key
-    monkeypatch.setattr(atomic, "move", full)
-    summary = dataset.complete(Crew(), Reporter(quiet=True))
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "move", full)
+        summary = dataset.complete(Crew(), Reporter(quiet=True))
     assert len(refused) == 3
     ((which, why),) = summary.set_aside.items()
     assert which == dataset.cut.parts[2].label
@@ -153,9 +154,6 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
     assert summary.parts_done == 5
     assert len(ids(out)) == EVERY - 40
     assert sorted(file.name for file in out.iterdir()) == sorted([MANIFEST, *contents(out)])
-    monkeypatch.undo()
-    monkeypatch.setattr("scenes.slices.LEAST", 20)
-    monkeypatch.setattr("scenes.slices.MOST", 40)
     assert complete(parts, out).fresh == 1
     assert ids(out) == list(range(EVERY))
 

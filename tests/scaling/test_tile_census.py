@@ -30,7 +30,7 @@ from scenes import SceneError, load
 from scenes.slices import MOST_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened
 from scenes.tiles.read import FILE
-from tests.conftest import ends_well
+from tests.conftest import assert_refused, ends_well
 from tests.paths import python
 from tests.scenes.test_tiles import COURT, encoded, pmtiles, three_archives
 
@@ -284,33 +284,30 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "message"),
+    ("arguments", "message"),
     [
-        (["FILE:zoom=3"], 2, "has no zoom 3; it has 12 to 16"),
-        (["FILE:zoom=3-4"], 2, "has no zooms 3 to 4; it has 12 to 16"),
-        (["FILE:zoom=16-12"], 2, "zoom=16-12 is no zoom nor a range: give zoom=14 or zoom=12-16"),
-        (["FILE:zoom=x"], 2, "zoom=x is no zoom nor a range"),
-        (["FILE:pixels=7"], 2, "pixels=7 is no even number"),
-        (["FILE:layer=a"], 2, "has no parameter 'layer'; did you mean layers?"),
-        (["FILE:zoom=12,layers=wood"], 2, "no layer 'wood'; it has: area, building"),
-        (["FILE", "--cell", "5"], 2, "is map tiles: --units-per-pixel, --cell, --layer and"),
-        (["FILE", "--triangulators", "fan"], 2, "give two or more to compare"),
-        (["no.pmtiles"], 2, "there is no file no.pmtiles"),
-        (["bad.pmtiles"], 2, "is no PMTiles archive: give one, or write it again"),
-        (["a.mvt:zoom=3"], 2, "does not say at which zoom its tiles are: leave zoom= out"),
-        (["a.gpkg:pixels=512"], 2, "a.gpkg holds no tiles"),
+        (["FILE:zoom=3"], "has no zoom 3; it has 12 to 16"),
+        (["FILE:zoom=3-4"], "has no zooms 3 to 4; it has 12 to 16"),
+        (["FILE:zoom=16-12"], "zoom=16-12 is no zoom nor a range: give zoom=14 or zoom=12-16"),
+        (["FILE:zoom=x"], "zoom=x is no zoom nor a range"),
+        (["FILE:pixels=7"], "pixels=7 is no even number"),
+        (["FILE:layer=a"], "has no parameter 'layer'; did you mean layers?"),
+        (["FILE:zoom=12,layers=wood"], "no layer 'wood'; it has: area, building"),
+        (["FILE", "--cell", "5"], "is map tiles: --units-per-pixel, --cell, --layer and"),
+        (["FILE", "--triangulators", "fan"], "give two or more to compare"),
+        (["no.pmtiles"], "there is no file no.pmtiles"),
+        (["bad.pmtiles"], "is no PMTiles archive: give one, or write it again"),
+        (["a.mvt:zoom=3"], "does not say at which zoom its tiles are: leave zoom= out"),
+        (["a.gpkg:pixels=512"], "a.gpkg holds no tiles"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_line(harness, tmp_path, arguments, code, message):
+def test_what_cannot_be_is_said_in_a_line(harness, tmp_path, arguments, message):
     (tmp_path / "bad.pmtiles").write_bytes(bytes(200))
     (tmp_path / "a.mvt").write_bytes(encoded([COURT]))
     (tmp_path / "a.gpkg").write_bytes(b"x")
     given = [each.replace("FILE", str(FILE)) for each in arguments]
-    found, _, error = harness("census", *given, "-o", "out", "-q")
-    assert found == code
-    assert message in error
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
+    err = assert_refused(harness("census", *given, "-o", "out", "-q"), message)
+    assert err.count("\n") == 1
 
 
 def test_which_files_are_map_tiles(tmp_path):
