@@ -159,7 +159,7 @@ def _misused(error: ClickException) -> tuple[str, int]:
 
 def _say(line: str, code: int) -> int:
     with contextlib.suppress(OSError, ReaderGone):  # a terminal that was closed reads nothing
-        Console(stderr=True, highlight=False).print(
+        Console(stderr=True, highlight=False, emoji=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
         )
     return code

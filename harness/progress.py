@@ -31,7 +31,7 @@ class Screen(Console):
     """Where tables go; in a file or a pipe lines are not cut at 80, and do not end in spaces."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(emoji=False, **options)
         if not self.is_terminal and "COLUMNS" not in os.environ:
             self.width = UNKNOWN_WIDTH
 
@@ -171,7 +171,7 @@ class Reporter:
         console: Console | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.console = console or Console(stderr=True, highlight=False)
+        self.console = console or Console(stderr=True, highlight=False, emoji=False)
         self._quiet = quiet
         self._verbose = verbose
         self._clock = clock

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from harness.progress import SILENT_S, Due, Rate, Reporter, Screen
 from harness.style import plain_table
+from tests.conftest import assert_refused
 
 
 class Said:
@@ -78,6 +79,19 @@ def test_tables_in_a_pipe_are_not_cut_and_not_padded(monkeypatch):
     screen = io.StringIO()
     Screen(file=screen, force_terminal=True, width=80, color_system=None).print(table)
     assert any(line.endswith(" ") for line in screen.getvalue().splitlines())
+
+
+def test_names_between_colons_are_no_pictures(capsys, harness):
+    named = "theirs:hole: failed"
+    pipe = io.StringIO()
+    Screen(file=pipe).print(named)
+    Reporter().warn(named)
+    assert [pipe.getvalue().strip(), capsys.readouterr().err.strip()] == [
+        named,
+        f"warning: {named}",
+    ]
+    told = harness("census", "city", "-o", "there", "--triangulators", "theirs:hole")
+    assert_refused(told, "theirs:hole: give two or more")
 
 
 def test_details_are_for_those_who_ask():
