@@ -52,10 +52,10 @@ def _counts(measure: str) -> Callable[[], list[str]]:
     return grid(crossed(LABELS, SIZES, " | "), ("polygons", *COUNTED), cell)
 
 
-def _beyond_l1(name: str) -> tuple[float, float]:
+def _beyond_l1(name: str, digits: int = 3) -> tuple[float, float]:
     """Return by which parts a triangulator has more lanes than L1 flips: ends over rows."""
     views = product(LABELS, SIZES)
-    return ends((_counted(*of, name) / _counted(*of, L1) - 1.0 for of in views), 3)
+    return ends((_counted(*of, name) / _counted(*of, L1) - 1.0 for of in views), digits)
 
 
 def _time(scene: str, of: tuple[str, str, str]) -> str:
@@ -110,7 +110,7 @@ HELD: Held = {
     ],
     "Euclidean flips have {:%} to {:%} % more helper lanes than ... {:%} to {:%} % more.": lambda: [
         *_beyond_l1(EUCLIDEAN),
-        *_beyond_l1("delaunay"),
+        *_beyond_l1("delaunay", 2),
     ],
     "for each of {} polygons, by {} flips.": lambda: matched(
         "flips-refine.txt", r"([\d,]+) polygons\n +([\d,]+) flips"
@@ -129,8 +129,11 @@ HELD: Held = {
         end
         for px in (64, 1024)
         for end in ends(
-            _timed(scene, L1, px)["time_ratio"] / _timed(scene, REFINED, px)["time_ratio"] - 1
-            for scene in MEASURED
+            (
+                _timed(scene, L1, px)["time_ratio"] / _timed(scene, REFINED, px)["time_ratio"] - 1
+                for scene in MEASURED
+            ),
+            3,
         )
     ],
     "(`--order walk`) it takes {:.2f} to {:.2f} of ear clipping's time at 64 px": lambda: ends(
