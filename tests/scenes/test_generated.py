@@ -180,6 +180,7 @@ def test_content_is_the_same_on_every_machine():
 
 
 def test_footprints_share_walls_but_not_area(city):
+    assert city.units == "m"
     assert disjoint(city.polygons)
     array = np.asarray(city.polygons)
     a, b = shapely.STRtree(array).query(array, predicate="intersects")
