@@ -173,9 +173,11 @@ class Claim:
         if fit:
             bits, factor = fit[0]
         else:
-            need(not (large and self.given["proven"]), "too large to be proven")
-            exponent, self.exact = 36 - math.frexp(float(self.total))[1], False
-            scale = Fraction(2) ** max(-900, min(900, exponent // 4 * 4))
+            exponent = (36 - math.frexp(float(self.total))[1]) // 4 * 4
+            small = exponent >= 900 or not float(self.total)
+            off = "large" * large or "small" * small
+            need(not (off and self.given["proven"]), f"too {off} to be proven")
+            scale, self.exact = Fraction(2) ** max(-900, min(900, exponent)), False
             bits, factor = next(c for c in choices if c[1] << 38 < 2**61)
         self.scale, self.factor, self.bits = scale, factor, bits
         said = number(self.given["scale"]), whole(self.given["factor"]), whole(self.given["bits"])

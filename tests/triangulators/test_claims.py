@@ -66,6 +66,20 @@ def test_a_lift_too_large_is_refused(lift):
         certificate_of(*about(SQUARE, best), forged)
 
 
+@pytest.mark.parametrize("power", [-440, -460, -508, -512, -537, 480, 500])
+def test_near_the_ends_of_doubles_nothing_false_is_proven(power):
+    """Units that cannot be fine enough would prove anything; squares of steps leave the range."""
+    corners = np.array([(0, 0), (9.1, 0.3), (17.7, 5.2), (13.3, 12.9), (2.2, 10.1)])
+    for shape in (shapely.Polygon(corners), shapely.Polygon(np.rint(corners))):
+        polygon = shapely.transform(shape, lambda points: points * 2.0**power)
+        worst = triangulate(polygon, "worst:overdraw")
+        for name in ("overdraw", "half-perimeter"):
+            found = certify(polygon, worst, name)
+            assert not found.proven
+            claim = as_claim(polygon, worst, name, found)
+            assert not accepted_by_file(json.dumps(claim | {"proven": True}))
+
+
 def test_a_bound_above_the_cost_is_refused(monkeypatch):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence

@@ -12,7 +12,13 @@ from triangulators import criteria
 from triangulators.certificate.proof import SECONDS, prove
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence, Refused
-from triangulators.checking.units import Units, doubles_add_up, exact_total, units_for
+from triangulators.checking.units import (
+    LARGEST_SCALE,
+    Units,
+    doubles_add_up,
+    exact_total,
+    units_for,
+)
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, cost_of, require_numbers
 from triangulators.errors import TriangulationError
@@ -117,8 +123,10 @@ def certificate_of(
     if units.exact:
         proven = bound == total  # it is not above: see `checker`
     elif units.real:
-        # Each triangle's cost is rounded down by less than a unit, the optimum's, too.
-        proven = total - bound < len(triangles) * unit
+        # Each triangle's cost is rounded down by less than a unit, the optimum's, too. Coarse units
+        # would prove anything.
+        fine = total != 0 and units.scale < LARGEST_SCALE
+        proven = total - bound < len(triangles) * unit if fine else total == bound
     else:  # whole numbers, which doubles do not compute exactly: each is off by less than a unit
         bound, proven = bound - len(triangles) * unit, False
     return Certificate(float(total), _down(bound), _gap(total, bound), proven, evidence)

@@ -21,7 +21,8 @@ Where these are multiples of 2^-k, half-perimeters are whole in units of 2^-k, a
 of 4^-k. If doubles compute each exactly, the units are these. If coordinates are whole numbers
 too large for that, nothing is said to be proven. All other costs are real numbers as the
 criterion's function computes them in doubles; units are between 2^-36 and 2^-32 of the
-triangulation's cost.
+triangulation's cost. Where that is so small that units would be below 2^-896, nothing is said to be
+proven, either.
 """
 
 import math
@@ -49,6 +50,8 @@ _ROOM = 2**61  # four times the weight of the triangulation stays below
 _MOST_WEIGHT = 2**59  # of a triangle, without its noise
 _DIGITS = 36  # a real total has up to 2^36 units
 _LARGEST_COEFFICIENT = 1024
+_LARGEST_EXPONENT = 900  # so that what a scale multiplies stays a double
+LARGEST_SCALE = 2.0**_LARGEST_EXPONENT
 EXACT = 2.0**52  # steps up to which sums and halves of doubles are exact
 _EXACT_FACTOR = 2.0**25  # the same of factors, whose product is then exact
 
@@ -58,7 +61,7 @@ class Units(NamedTuple):
 
     scale: units in 1, a power of two; factor: weight of a unit; bits: noise is below 2^bits; exact:
     no triangle's cost is rounded; real: costs are real numbers, so that a claim holds up to a
-    relative error.
+    relative error, unless scale is the largest, which may be too coarse.
     """
 
     scale: float
@@ -80,7 +83,7 @@ def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
                 return Units(scale, factor, bits, True, False)
     exponent = _DIGITS - math.frexp(total)[1] if total > 0.0 else 0
     # In steps of 2^4, so that most triangulations of one polygon have the same units.
-    exponent = max(-900, min(900, 4 * (exponent // 4)))
+    exponent = max(-_LARGEST_EXPONENT, min(_LARGEST_EXPONENT, 4 * (exponent // 4)))
     for bits in (*range(NOISE_BITS, 1, -1), 0):
         factor = factor_for(count, bits)
         if factor << (_DIGITS + 2) < _ROOM:
@@ -124,7 +127,8 @@ def whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
         return 0.0, False, math.inf
     box = bool(used & {AREA, BBOX_AREA})
     k = _binary_places(points)
-    steps = float(np.ptp(points, axis=0).max()) * 2.0**k if abs(k) < 900 else math.inf
+    known = (2 * k + 1 if box else k) < _LARGEST_EXPONENT
+    steps = float(np.ptp(points, axis=0).max()) * 2.0**k if known else math.inf
     most = max(1.0, np.abs(coefficients).sum() * (2.0 * steps * steps if box else 2.0 * steps))
     if most < EXACT and (not box or steps < _EXACT_FACTOR):
         return (2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)), k <= 0, most
