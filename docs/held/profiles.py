@@ -46,15 +46,15 @@ NOUNS = {
 }
 
 SMALL_AND_THIN = {
-    (4, 64): "a pixel of triangles of 8 px, beside one of those of 2,048",
-    (8, 64): "a pixel of triangles of 32 px, beside one of those of 2,048",
-    (16, 64): "a pixel of triangles of 128 px, beside one of those of 2,048",
-    8: "8:1 beside 1:1, of 8 and of 64 px^2",
-    16: "16:1 beside 1:1, the same",
-    64: "64:1 beside 1:1, the same",
-    "twice": "from which aspect on twice, if up to 64:1",
+    (4, 64): "a pixel of triangles of 8 px, beside one of those of 2,048 | Arm: 10 to 20 or more",
+    (8, 64): "the same, of 32 px | PowerVR: 32 or more",
+    (16, 64): "the same, of 128 px |",
+    8: "8:1 beside 1:1, of 8 and of 64 px^2 | Godot: not thinner than 8:1",
+    16: "16:1 beside 1:1, the same |",
+    64: "64:1 beside 1:1, the same | Android: no long thin triangles",
+    "twice": "from which aspect on twice, if up to 64:1 |",
 }
-"""What was timed: of two sides of triangles, or an aspect."""
+"""What was timed, of two sides of triangles, or an aspect; and a rule of thumb of it."""
 
 
 def profile(name: str) -> Any:
@@ -168,7 +168,7 @@ TABLES: Held = {
         (8, 64, "twice", "lanes", "most"),
         _thin,
     ),
-    "| what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
+    "| what was timed | a rule | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
         SMALL_AND_THIN,
         ("opengl-llvmpipe", SWIFTSHADER, SOFTPIPE, "bounding-box-llvmpipe"),
         _small_or_thin,
