@@ -60,7 +60,7 @@ class Ball(NamedTuple):
 def ways() -> NDArray[np.int64]:
     """Return (24, 3), the ways to the camera: (1, 2, 3) turned by all rotations of a cube.
 
-    The first four, eight, ... of them are evenly around, too.
+    The first four, eight, ... of them add up to nothing, too.
     """
     found = []
     for order in permutations(range(3)):
