@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from docs.held import findings, profiles, simulated
 from docs.held.findings import SCENES
 from docs.held.lookups import some
-from docs.held.names import BEST_FOR_A, BEST_FOR_H, NAMES, scenes
-from docs.held.tables import DEVICES, ON_DEVICES, device_view
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, CALLED, NAMES, scenes
+from docs.held.tables import ON_DEVICES, device_view
 
 K = TypeVar("K")
 
@@ -88,7 +88,7 @@ def regret() -> Figure:
 def devices() -> Figure:
     """Draw times on four rasterisers."""
     unit = "draw time, ear clipping = 1; in each row city above, Helsinki below"
-    figure, panels = _panels(DEVICES, unit)
+    figure, panels = _panels(CALLED["devices"], unit)
     for device, ax in panels.items():
         views = {
             shift: device_view(device, scene)["triangulators"]
@@ -105,7 +105,7 @@ def devices() -> Figure:
 
 def thin() -> Figure:
     """Draw thin triangles' times on devices, at equal area."""
-    first = profiles.profile(next(iter(profiles.PROFILES)))["aspects"]
+    first = profiles.profile(next(iter(profiles.TIMED)))["aspects"]
     titles = {each["area"]: f"triangles of {each['area']} px^2" for each in first}
     figure, panels = _panels(titles, "base in ratio to height")
     axes = list(panels.values())

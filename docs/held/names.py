@@ -1,33 +1,19 @@
-"""How documents call scenes and triangulators."""
+"""How documents call scenes, triangulators and other rows, by `labels.toml`."""
 
 from __future__ import annotations
+
+import tomllib
+from pathlib import Path
 
 BEST_FOR_H = "optimal:half-perimeter"
 BEST_FOR_Q = "optimal:expected-quads"
 BEST_FOR_A = "optimal:overdraw"
 REFINED = "refined:half-perimeter"
 
-SCENE_NAMES = {
-    "city": "city",
-    "helsinki": "Helsinki",
-    "glyphs": "letters",
-    "counties:level=state": "U.S. states",
-    "counties": "counties",
-    "cad": "cad",
-    "stress": "stress",
-}
-NAMES = {
-    BEST_FOR_H: "best for H",
-    REFINED: "`refined`",
-    "greedy": "greedy",
-    BEST_FOR_Q: "best for Q",
-    BEST_FOR_A: "best for A",
-    "delaunay": "Delaunay",
-    "earcut-refine": "`earcut-refine`",
-    "flips:l1": "`flips:l1`",
-}
+CALLED = tomllib.loads(Path(__file__).with_name("labels.toml").read_text(encoding="utf-8"))
+NAMES: dict[str, str] = CALLED["triangulators"]
 
 
 def scenes(*keys: str) -> dict[str, str]:
     """Return what some scenes are called, in this order."""
-    return {key: SCENE_NAMES[key] for key in keys}
+    return {key: CALLED["scenes"][key] for key in keys}

@@ -10,40 +10,19 @@ from typing import Any
 
 from docs.held import Held, shown
 from docs.held.lookups import bold, crossed, grid, one, some, values
-from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, scenes
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, scenes
 from harness.profile.words import amount
 from scripts.studies.missing_terms import KEPT, TILE
 
-PROFILES = {
-    "opengl-llvmpipe": "llvmpipe by OpenGL",
-    "webgpu-lavapipe": "lavapipe by WebGPU",
-    "opengl-zink": "zink on lavapipe",
-    "webgpu-swiftshader": "SwiftShader by WebGPU",
-    "bounding-box-llvmpipe": "our walk of boxes",
-}
-"""Files of profiles, and what they are called."""
-
 SOFTPIPE, SWIFTSHADER = "opengl-softpipe.refused", "webgpu-swiftshader"
-TIMED = {**PROFILES, SOFTPIPE: "softpipe"}
+TIMED = {**CALLED["profiles"], SOFTPIPE: "softpipe"}
 """Those, and one whose law explains too little: its times are measured all the same."""
 
-SHOWN = {**PROFILES, "webgpu-swiftshader-chromium": "SwiftShader in Chromium"}
+SHOWN = {**CALLED["profiles"], "webgpu-swiftshader-chromium": "SwiftShader in Chromium"}
 """Those with a law, and the same device as a page measured it."""
 
 WHO = (BEST_FOR_H, BEST_FOR_Q, BEST_FOR_A, "earcut-refine", "optimal:calibrated")
 
-NOUNS = {
-    "half_perimeter": "H",
-    "blocks": "4x4 blocks",
-    "bbox_tests": "pixels of boxes",
-    "further_tiles": "further tiles",
-    "near": "H up to 16 px",
-    "coarse_blocks": "blocks of large ones",
-    "set_up": "set-up",
-    "covering": "triangles that cover a pixel",
-    "rows": "rows of pixels",
-    "fragments": "covered pixels",
-}
 
 SMALL_AND_THIN = {
     (4, 64): "a pixel of triangles of 8 px, beside one of those of 2,048 | Arm: 10 to 20 or more",
@@ -94,7 +73,9 @@ def _ratio(of: Any, aspect: int) -> str:
 def _thin(of: tuple[str, int], column: int | str) -> str:
     """Return a cell of the table of thin triangles' times."""
     (found,) = (each for each in profile(of[0])["aspects"] if each["area"] == of[1])
-    shares = {NOUNS.get(term, term): share for term, (share, *_) in found["shares"].items()}
+    shares = {
+        CALLED["costs"].get(term, term): share for term, (share, *_) in found["shares"].items()
+    }
     lanes = shares.pop("helper_lanes", 0.0)
     if isinstance(column, int):
         return _ratio(found, column)

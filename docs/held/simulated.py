@@ -9,7 +9,7 @@ import pandas as pd
 
 from docs.held import Held
 from docs.held.lookups import crossed, ends, grid, one, some
-from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, NAMES, scenes
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, NAMES, scenes
 
 SCENES = scenes("helsinki", "glyphs", "cad", "stress")
 LABELS = {
@@ -17,16 +17,6 @@ LABELS = {
     for name in ("delaunay", "earcut-refine", "flips:l1", BEST_FOR_H, BEST_FOR_A, BEST_FOR_Q)
 }
 SHADERS = (0.5, 1, 2, 4, 8)
-PARAMETERS = {
-    "skybox": "as published",
-    "skybox:output_quads=1": "one quad a cycle",
-    "skybox:tile=16": "tiles of 16 px",
-    "skybox:tile=64": "tiles of 64 px",
-    "skybox:block=8": "blocks of 8 px",
-    "skybox:bins=exact": "exact bins",
-    "skybox:fetch=16": "16 cycles between triangles",
-    "skybox:fetch=64": "64 cycles between triangles",
-}
 
 
 def saved(scene: str, name: str, device: str = "skybox", of: str = "cycles") -> float:
@@ -83,7 +73,7 @@ HELD: Held = {
     ),
     "| parameter | Delaunay | `flips:l1` | best for H | best for A"
     " | cycles a pixel of H | R^2 |": grid(
-        PARAMETERS,
+        CALLED["designs"],
         ("delaunay", "flips:l1", BEST_FOR_H, BEST_FOR_A),
         lambda device, name: mean_saved(name, device),
         ".3f",

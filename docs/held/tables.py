@@ -10,57 +10,18 @@ from typing import Any
 from docs.held import Held, findings, flips, profiles, shown
 from docs.held.findings import Q_H_A, SCENES, correlation, gain, ordered, regret, run_of, time_ratio
 from docs.held.lookups import bold, crossed, ends, grid, matched, one, some, table_row, values
-from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, NAMES, REFINED
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, NAMES, REFINED
 from harness.study.regret import why_no_interval
 
 CALIBRATED = "optimal:calibrated"
-DEVICES = {
-    "opengl-llvmpipe": "llvmpipe by OpenGL",
-    "webgpu-lavapipe": "lavapipe by WebGPU",
-    "swiftshader-chromium": "SwiftShader in Chromium",
-    "opengl-softpipe": "softpipe",
-}
 
 PEERS = (
     *("delaunay", "earcut-refine", "greedy", "manifold", BEST_FOR_A, BEST_FOR_Q),
     *("flips:beauty", "flips:l1", REFINED, BEST_FOR_H, CALIBRATED),
 )
 """Columns of the table of draw times."""
-CRITERIA = {
-    "expected_quads": "**Q**, expected quads",
-    "half_perimeter": "**H**, half-perimeter",
-    "edge_length": "E, edge length",
-    "overdraw": "**A**, the paper's overdraw",
-    "shape": "D, shape deviation",
-    "beauty": "B, Blender's beauty",
-}
 ON_DEVICES = (BEST_FOR_H, REFINED, BEST_FOR_Q, BEST_FOR_A, "delaunay")
 ORDERED = (BEST_FOR_H, REFINED, "greedy", BEST_FOR_Q, BEST_FOR_A, "delaunay")
-BESIDE = {
-    "quiet": "nothing",
-    "loop": "an endless loop",
-    "loops": "four of them",
-    "copying": "a program that copies memory",
-    "compiling": "a compiler",
-    "midway": "two loops, from midway on",
-    "half-core": "a loop, on the only core",
-}
-"""States of `scripts/states_matrix.py`, whose tables these are."""
-PRODUCERS = {
-    "mean over polygons": "mean over polygons: regret, gains, what is advised",
-    "ratio over tiles": "ratio of sums over polygons or tiles",
-    "correlation": "rank correlation, median over polygons",
-    "criteria compared": "difference of two criteria's correlations",
-    "regret of times": "regret by draw times",
-    "median time": "draw time",
-    "ratio of times": "ratio of draw times, its processes and runs",
-    "ratio of times in use": "the same, beside other programs",
-    "the best of seven": "what the fastest of seven saves",
-    "break-even": "draws until triangulating pays",
-    "two runs compared": "growth from one run to another (`compare`)",
-    "share of A/A pairs": "share of pairs called a regression",
-}
-"""Rows of `coverage.csv` by what they are of."""
 KEPT = 0.93
 """What an interval of 95 % is asked to hold the truth in."""
 
@@ -108,7 +69,7 @@ def _predicts() -> Callable[[], list[str]]:
 
     def cell(criterion: str, of: tuple[str, str]) -> str:
         row = correlation(criterion, *of)
-        best = row["value"] == max(correlation(each, *of)["value"] for each in CRITERIA)
+        best = row["value"] == max(correlation(each, *of)["value"] for each in CALLED["criteria"])
         interval = f" ({row['ci_low']:.3f}-{row['ci_high']:.3f})" * (of[1] == "opengl")
         return bold(f"{row['value']:.3f}", best) + interval
 
@@ -116,7 +77,7 @@ def _predicts() -> Callable[[], list[str]]:
         *product(("helper_lanes", "partial_quads", "time_work_0", "time_work_8"), ("opengl",)),
         *product(("bbox_tests", "time_work_0"), ("bounding-box",)),
     ]
-    return grid(CRITERIA, columns, cell)
+    return grid(CALLED["criteria"], columns, cell)
 
 
 def _sizes(measure: str) -> Callable[[], list[str]]:
@@ -149,7 +110,7 @@ def _regrets(*scenes: str) -> Callable[[], list[str]]:
 def _states() -> list[str]:
     """Return a row for each state: its runs, what they are called, and what is said of them."""
     lines = []
-    for state, what in BESIDE.items():
+    for state, what in CALLED["states"].items():
         runs = some("states/states.csv", state=state)
         planted = some("states/planted.csv", state=state)["compare"]
         best = some("states/ratios.csv", state=state, scene="city", triangulator=BEST_FOR_H)
@@ -167,7 +128,7 @@ def _states() -> list[str]:
 def _intervals() -> list[str]:
     """Return a row for each producer of intervals: how often they hold the truth, and where not."""
     lines = []
-    for name, label in PRODUCERS.items():
+    for name, label in CALLED["intervals"].items():
         rows = some("coverage.csv", interval=name)
         lost = rows[rows["covered"] < KEPT]
         least = rows["covered"].drop(lost.index).min()
@@ -257,7 +218,7 @@ TABLES: Held = {
     "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |": grid(
         {
             (device, scene): f"{SCENES[scene]}: {label}"
-            for scene, (device, label) in product(("city", "helsinki"), DEVICES.items())
+            for scene, (device, label) in product(("city", "helsinki"), CALLED["devices"].items())
         },
         ON_DEVICES,
         lambda of, name: device_view(*of)["triangulators"][name]["time"][0],
