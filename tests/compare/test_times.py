@@ -204,7 +204,7 @@ def test_an_outcome_needs_its_evidence(least, spread, below, above, threshold):
     [
         ({"samples_s": [1e-3] * 20}, {}, "HEAD was not timed"),
         ({"cycles": 9}, {"samples_s": [1e-3] * 20}, "BASE was not timed"),
-        ({"samples_s": [1e-3] * 20}, {"samples_s": [1e-3] * 4}, "too few"),
+        ({"samples_s": [1e-3] * 20}, {"samples_s": [1e-3] * 7}, "too few"),
         ({"samples_s": [1e-3] * 20}, {"samples_s": [float("nan"), None, -1.0, "x"]}, "not timed"),
         (
             {"samples_s": [1e-3] * 20, "timer": "gpu"},
@@ -219,8 +219,10 @@ def test_times_that_cannot_be_compared_are_inconclusive_with_the_reason(base, he
     assert reason in change.reason
 
 
-def test_cases_that_were_never_timed_have_no_verdict():
+def test_cases_that_were_never_timed_have_no_verdict_and_eight_samples_may_have_one():
     assert read_pair({}, {"time": None}, same_work=True) is None
+    enough = {"time": {"samples_s": [1e-3] * 8}}
+    assert isinstance(read_pair(enough, enough, same_work=True), Pair)
 
 
 @pytest.mark.parametrize(("drift", "outcome"), [(1.0, "unchanged"), (2.5, "regressed")])

@@ -196,7 +196,16 @@ def test_shaded_lanes_are_four_a_quad():
     shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
     assert find("overshading")(shaded) == pytest.approx(4 * 300 / 900)
     assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None
-    assert [find(name).adds_up for name in ("quads", "overshading")] == [True, False]
+    names = ("quads", "fragments", "overshading", "draw_ms", "regret")
+    assert [find(name).adds_up for name in names] == [True, True, False, True, False]
+    assert [find(name).is_cost for name in names] == [True, True, False, False, False]
+
+
+def test_regret_needs_a_triangulation_with_a_helper_lane():
+    record = a_record("fan", 0, {"quads": 9, "fragments": 20})
+    least = {"polygons": 1, "quads": 6, "shaded": 9, "fragments": 20}
+    assert find("regret")({**record, "least": least}) == (36 - 20) / (24 - 20) - 1
+    assert find("regret")({**record, "least": {**least, "quads": 5}}) is None
 
 
 def test_the_limit_is_the_outline_drawn_in_one_piece():

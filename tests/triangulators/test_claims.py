@@ -117,6 +117,7 @@ def test_where_64_bits_are_too_few_nothing_is_proven_and_the_bound_holds():
 def test_where_holes_touch_off_the_grid_optima_are_proven():
     for number, polygon in enumerate(touching_polygons(1, 24)):
         name = ("expected-quads", *NAMES)[number % 4]
+        polygon = polygon.reverse() if number % 3 else polygon
         found = certify(polygon, triangulate(polygon, "optimal", criterion=name), name)
         assert found.proven, (name, polygon.wkt)
         assert found.error < 1e-8
