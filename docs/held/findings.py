@@ -147,7 +147,7 @@ FIRST: Held = {
     **simulated.IN_SHORT,
     **simulated.WITH_SHADER,
     **simulated.IN_WHOLE,
-    "Times are of an AMD EPYC {}/{} ({}-bit) unless": lambda: map(
+    "Times are of an AMD EPYC {}/{} ({}-bit), in": lambda: map(
         values("reference/llvmpipe/gains-city/run.json")["cpu"].get,
         ("family", "model", "vector_bits"),
     ),

@@ -121,10 +121,10 @@ def _otherwise(name: str, law: str) -> list[float]:
 
 
 FIRST: Held = {
-    "px^2 take at least twice as long as those of 1:1 from {:.0f}:1 and {:.0f}:1 on": lambda: [
+    "px^2 take twice as long as those of 1:1 from about {:.0f}:1 and {:.0f}:1 on": lambda: [
         each["doubled_at"][0] for each in profile("opengl-llvmpipe")["aspects"]
     ],
-    "though even at 64:1 they shade about {:.1f} and {:.1f} times the lanes": lambda: [
+    "even at 64:1 they shade about {:.1f} and {:.1f} times the lanes": lambda: [
         each["lanes"][-1] for each in profile("opengl-llvmpipe")["aspects"]
     ],
 }

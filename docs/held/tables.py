@@ -138,11 +138,12 @@ def _intervals() -> list[str]:
         lines.append(table_row(label, str(len(rows)), f"{least:.3f}", simpler, "; ".join(told)))
     laws = some("law-coverage-profiles.csv")
     lost = laws[laws["within"] < KEPT]
-    told = (
+    told = [
         f"as {row['profile']} misses it: {row['within']:.3f}, a false cost in"
         f" {shown(1 - row['nothing_shown'], '%')} % of devices"
         for _, row in lost.iterrows()
-    )
+    ]
+    told.insert(0, f"`draw` alone: {one('law-coverage.csv', term='draw')['within']:.3f}")
     kept = [one("law-coverage.csv", term="all")["within"], *laws["within"].drop(lost.index)]
     cells = (str(1 + len(laws)), f"{min(kept):.3f}", "", "; ".join(told))
     return [*lines, table_row("costs of a device's law (`profile`), pooled", *cells)]

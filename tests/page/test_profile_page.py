@@ -299,7 +299,9 @@ def test_a_far_too_slow_device_is_told_so(browser, profile_page):
 def test_counters_that_differ_are_said(browser, profile_page):
     opened(browser, profile_page, "wrong: 7")
     assert measured(browser)["differing"] == 1
-    assert "Counters differ from the exact ones in 1 of 135 draws." in told(browser, "answer")
+    said = "Counters differ from the exact ones in 1 of 135 draws."
+    assert said in told(browser, "answer")
+    assert said in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
 
 
 def test_a_browser_that_makes_other_draws_is_refused(browser, profile_page):

@@ -136,14 +136,15 @@ function answerOf(result) {
   const counted = result.differing ? `Counters differ from the exact ones in ${count(result.differing)} of ${count(result.draws.length)} draws.`
     : `All counters of ${count(result.draws.length)} draws are the exact ones.`;
   if (!profile) return `On ${name}: ${counted} Too little was timed to say what a triangle costs.${slowWords(result)}`;
-  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}`;
+  const differ = result.differing ? ` ${counted}` : "";
+  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}${differ}`;
   const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
   const told = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
     .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
   const doubled = profile.aspects.filter((each) => each.doubled_at).map((each) => `from ${each.doubled_at[0].toFixed(0)}:1 on at ${each.area} px²`);
   const thin = doubled.length ? `Thin triangles take twice as long ${listed(doubled)}.` : "Thin triangles take less than twice as long as others of equal area, up to 64:1.";
   const first = told.length ? `On ${name}, ${listed(told)}.` : `On ${name}:`;
-  return `${first} ${thin}${result.differing ? ` ${counted}` : ""}`;
+  return `${first} ${thin}${differ}`;
 }
 
 /* What a slow device was measured for; "" where the time limit did not matter. */
