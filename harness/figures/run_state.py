@@ -136,10 +136,10 @@ def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, fl
     values = np.asarray(samples, np.float64)
     logs = np.sort(np.log(values[values > 0]))
     count = len(logs)
-    least = max(3, int(np.ceil(MODE_SHARE * count)))
-    splits = np.arange(least, count - least + 1)
-    if count < ENOUGH or not len(splits):
+    if count < ENOUGH:
         return None
+    least = int(np.ceil(MODE_SHARE * count))
+    splits = np.arange(least, count - least + 1)
     sums, squares = np.cumsum(logs), np.cumsum(logs**2)
     below, above = sums[splits - 1] / splits, (sums[-1] - sums[splits - 1]) / (count - splits)
     within = squares[-1] - splits * below**2 - (count - splits) * above**2

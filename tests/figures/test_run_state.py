@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -66,6 +67,13 @@ def test_few_drawings_of_two_modes_disturb_no_run():
     many = [{**another, "triangulator": str(number)} for number in range(11)]
     assert judge([one, *many[:8]]).state == DISTURBED
     assert judge([one, *many]).state == QUIET
+    samples = one["time"]["samples_s"]
+    of_two = {**one["time"], "processes": [len(samples) // 2, len(samples) - len(samples) // 2]}
+    low, high = re.search(
+        r"\((\S+) and (\S+) ms\)", str(judge([{**one, "time": of_two}]).words)
+    ).groups()
+    told = 1e-3 * float(low), 1e-3 * float(high)
+    assert told == pytest.approx(two_modes(samples), rel=0.2)
 
 
 def test_two_modes_are_found_and_one_is_one():
@@ -80,6 +88,8 @@ def test_two_modes_are_found_and_one_is_one():
         assert two_modes(samples) is None
     modes = two_modes(np.r_[rng.normal(1, 0.02, 40), rng.normal(2, 0.04, 10)])
     assert modes == pytest.approx((1, 2), rel=0.02)
+    assert two_modes([1.0] * 9 + [2.0] * 3) == pytest.approx((1, 2))
+    assert two_modes([1.0] * 8 + [2.0] * 3) is None
     for scatter, found in ((0.03, True), (0.09, False)):  # five of their widths have to fit between
         noise = np.exp(scatter * rng.standard_normal(400))
         assert (two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
