@@ -167,8 +167,8 @@ FIRST: Held = {
         *(correlation(each, "helper_lanes")["value"] for each in (*Q_H_A, "shape")),
         correlation("overdraw", "bbox_tests", "bounding-box")["value"],
     ],
-    "trusting Q costs a mean of {:%} to {:%} % ... Trusting H costs {:%} to {:%} %. Trusting A"
-    " costs {:%} % on letters and {:%} % on ... ear clipping costs {:%} % and {:%} %.": lambda: [
+    "trusting Q costs a mean of about {:%} to {:%} % ... Trusting H costs {:%} to {:%} %. Trusting"
+    " A costs {:%} % on letters and {:%} % on ... ear clipping costs {:%} % and {:%} %.": lambda: [
         *(e for who in "QH" for e in ends(regret(scene, 1024, who)["mean"] for scene in SCENES)),
         *(
             regret(scene, 1024, who)["mean"]

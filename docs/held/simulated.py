@@ -124,8 +124,8 @@ IN_WHOLE: Held = {
     " city, ... Bound by shading, it takes {:.2f}, {:.2f}, {:.2f} and {:.2f}, which is": lambda: [
         in_whole(scene, bound)["ratio"] for bound in ("shipped", "shading") for scene in OF_ATTILA
     ],
-    "shuffled list of the same triangles takes, as a mean over a scene, {:.2f} to {:.2f} times"
-    " the cycles": lambda: ends(some("attila/orders.csv", bound="shipped")["shuffled"]),
+    "shuffled list of the same triangles takes, as a mean over a scene, about {:.2f} to {:.2f}"
+    " times the cycles": lambda: ends(some("attila/orders.csv", bound="shipped")["shuffled"]),
 }
 
 WHOLE_HELD: Held = {
