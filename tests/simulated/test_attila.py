@@ -151,6 +151,9 @@ def test_sources_are_held_against_one_digest(tmp_path, monkeypatch):
     right = Tree("ITS_SOURCES", "clone it", ("src",), digest)
     assert right.problem() is None
     assert right.folder() == tmp_path
+    monkeypatch.chdir(tmp_path.parent)
+    monkeypatch.setenv("ITS_SOURCES", tmp_path.name)
+    assert right.folder() == tmp_path
     (tmp_path / "src" / "b.cpp").touch()
     assert right.problem() is not None
     monkeypatch.delenv("ITS_SOURCES")

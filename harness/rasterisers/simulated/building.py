@@ -64,10 +64,10 @@ class Sources(ABC):
         return Lacking(f"{self.variable}: {wrong}", self.get) if wrong else None
 
     def folder(self) -> Path:
-        """Return the folder; raises NoRasteriser where `problem` says something."""
+        """Return the folder, absolute; raises NoRasteriser where `problem` says something."""
         if problem := self.problem():
             raise NoRasteriser(str(problem))
-        return Path(os.environ[self.variable])
+        return Path(os.environ[self.variable]).absolute()
 
     @abstractmethod
     def _wrong(self, root: Path) -> str | None:
