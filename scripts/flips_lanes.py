@@ -2,9 +2,10 @@
 
     PYTHONPATH=. python scripts/flips_lanes.py --scenes city,glyphs --pixels 64,512,1024
 
-Each polygon is drawn alone, its larger side as long as the viewport, its vertices snapped to 1/256
-px, and counted by the exact reference. Prints a line of CSV for each scene, size and triangulator:
-both in ratio to ear clipping's, geometric means over polygons that it leaves a helper lane.
+Each polygon is drawn alone, its larger side two pixels short of the viewport, its vertices snapped
+to 1/256 px, and counted by the exact reference. Prints a line of CSV for each scene, size and
+triangulator: both in ratio to ear clipping's, geometric means over polygons that it leaves a helper
+lane.
 """
 
 from __future__ import annotations
