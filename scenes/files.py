@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,7 +125,10 @@ def read_chunks(
     """
     source = Source(existing(path), layer, where, rows, attributes)
     placing = Placing(path, project)
-    for raw in _raws(source, size):
+    raws = _raws(source, size)
+    if rows is None:  # a file may have no feature at all
+        raws = chain([next(raws, Raw([], []))], raws)
+    for raw in raws:
         placed, notes = placing.place(raw)
         cleaned = clean(placed.geometries, placed.labels, placing.back)
         cleaned.dropped[:0] = placed.dropped

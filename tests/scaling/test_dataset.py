@@ -184,6 +184,12 @@ def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tm
     assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
 
 
+def test_a_file_without_a_feature_is_an_empty_part(tmp_path):
+    (tmp_path / "none.geojson").write_text('{"type": "FeatureCollection", "features": []}')
+    summary = complete(tmp_path / "none.geojson", tmp_path / "out")
+    assert (summary.parts_done, summary.polygons, summary.set_aside) == (1, 0, {})
+
+
 def test_certificates_are_summed_over_parts(parts, tmp_path):
     summary = complete(
         parts / "0.parquet",
