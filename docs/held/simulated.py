@@ -95,9 +95,9 @@ HELD: Held = {
         ".1f",
         more=lambda aspect: [f"{_thin(aspect) / _thin(1):.2f}"],
     ),
-    "{:,} draws take {} to {} cycles more than it says.": lambda: some(
-        "skybox/squares.csv"
-    ).agg({"draws": "sum", "least": "min", "most": "max"}),
+    "{:,} draws take {} to {} cycles more than it says.": lambda: some("skybox/squares.csv").agg(
+        {"draws": "sum", "least": "min", "most": "max"}
+    ),
     "Flips stay behind the best for H by {:.1%} % on Helsinki and {:.1%} % on cad.": lambda: [
         saved(s, "flips:l1") / saved(s, BEST_FOR_H) - 1 for s in ("helsinki", "cad")
     ],
