@@ -157,8 +157,8 @@ def table(groups: Mapping[Group, Sums], options: Options | TileOptions, console:
         if row["measure"] == "helper_lanes" and row["triangulator"] != names[0]:
             shown.add_row(
                 row["triangulator"],
-                f"{-row['gain_of_total']:+.1%}",
-                f"{-row['gain_p50']:+.1%}",
+                f"{-row['gain_of_total']:+z.1%}",
+                f"{-row['gain_p50']:+z.1%}",
                 *(f"{row[name]:.1%}" for name in ("share_gaining_10%", "share_gaining_30%")),
                 f"{row['share_losing_1%']:.1%}",
             )
@@ -188,7 +188,7 @@ def _table_of_tiles(
 def _cells(sums: Sums, *, vertices: bool) -> list[str]:
     lanes = sums.totals[:, MEASURES.index("helper_lanes")]
     counts = (sums.tiles, sums.footprints, *[sums.vertices] * vertices, sums.dropped, int(lanes[0]))
-    saved = [f"{own / lanes[0] - 1:+.1%}" if lanes[0] else "" for own in lanes[1:]]
+    saved = [f"{own / lanes[0] - 1:+z.1%}" if lanes[0] else "" for own in lanes[1:]]
     return [*(f"{each:,}" for each in counts), *saved]
 
 

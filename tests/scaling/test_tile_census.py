@@ -241,7 +241,7 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
         counts = [row[name] for name in ("tiles", "polygons", "vertices", "dropped")]
         counts.append(f"{float(row['total_of_base']):.0f}")
         assert [cell.replace(",", "") for cell in line[2:7]] == counts
-        assert line[7] == f"{-float(row['gain_of_total']):+.1%}"
+        assert line[7] == f"{-float(row['gain_of_total']):+z.1%}"
     assert (tmp_path / "out" / "plots" / "gains.svg").stat().st_size > 5000
     assert not (tmp_path / "out" / "damaged.csv").exists()
     before = (tmp_path / "out" / "census.csv").read_bytes()
