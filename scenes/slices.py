@@ -136,7 +136,7 @@ def in_degrees(file: Path) -> bool:
     """
     try:
         first = next(read_chunks(str(file), size=1))
-    except (SceneError, StopIteration):
+    except SceneError:
         return False
     return first.projection is not None
 

@@ -113,14 +113,6 @@ def rotated(name: str, base: str = "ear-clipping") -> pd.Series[float]:
     return lanes[name] / lanes[base]
 
 
-def alarms() -> list[int]:
-    """Return pairs of equal code: how many, called a regression, inconclusive; then those found
-    and all of code that was made slower.
-    """
-    equal, slower = (some("aa/pairs.csv", share=share)["exit_code"] for share in (0, 0.03))
-    return [len(equal), sum(equal == 1), sum(equal == 5), sum(slower == 1), len(slower)]
-
-
 def _again() -> list[object]:
     """Return how many correlations with counters are equal in both runs, of how many, and by how
     much those with times differ at most.

@@ -164,7 +164,7 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     wall = statistics.median(sample.wall for sample in samples) / repeats
     resolution = _clock_resolution(time.perf_counter)
     cpu_samples = [sample.cpu for sample in samples if sample.cpu is not None]
-    if software and cpu_samples:
+    if software and len(cpu_samples) == len(samples):
         cpu = statistics.median(cpu_samples) / repeats
         step = _clock_resolution(time.process_time)
         figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
