@@ -3,8 +3,6 @@
 MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib
 import inspect

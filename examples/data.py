@@ -3,8 +3,6 @@
 Both come from packages that `make setup-test` installs.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

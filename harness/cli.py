@@ -1,7 +1,5 @@
 """The command line: `raster-harness`. Commands live in `harness.commands`, one file each."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

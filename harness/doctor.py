@@ -3,8 +3,6 @@
 Every device is opened in a process of its own, counted on and timed.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

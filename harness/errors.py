@@ -1,7 +1,5 @@
 """Errors that a user can cause, and the exit codes the command line ends with."""
 
-from __future__ import annotations
-
 import difflib
 import errno
 import os

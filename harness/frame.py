@@ -5,8 +5,6 @@ GPUs and software rasterisers alike snap window coordinates to a sub-pixel grid,
 see the geometry that is rasterised, and makes every orientation test on it exact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -100,7 +98,7 @@ class Frame:
     repaired: tuple[tuple[int, str], ...] = ()
     scissor: tuple[int, int, int, int] | None = None
     tiles: NDArray[np.int64] | None = None
-    flat: Frame | None = None
+    flat: "Frame | None" = None
     viewing: Viewing | None = None
 
     @property

@@ -1,7 +1,5 @@
 """Pictures of where a triangulation costs: lanes shaded in each pixel, triangles drawn over it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO

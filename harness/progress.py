@@ -1,7 +1,5 @@
 """How far a run is: bars on a terminal, lines now and then elsewhere, nothing with --quiet."""
 
-from __future__ import annotations
-
 import os
 import re
 import time

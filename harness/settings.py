@@ -1,7 +1,5 @@
 """What a run measures, how carefully, and within which limits: all that `--help` needs to know."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -91,7 +89,7 @@ class TimingSettings:
     processes: int = 1
     limit_s: float | None = None
 
-    def of_process(self, number: int, spent_s: float) -> TimingSettings | None:
+    def of_process(self, number: int, spent_s: float) -> "TimingSettings | None":
         """Return the settings of one of the processes; None where the limit leaves it no time.
 
         It gets an equal share of what is left after `spent_s`, and the first one always begins.

@@ -1,7 +1,5 @@
 """The table of a run, for a terminal and as CSV."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

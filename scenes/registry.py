@@ -1,7 +1,5 @@
 """The scenes by name, and how one is loaded."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 from collections.abc import Callable, Iterable

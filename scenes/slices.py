@@ -6,8 +6,6 @@ tiles is a run of one zoom, by their numbers in the archive: to cut an archive t
 alone, a piece at a time, and to read a slice takes its own tiles alone.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """A scene as a user writes it: "city:buildings=20", "town.gpkg:layer=parks", "module:function"."""
 
-from __future__ import annotations
-
 import difflib
 import inspect
 import json

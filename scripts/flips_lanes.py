@@ -8,8 +8,6 @@ triangulator: both in ratio to ear clipping's, geometric means over polygons tha
 lane.
 """
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

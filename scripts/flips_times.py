@@ -9,8 +9,6 @@ JavaScript flips are npm earcut's triangles, what C++ flips earcut.hpp's. Needs 
 for ratios of C++: its times are the processor's.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

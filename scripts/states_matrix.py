@@ -9,8 +9,6 @@ folder: the same command goes on.
     PYTHONPATH=. python scripts/states_matrix.py --scenes city,own.geojson --out states
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import csv

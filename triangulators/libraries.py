@@ -1,7 +1,5 @@
 """Triangulations as other libraries make them: ear clipping, Delaunay, manifold, sweep."""
 
-from __future__ import annotations
-
 import ctypes.util
 import importlib.util
 from functools import lru_cache

@@ -11,8 +11,6 @@ table, or of a block that holds a file; all lines below it are returned.
     documents  which document cites which; those of single pages, and of `raster-harness study all`
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path

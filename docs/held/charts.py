@@ -4,8 +4,6 @@ One file serves light and dark pages: it has no background, and its text turns l
 reader's system prefers dark.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar

@@ -3,8 +3,6 @@
 `harness/study/replication.py` holds each claim of `study all`, on our own scenes.
 """
 
-from __future__ import annotations
-
 import tomllib
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How documents call scenes, triangulators and other rows, by `labels.toml`."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

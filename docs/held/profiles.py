@@ -1,7 +1,5 @@
 """The figures of devices' laws, from `results/reference/profiles`."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from operator import itemgetter

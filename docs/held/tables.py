@@ -1,7 +1,5 @@
 """The figures of docs/findings-tables.md."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import product

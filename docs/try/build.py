@@ -5,8 +5,6 @@ exact rasteriser, the page that measures a device, packed, and the page's own sc
 beside this file.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

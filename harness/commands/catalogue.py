@@ -1,7 +1,5 @@
 """`harness list` and `doctor`: the names that commands take, and what works on this machine."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any

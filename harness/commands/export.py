@@ -1,7 +1,5 @@
 """`harness triangulate`, `check-evidence` and `cache`: triangles, proofs, what is kept of them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any

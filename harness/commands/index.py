@@ -3,8 +3,6 @@
 The order is that of `--help`, in which the everyday ones come first.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from inspect import getdoc
 from math import isfinite

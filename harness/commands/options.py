@@ -3,8 +3,6 @@
 A value that cannot be is refused here, before anything is imported or made: one line, exit code 2.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`harness run`: measure triangulators on a scene."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Around what is measured: where results go, how a command ends, plans read, what is shown."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import threading

@@ -1,7 +1,5 @@
 """Puts a comparison together: matches cases, judges counters and times, reaches a verdict."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ HEAD lacks of its plan is lost; all else was not asked for. What else differs be
 plan, software and machine, is told.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

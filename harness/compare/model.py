@@ -1,7 +1,5 @@
 """What a comparison says: plain data that every output is written from."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -241,7 +239,7 @@ class Comparison:
     verdict: Verdict
     base: RunFacts
     head: RunFacts
-    settings: Settings
+    settings: "Settings"
     machines_differ: bool = False
     totals: tuple[Total, ...] = ()
     drifts: tuple[Drift, ...] = ()

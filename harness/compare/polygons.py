@@ -1,7 +1,5 @@
 """Where a case costs more than before: the polygons that grew most, and pictures of them."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterator

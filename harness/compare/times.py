@@ -19,8 +19,6 @@ Student's interval. Both are corrected for many cases by Benjamini & Hochberg (1
 shown, as in an equivalence test, by an interval inside the threshold.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Sequence

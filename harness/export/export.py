@@ -1,7 +1,5 @@
 """Polygons in, triangles out: the pipeline behind `raster-harness triangulate FILE -o OUT`."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -75,12 +73,12 @@ class Certified:
     refused: int = 0
 
     @classmethod
-    def of(cls, name: str) -> Certified:
+    def of(cls, name: str) -> "Certified":
         """Prepare for the triangulator `name`."""
         return cls(parse(name).criterion or CERTIFIED)
 
     @classmethod
-    def total(cls, parts: Sequence[Mapping[str, Any]]) -> Certified:
+    def total(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":
         """Sum up parts, each with the fields of a `Certified`; there is at least one."""
         result = cls(parts[0]["criterion"])
         for part in parts:

@@ -5,8 +5,6 @@ Triangles share edges, which the simple-features standard does not allow the par
 multi-polygon to do; programs read and draw them all the same, and no other type is read as widely.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A batch of triangulated polygons as one indexed mesh, flat or extruded."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What all writers share, and OBJ, NumPy's .npz and glTF."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import struct

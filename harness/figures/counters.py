@@ -1,7 +1,5 @@
 """What rasterisers count: how each counter is shown; what criteria predict of it, in its unit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -3,8 +3,6 @@
 Times of software rasterisers on different processors stay apart: to them it is the device.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby

@@ -5,8 +5,6 @@
 Ratios of two drawings' times rest on rounds that timed both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -163,7 +161,7 @@ class Ratio:
     quiet: bool = True
 
     @classmethod
-    def of_counts(cls, count: int, base: int) -> Ratio:
+    def of_counts(cls, count: int, base: int) -> "Ratio":
         """Return the ratio of times that are counts, which no other run would find another."""
         value = count / base if base else 1.0
         return cls(value, value, value, 1)

@@ -3,8 +3,6 @@
 Dividing takes the polygon's size out, which would otherwise make every criterion look good.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,6 @@ choose from this registry and compute through it, so that one name means one thi
 - what is derived from both, and from times, is in `METRICS` below.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace

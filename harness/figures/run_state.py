@@ -10,8 +10,6 @@ Where a run's state is not quiet, nothing is shown by its times. Two versions th
 the same rounds are exempt, for what the machine did, it did to both.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -4,8 +4,6 @@ The first sentence of a report, its ranking, the terminal's table and the pictur
 `decide`, so that they cannot contradict each other.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

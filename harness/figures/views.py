@@ -1,7 +1,5 @@
 """Scenes of many pictures, map tiles or views of a model: sums over them, intervals over them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite

@@ -5,8 +5,6 @@ so family, model and stepping are taken along, with the caches, and the width of
 which the code depends that llvmpipe generates.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

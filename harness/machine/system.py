@@ -4,8 +4,6 @@ Modules and calls that some of them lack are looked for when they are needed and
 elsewhere.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

@@ -3,8 +3,6 @@
 What is a third party's is loaded in a process of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import closing
 

@@ -5,8 +5,6 @@ over their own vertices that shades the fewest. The first tells what diagonals c
 what choosing others could still save.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress

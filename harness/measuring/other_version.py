@@ -6,8 +6,6 @@ What the other version must offer is the contract of its packages alone:
 triangulation is.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

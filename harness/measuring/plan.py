@@ -1,7 +1,5 @@
 """What a run is to do: the plan as the user gave it, and the cases it spells out."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping
@@ -68,7 +66,7 @@ class Plan:
         return json.loads(json.dumps(values))
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Plan:
+    def from_json(cls, values: Mapping[str, Any]) -> "Plan":
         """Build the plan that `to_json` gave.
 
         Raises
@@ -119,7 +117,7 @@ class Case:
     options: Options
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> Case:
+    def of(cls, record: Mapping[str, Any]) -> "Case":
         """Return the case that a record is of."""
         return cls(
             scene=record["scene"],

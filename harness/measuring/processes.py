@@ -3,8 +3,6 @@
 All that a run has done elsewhere goes through `Bench.submit`, our own code and others' alike.
 """
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The record of a case: made of what was predicted, counted and timed, told, and kept."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Carries out a plan: scene -> frame -> triangulations -> counters and times -> records."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """Measures one scene: view by view it is framed, triangulated, counted and timed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

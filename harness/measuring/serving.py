@@ -10,8 +10,6 @@ are two processes: one that only waits, and its child, in which the tasks run. W
 its parent it does to that one, and not to the server, from which all other workers are forked.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import gc

@@ -3,8 +3,6 @@
 These functions run inside the worker; the parent calls them through `harness.measuring.worker`.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ much it differs between epochs (`harness.figures.intervals`). Sources: T. Kalibe
 without doing anything obviously wrong!", ASPLOS 2009.
 """
 
-from __future__ import annotations
-
 import math
 import random
 import statistics
@@ -112,7 +110,7 @@ class Times:
                 self.waited_s.append(sample.waited / self.repeats)
 
     @classmethod
-    def of_processes(cls, parts: Sequence[Times]) -> Times:
+    def of_processes(cls, parts: Sequence["Times"]) -> "Times":
         """Return the times of one drawing in several processes, one after the other."""
         return cls(
             repeats=parts[0].repeats,

@@ -8,8 +8,6 @@ To the runner, BASE's triangulations are triangulators with a mark before their 
 writes of them goes to BASE's folder under their own names. Scenes and rasterisers are HEAD's.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

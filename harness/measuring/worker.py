@@ -9,8 +9,6 @@ that was forked off would keep a pipe open; and its whole process group ends wit
 its process or kill its parent, too (see `serving`), and print without an end.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import tempfile
@@ -230,7 +228,7 @@ class Worker:
                 return f"{reason}; last output: {cut}{text[-OUTPUT_CHARACTERS:]}"
         return reason
 
-    def __enter__(self) -> Worker:
+    def __enter__(self) -> "Worker":
         return self
 
     def __exit__(self, *_: object) -> None:

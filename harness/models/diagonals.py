@@ -1,7 +1,5 @@
 """Chooses the diagonals of flat faces: the optimum where an outline is clean, flips elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ joined is then tested as a whole against one plane and one affine map by least s
 bends do not add up to a curved face.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property

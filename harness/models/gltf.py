@@ -1,7 +1,5 @@
 """The meshes of a glTF file, as they are drawn, and their new indices."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path

@@ -7,8 +7,6 @@ Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.
 (GLB).
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

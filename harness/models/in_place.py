@@ -1,7 +1,5 @@
 """Triangulates the flat faces of a 3D model again, in place: the same vertices, other diagonals."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence

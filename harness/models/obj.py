@@ -4,8 +4,6 @@ A vertex is a triple of position, texture coordinate and normal. New triangles r
 text, and nothing else.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator

@@ -5,8 +5,6 @@ its front is turned to the camera, which is decided for the face as a whole: so 
 draws the same faces, whatever the grid of 1/256 px makes of a face that is seen aslant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +45,7 @@ class Flat:
     """
 
     polygons: list[shapely.Polygon]
-    bound: list[Floats]
+    bound: list["Floats"]
     given: list[NDArray[np.int32]]
     slots: Ints
     vertices: Ints

@@ -7,8 +7,6 @@ quotients and square roots of single numbers, in a fixed order, so that they are
 machine; a library's product of matrices is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product

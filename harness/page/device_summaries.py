@@ -1,7 +1,5 @@
 """Small summaries of what devices measured: `results/devices/*.json`, and the page made of them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 It holds a run's frames and triangulations, or a device's draws, and what is known of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path

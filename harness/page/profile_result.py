@@ -4,8 +4,6 @@ Its draws are made again, and their counters counted again; the law is fitted to
 it saved. So nothing of it is believed but the times, and what contradicts them is refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self

@@ -4,8 +4,6 @@ The file comes from anywhere, so nothing in it is believed before it is checked:
 tells damage; its shape, sizes and ranges; and that its parts agree with each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self

@@ -3,8 +3,6 @@
 The files come from anywhere, so nothing in them is believed before it is checked.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Which criterion to triangulate by on a device, and what that saves, by its fitted model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

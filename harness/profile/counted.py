@@ -1,7 +1,5 @@
 """What each draw of the design costs, counted exactly from coordinates: the columns of a law."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -19,8 +19,6 @@ and no draw but those of `twice` covers a pixel more than once. Whoever makes th
 language has made the same one if the checksums are equal.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

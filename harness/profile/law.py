@@ -20,8 +20,6 @@ and M. Kolesar, "Robust standard errors in small samples", Review of Economics a
 2016. How often the intervals hold the truth: `scripts/studies/laws.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

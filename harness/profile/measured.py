@@ -1,7 +1,5 @@
 """The design timed on a device: the time of every draw in every epoch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ language gives the same points. Directions are those of Pythagorean triples: a t
 exact but for one rounding at the end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

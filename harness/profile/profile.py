@@ -5,8 +5,6 @@ are in seconds, or in cycles where a device's time is a count of these. All figu
 from the times of each epoch that it holds, so whoever reads it can compute them anew.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

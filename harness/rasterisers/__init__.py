@@ -1,7 +1,5 @@
 """Rasterisers by name; a module is loaded only when its rasteriser is asked for."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points

@@ -5,8 +5,6 @@ of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal,
 It is where the paper's overdraw criterion is exact. `scanline` finds each row's span by division.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """An OpenGL context, the few calls that moderngl has no name for, and a frame's triangles in it."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -54,11 +52,11 @@ class Target:
 
     def __init__(
         self,
-        owner: Context,
+        owner: "Context",
         width: int,
         height: int,
         samples: int,
-        idle: Target | None = None,
+        idle: "Target | None" = None,
         *,
         deep: bool = False,
     ) -> None:
@@ -89,7 +87,7 @@ class Target:
 class Picture:
     """A texture of one uint a pixel for compute shaders to write to, freed like a Target."""
 
-    def __init__(self, owner: Context, width: int, height: int) -> None:
+    def __init__(self, owner: "Context", width: int, height: int) -> None:
         self._owner = owner
         self.texture = owner.ctx.texture((width, height), 1, dtype="u4")
 
@@ -105,7 +103,7 @@ class Context:
     backend : a glcontext context, or an object with its methods
     """
 
-    _current: ClassVar[Context | None] = None
+    _current: ClassVar["Context | None"] = None
 
     def __init__(self, backend: Any) -> None:
         self.ctx = moderngl.create_context(context=backend)
@@ -204,7 +202,7 @@ class Context:
         return shared(self._pictures, (width, height), lambda: Picture(self, width, height))
 
     @contextmanager
-    def queries(self, number: int) -> Iterator[Queries]:
+    def queries(self, number: int) -> Iterator["Queries"]:
         """Give `number` query objects for as long as the block runs."""
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)

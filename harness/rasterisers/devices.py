@@ -7,8 +7,6 @@ All of them take seconds, so what they found is kept in the user's cache folder,
 when drivers, device nodes or the variables that choose between them have changed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

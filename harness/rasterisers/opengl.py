@@ -1,7 +1,5 @@
 """OpenGL on an EGL device: counted with atomics in one pass, timed in another."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -141,7 +139,7 @@ class OpenGL(GLRasteriser):
             self._deep[1].close()
         super().close()
 
-    def _programs(self, frame: Frame) -> tuple[Any, Tally]:
+    def _programs(self, frame: Frame) -> tuple[Any, "Tally"]:
         """Return the program that draws and what counts, with a depth test if the frame has one."""
         if frame.depths is None:
             return self._draw, self._tally

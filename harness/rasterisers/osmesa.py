@@ -1,7 +1,5 @@
 """OpenGL through OSMesa, Mesa's off-screen interface, where a Mesa before 25.1 has it installed."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 from typing import Any, ClassVar
@@ -72,7 +70,7 @@ class OSMesaContext:
 
     load_opengl_function = load
 
-    def __enter__(self) -> OSMesaContext:
+    def __enter__(self) -> "OSMesaContext":
         self._library.OSMesaMakeCurrent(self._context, self._pixels, UNSIGNED_BYTE, SIDE, SIDE)
         return self
 

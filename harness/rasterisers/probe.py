@@ -6,8 +6,6 @@ opens nothing but the drivers' lists. Each prints one JSON object. It stands alo
 starts quickly and so that a driver that crashes takes only the probe with it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import sys

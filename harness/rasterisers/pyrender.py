@@ -5,8 +5,6 @@ is read back. It cannot count. pyrender is unmaintained (0.1.45) and gets a proc
 Polygons become roofs; a model's views are drawn as they are projected, each a frame.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -166,7 +164,7 @@ class _Drawn(Drawing):
         draws = [triangles[rows] for rows in frame.draws(triangles)]
         self.scenes = [self._scene(projected(frame, rows), camera, pose) for rows in draws]
 
-    def _scene(self, solid: Solid, camera: Any, pose: np.ndarray) -> Any:
+    def _scene(self, solid: "Solid", camera: Any, pose: np.ndarray) -> Any:
         module = self._module
         scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
         primitive = module.Primitive(

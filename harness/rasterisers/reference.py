@@ -6,8 +6,6 @@ binning also asks the three edges, at the tile's corner that lies furthest insid
 (T. Akenine-Moller, "Conservative rasterization", GPU Gems 2, chapter 42).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 

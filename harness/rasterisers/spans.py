@@ -16,8 +16,6 @@ surfaces are nearer to each other than that explains, either may win: such a tes
 differs from a device is at most what ties can change, one pixel and one quad each.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measuring page too.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -177,7 +175,7 @@ class WebGPU(Rasteriser):
         values = (fragments, quads, 4 * quads - fragments, quads - whole)
         return dict(zip(SHADED, values, strict=True))
 
-    def _tally_once(self, target: Target, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
+    def _tally_once(self, target: "Target", frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self.buffer(rows, "VERTEX")
@@ -207,7 +205,7 @@ class WebGPU(Rasteriser):
             return frame
         return replace(frame, points=on_coarser_grid(frame.points, self._step))
 
-    def target(self, frame: Frame) -> Target:
+    def target(self, frame: Frame) -> "Target":
         """Return a picture to draw into, shared with whoever uses one of that size now."""
         key = frame.width, frame.height
         check_size(*key, self.max_size)

@@ -1,7 +1,5 @@
 """What the report of a run shows, as plain values."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

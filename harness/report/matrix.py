@@ -4,8 +4,6 @@
 correlation of its polygons' ratios. One sentence says which predicts the cost best.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

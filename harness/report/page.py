@@ -1,7 +1,5 @@
 """The report of a run as one page of HTML, which needs no network."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

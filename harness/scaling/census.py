@@ -4,8 +4,6 @@ Footprints are drawn on the pixel grid of a map, each by itself. Polygons of map
 maps draw them, cut at their tile's edge, and added up for each zoom and layer.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field

@@ -1,7 +1,5 @@
 """A crew on Dask: a cluster of this machine's cores, or one that is reached at an address."""
 
-from __future__ import annotations
-
 import logging
 import os
 import pickle

@@ -4,8 +4,6 @@ The folder alone says what is done: a part's file has its name only once it is w
 disk. `manifest.json` is made of the files, and can be thrown away.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -3,8 +3,6 @@
 A device on another host is another device, because its times are: it is called device@host.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

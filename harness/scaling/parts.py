@@ -1,7 +1,5 @@
 """Many files as parts: runs of rows that are read and dealt with apart, each with a content key."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import glob

@@ -5,8 +5,6 @@ of each cell of a map. They are integers, but for the criteria, and small; so a 
 up in a moment.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -62,12 +60,12 @@ class Sums:
     repaired: int = 0
 
     @classmethod
-    def empty(cls, triangulators: int) -> Sums:
+    def empty(cls, triangulators: int) -> "Sums":
         """Return those of no footprint."""
         totals = np.zeros((triangulators, len(MEASURES)))
         return cls(0, 0, totals, np.zeros((triangulators, len(GAINED), BINS), np.int64), {})
 
-    def add(self, other: Sums) -> None:
+    def add(self, other: "Sums") -> None:
         """Add other footprints'."""
         for name in _COUNTS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -93,7 +91,7 @@ class Sums:
         }
 
     @classmethod
-    def of_arrays(cls, kept: Mapping[str, NDArray[Any]]) -> Sums:
+    def of_arrays(cls, kept: Mapping[str, NDArray[Any]]) -> "Sums":
         """Undo `arrays`."""
         counts = dict(zip(_COUNTS, kept["size"].tolist(), strict=True))
         places = map(tuple, kept["cells"].tolist())

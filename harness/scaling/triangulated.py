@@ -1,7 +1,5 @@
 """One part triangulated into one GeoParquet file, and what such a file says of itself."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from functools import partial

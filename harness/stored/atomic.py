@@ -1,7 +1,5 @@
 """Files and folders that appear whole or not at all: made under another name, then renamed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -151,7 +149,7 @@ class Output:
         self._finished: list[tuple[Path, Path]] = []
         self._open: list[IO[Any]] = []
 
-    def __enter__(self) -> Output:
+    def __enter__(self) -> "Output":
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)

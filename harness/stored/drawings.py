@@ -1,7 +1,5 @@
 """What was drawn, kept beside the counters, so that a report can show where it cost."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

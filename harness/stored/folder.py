@@ -8,8 +8,6 @@ While cases are timed, which takes long, `counted.jsonl` holds the records of th
 but not finished: what a resumed run need not count again. It goes when the run is complete.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib
@@ -141,7 +139,7 @@ class Store:
         self._arrays: dict[str, str] = {}
 
     @classmethod
-    def create(cls, path: Path) -> Store:
+    def create(cls, path: Path) -> "Store":
         """Make a new folder at `path`.
 
         Raises
@@ -160,7 +158,7 @@ class Store:
         return store
 
     @classmethod
-    def resume(cls, path: Path) -> Store:
+    def resume(cls, path: Path) -> "Store":
         """Open the run at `path` for more records, cutting off a torn last line.
 
         Raises
@@ -225,7 +223,7 @@ class Store:
         self._cases.close()
         self._counted.close()
 
-    def __enter__(self) -> Store:
+    def __enter__(self) -> "Store":
         return self
 
     def __exit__(self, *_: object) -> None:

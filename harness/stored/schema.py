@@ -4,8 +4,6 @@ A damaged run costs its damaged cases and no more: each thing that is left out i
 line.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args
@@ -77,7 +75,7 @@ class Views(_Part):
     names: list[str] | list[Number] = []
 
     @model_validator(mode="after")
-    def _are_alike(self) -> Views:
+    def _are_alike(self) -> "Views":
         if len({len(getattr(self, name)) for name in self.model_fields_set}) > 1:
             raise ValueError("lists of several lengths")
         return self

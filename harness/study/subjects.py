@@ -10,8 +10,6 @@ in some 25 more ways, and what each costs is counted on the exact CPU reference,
 the frame. Nothing of it is timed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any

@@ -6,8 +6,6 @@ deleted and begun anew. That what is read is the optimum is believed, for only o
 as such: whoever may write the file can make others believe otherwise. `--no-cache` reads nothing.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import json
@@ -90,7 +88,7 @@ class ModelDatabase:
                 f"chmod o-w {self.path}, or give --no-cache"
             )
 
-    def __enter__(self) -> ModelDatabase:
+    def __enter__(self) -> "ModelDatabase":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -299,7 +297,7 @@ class Lookup:
             except UsageError as error:
                 self.notes.append(f"{error}; this run does without")
 
-    def __enter__(self) -> Lookup:
+    def __enter__(self) -> "Lookup":
         return self
 
     def __exit__(self, *_: object) -> None:

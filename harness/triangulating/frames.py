@@ -3,8 +3,6 @@
 Triangulations of a model's flat faces are carried to the pieces of its views.
 """
 
-from __future__ import annotations
-
 import math
 import traceback
 from collections.abc import Iterator, Sequence

@@ -8,8 +8,6 @@ module:function         a third party's, which only a worker process imports
 original                the triangles that a model came with
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import re
@@ -89,7 +87,7 @@ class Recipe:
         return self.parameters
 
     @property
-    def before_turning(self) -> Recipe:
+    def before_turning(self) -> "Recipe":
         """The recipe for the polygons at rotation 0."""
         return replace(self, upright=False)
 

@@ -3,8 +3,6 @@
 Closed contours become filled polygons by the rules of fonts and SVG.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence

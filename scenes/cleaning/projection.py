@@ -4,8 +4,6 @@ Readers give coordinates with x (east, longitude) first, whatever order the refe
 defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -104,7 +102,7 @@ class Projection:
     centre: tuple[float, float] | None
 
     @classmethod
-    def of(cls, crs: str, geometries: Any) -> Projection:
+    def of(cls, crs: str, geometries: Any) -> "Projection":
         """The map for geometries in longitude and latitude.
 
         It is azimuthal unless they reach further than `REACH` from their centre, or have edges

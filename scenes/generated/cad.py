@@ -3,8 +3,6 @@
 Their faces, each in its own plane, are what a mesh pipeline triangulates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ are cut into lots, and a footprint never leaves its lot, so footprints share wal
 Vertex counts and courtyards follow those of real footprints (see `_VERTEX_QUANTILES`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any

@@ -4,8 +4,6 @@ A footprint is drawn in the frame of its lot: x from 0 to the width along the st
 street) to the depth, both in metres. Rings have the building on their left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import cos, hypot, pi, sin
 

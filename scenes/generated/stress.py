@@ -1,7 +1,5 @@
 """Single polygons: those that break triangulators (combs, needles, ...), and the paper's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

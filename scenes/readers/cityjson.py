@@ -1,7 +1,5 @@
 """CityJSON: roof and ground surfaces of city models, seen from above."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -5,8 +5,6 @@ complete. Everything that a reader raises ends at one of the two boundaries here
 `RASTER_HARNESS_DEBUG=1` there is no boundary: the error is raised with its traceback.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -3,8 +3,6 @@
 OBJ and PLY have readers of their own, because trimesh cuts n-gons into triangles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

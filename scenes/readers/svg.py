@@ -1,7 +1,5 @@
 """SVG drawings: paths and basic shapes, with their transforms and fill rules."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

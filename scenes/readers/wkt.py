@@ -1,7 +1,5 @@
 """Text and binary geometries without a container: WKT, EWKT, hexadecimal WKB, WKB."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import islice

@@ -4,8 +4,6 @@ Tiles have numbers, those of a zoom in a row. What lists them gives runs: an arc
 entry that a million tiles of the sea are the same.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

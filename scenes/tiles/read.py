@@ -3,8 +3,6 @@
 Of each tile what can be drawn exactly is kept, in px, with a note on all else.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace

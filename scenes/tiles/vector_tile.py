@@ -9,8 +9,6 @@ it (`classifyRings` of npm's @mapbox/vector-tile): a ring is outer if it winds a
 area of its feature does, so that tiles of version 1 are read, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -10,8 +10,6 @@ Each pair's exit code and time are appended to `pairs.csv`; a series that was st
 Ends with 1 if equal code was called a regression or slower code was not.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

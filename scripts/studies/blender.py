@@ -10,8 +10,6 @@ line of CSV for each scene and operator: how many polygons, of how many all tria
 and most of a polygon. Its order of flips is its own, so equal triangles are not asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import bpy

@@ -9,8 +9,6 @@ The data are made up, but for the city's own regrets, which are drawn from `resu
 same at every call. A profile's costs have a program of their own, `laws.py`.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import sys

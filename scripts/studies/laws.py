@@ -20,8 +20,6 @@ of all terms: of a device, whether any cost is shown that it does not have. With
 for each profile: by how much draws miss it, what share groups have, and the same shares.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

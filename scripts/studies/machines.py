@@ -5,8 +5,6 @@ by, (rounds,), and the seconds that each drawing's sample waited for a core, (dr
 `timed` makes a run's records of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -16,8 +16,6 @@ no_rows_over, no_rows_within : the same of a law without rows of pixels and cove
 tiles_over, tiles_within : the same of a law that knows the tiles that softpipe fetches, too
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

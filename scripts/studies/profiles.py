@@ -24,8 +24,6 @@ above, above_low, above_high : mean over polygons of its time above that of the 
     which is chosen here, after the fact, with its 95 % interval
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

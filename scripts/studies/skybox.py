@@ -6,8 +6,6 @@ Writes measured.csv, a row a draw, and what the rules are applied to: ranks.csv,
 slopes.csv, thin.csv, border.csv and squares.csv. Counts only: the same at every run.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import replace

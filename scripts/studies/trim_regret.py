@@ -6,8 +6,6 @@ Random triangulations, other counters and the rasterisers that only count are mo
 Of single polygons, what is simulated with is kept: helper lanes of what criteria choose.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -7,8 +7,6 @@ them to OUT/ratios.csv, ranks.csv and orders.csv. Cycles are counts: a busy mach
 them.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import math

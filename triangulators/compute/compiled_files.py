@@ -12,8 +12,6 @@ where neither can be written, the folder of this file. `raster-harness cache cle
 code.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

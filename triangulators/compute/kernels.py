@@ -4,8 +4,6 @@ Numba is imported then, too: that takes half a second, and what lists names or r
 kernel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from typing import Any, TypeVar, overload

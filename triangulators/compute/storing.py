@@ -1,7 +1,5 @@
 """How kernels are compiled, and how what was compiled is written and read; this imports Numba."""
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import pickle

@@ -11,8 +11,6 @@ features   what one triangle is made of, compiled; quads that it shades in one p
 cost       a criterion as compiled code takes it
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Mapping

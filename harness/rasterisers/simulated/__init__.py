@@ -4,8 +4,6 @@ A device is written as its design with the parameters that are to differ from th
 `skybox`, `skybox:tile=16,shader=2`.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields

@@ -7,8 +7,6 @@ is made to bind. The simulator is built as it was published, and runs over a tra
 Each draw is a process of its own, which begins with empty caches and queues.
 """
 
-from __future__ import annotations
-
 import csv
 import gzip
 import os

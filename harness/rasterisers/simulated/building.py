@@ -4,8 +4,6 @@ The sources are their authors'. Nothing of them is in this package: a user gets 
 folder by a variable of the environment, and each file is held against a digest before it is used.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

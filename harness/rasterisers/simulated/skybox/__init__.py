@@ -24,8 +24,6 @@ rectangle's corners, and those are looked at. At 1024 px |a|, |b| <= 2**18 and d
 edge are at most 1024 px, so 2 * 2**18 * 2**10 = 2**29 is the most: 32 bits hold every triangle.
 """
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
