@@ -3,15 +3,18 @@
 MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 """
 
-import csv
 import importlib
 import inspect
 import json
+import math
 import re
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
+from typer.cli import get_docs_for_click
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -26,6 +29,8 @@ from triangulators.criteria import CRITERIA
 from triangulators.registry import BUILTIN
 
 ROOT = Path(__file__).resolve().parent.parent
+RATIOS = ["helper_lanes", "partial_quads"]
+TIMES = ["time_ratio", "time_ratio_low", "time_ratio_high"]
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -59,19 +64,9 @@ def commands() -> str:
     for name in COMMANDS:
         command = load(name)
         context = command.make_context(name, [], resilient_parsing=True)
-        rows = []
-        for each in command.params:
-            names, text = each.get_help_record(context) or (
-                each.make_metavar(context),
-                each.help or "",
-            )
-            rows.append((f"`{names}`", text))
-        text = "\n".join(line.strip() for line in (command.help or "").splitlines())
-        examples = [line for line in (command.epilog or "").split("\n\n") if line][1:]
-        shown = "\n".join(["```console", *(f"$ {line}" for line in examples), "```"])
-        table = _table("option | meaning", rows)
-        parts.append(f"## {name}\n\n{text}\n\n{table}\n\n{shown if examples else ''}\n")
-    return "\n".join(parts)
+        parts.append(get_docs_for_click(obj=command, ctx=context, name=f"raster-harness {name}"))
+    text = re.sub(r"^# `raster-harness (.*)`", r"## \1", "".join(parts), flags=re.MULTILINE)
+    return re.sub(r"^raster-harness .*$", r"`\g<0>`", text, flags=re.MULTILINE)  # examples
 
 
 def devices() -> str:
@@ -98,7 +93,9 @@ def python(*names: str) -> str:
             shown = {f"{name}.{e.__name__}": e for e in own if e.__module__ == name}
         for path, each in shown.items():
             try:
-                told = f"{each.__name__}{inspect.signature(each)}\n\n"
+                called = re.sub(r"\b[a-z_][\w.]*\.(?=\w)", "", str(inspect.signature(each)))
+                called = re.sub(r"ndarray\[tuple\[.*?\], dtype\[(\w+)\]\]", r"NDArray[\1]", called)
+                told = f"{each.__name__}{called}\n\n"
             except ValueError:  # an enumeration, an exception
                 told = ""
             parts.append(f"### {path}\n\n```text\n{told}{inspect.getdoc(each) or ''}\n```\n")
@@ -108,25 +105,25 @@ def python(*names: str) -> str:
 def leaderboard() -> str:
     """Return a row for each triangulator, scene and device that results hold, at up to 1024 px."""
     rows = []
+    plain = {"resolution": 1024, "rotation": 0, "status": "ok", "work": 0, "samples": 1}
     for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
-        with file.open(encoding="utf-8", newline="") as stream:
-            view = [row for row in csv.DictReader(stream) if _usual(row)]
-        if len({(row["rasteriser"], row["triangulator"]) for row in view}) < len(view):
-            continue  # several settings, of work or samples, that its rows do not tell apart
-        bases = {row["rasteriser"]: row for row in view if row["triangulator"] == "ear-clipping"}
-        for row in view:
-            if (base := bases.get(row["rasteriser"])) and row["polygons"] == base["polygons"]:
-                where = f"{row['device']} ({row['rasteriser']})"
-                counts = [
-                    f"{float(row[name]) / float(base[name]):.3f}"
-                    if row.get(name) and base.get(name)
-                    else ""
-                    for name in ("helper_lanes", "partial_quads")
-                ]
-                time = _time(row.get(f"time_ratio{end}") for end in ("", "_low", "_high"))
-                spent = f"{float(row['triangulate_ms']):.1f}" if row["triangulate_ms"] else ""
-                run = f"`{file.parent.relative_to(ROOT / 'results' / 'reference')}`"
-                rows.append((row["scene"], where, row["triangulator"], *counts, time, spent, run))
+        view = pd.read_csv(file)
+        view = view.reindex(columns=[*view, *({*RATIOS, *TIMES} - {*view})])
+        told = [name for name in plain if name in view]
+        view = view[(view[told].fillna(plain) == [plain[name] for name in told]).all(axis=1)]
+        if view.duplicated(["rasteriser", "triangulator"]).any():
+            continue  # several settings that its rows do not tell apart
+        base = view[view["triangulator"] == "ear-clipping"]
+        for _, row in view.merge(
+            base, on=["rasteriser", "polygons"], suffixes=("", "_of")
+        ).iterrows():
+            where = f"{row['device']} ({row['rasteriser']})"
+            counts = (_digits(row[name] / row[f"{name}_of"]) for name in RATIOS)
+            spent = _digits(row["triangulate_ms"], 1)
+            run = f"`{file.parent.relative_to(ROOT / 'results' / 'reference')}`"
+            rows.append(
+                (row["scene"], where, row["triangulator"], *counts, _time(row[TIMES]), spent, run)
+            )
     for file in sorted((ROOT / "results" / "devices").glob("*.json")):
         told = json.loads(file.read_text(encoding="utf-8"))
         where = f"{told['device']} ({told['rasteriser']}), {told['cpu']}".rstrip(", ")
@@ -134,21 +131,19 @@ def leaderboard() -> str:
         for view in (view for view in told["views"] if view["resolution"] == most):
             scene = view["scene"] if most == 1024 else f"{view['scene']}, {most} px"
             for name, found in view["triangulators"].items():
-                time = _time(found["time"] or ("", "", ""))
+                time = _time(found["time"] or 3 * [math.nan])
                 rows.append((scene, where, name, "", "", time, "", f"`{file.name}`"))
     rows.sort(key=lambda row: (row[0], row[1], row[5] or "9", row[3] or "9"))
     headings = "scene | device | triangulator | helper lanes | partial quads | draw time"
     return _table(f"{headings} | triangulating, ms | run", rows, plain_cell)
 
 
-def _usual(row: dict[str, str]) -> bool:
-    plain = {"resolution": "1024", "rotation": "0.0", "status": "ok", "order": "native"}
-    rest = {"work": "0", "samples": "1"}
-    return all(row.get(name, value) in (value, "") for name, value in (plain | rest).items())
+def _digits(value: float, digits: int = 3) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _time(ends: Iterable[Any]) -> str:
-    value, low, high = (f"{float(end):.3f}" if end else "" for end in ends)
+def _time(ends: Iterable[float]) -> str:
+    value, low, high = map(_digits, ends)
     return f"{value} ({low} to {high})" if low else value
 
 

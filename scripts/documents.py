@@ -25,4 +25,4 @@ if __name__ == "__main__":
     for page in (ROOT / "docs").rglob("*.md"):
         page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
     for name, draw in CHARTS.items():
-        (ROOT / "docs" / "images" / f"{name}.svg").write_text(svg(draw()), encoding="utf-8")
+        (ROOT / "docs" / "images" / f"{name}.svg").write_text(svg(draw), encoding="utf-8")

@@ -13,7 +13,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import shapely
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -25,7 +24,6 @@ ROOT = HERE.parents[1]
 FILE = HERE.with_suffix(".html")
 PORT = ROOT / "ports" / "javascript"
 EARCUT = PORT / "node_modules" / "earcut"
-SIZE = 64
 
 STYLES = (ROOT / "harness/report/static/report.css", HERE / "page.css")
 GEOMETRY = (
@@ -47,14 +45,11 @@ EXAMPLES = (
 )
 """Each with its scene, and its number there."""
 
-GRID = 2**20
-"""As in polygon.js."""
-
 
 def page() -> str:
     """Return the text of docs/try.html."""
     examples = [
-        (name, link(load(scene, attributes=False).polygons[number]))
+        (name, shapely.to_wkt(load(scene, attributes=False).polygons[number], rounding_precision=3))
         for name, scene, number in EXAMPLES
     ]
     data = (
@@ -85,22 +80,6 @@ def profile() -> str:
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         text = file.read_bytes()
     return base64.b64encode(gzip.compress(text, mtime=0)).decode()
-
-
-def link(polygon: shapely.Polygon) -> str:
-    """Return the end of a link to a polygon, as polygon.js reads it."""
-    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    left, bottom, right, top = polygon.bounds
-    scale = GRID / max(right - left, top - bottom)
-    middle = np.array([left + right, bottom + top]) / 2
-    at, written = np.zeros(2, np.int64), []
-    for ring in rings:
-        whole = np.rint((ring - middle) * scale + GRID / 2).clip(0, GRID).astype(np.int64)
-        steps = np.diff(whole, axis=0, prepend=at[None]).ravel()
-        at = whole[-1]
-        codes = np.where(steps < 0, -2 * steps - 1, 2 * steps)  # the sign in the last bit
-        written.append("-".join(np.base_repr(code, 36).lower() for code in codes))
-    return f"{SIZE}/0/{'.'.join(written)}/"
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 "use strict";
-/* The page: its state, what is drawn of it, and what people do to it. EXAMPLES are [name, link] pairs; PROFILE is the page that
+/* The page: its state, what is drawn of it, and what people do to it. EXAMPLES are [name, WKT] pairs; PROFILE is the page that
    measures a device, packed. */
 
 const SIZES = [16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512];
@@ -291,14 +291,16 @@ async function takeFile(file) {
   else takeText(await file.text());
 }
 
-function takeLink(text, example = null) {
+const takeExample = (name, text) => take(readPolygon(text).rings, { example: name });
+
+function takeLink(text) {
   const found = fromLink(text);
   if (!found) return false;
   state.size = SIZES.reduce((best, size) => (Math.abs(size - found.size) < Math.abs(best - found.size) ? size : best));
   state.rotation = found.rotation % 360;
   $("size").value = SIZES.indexOf(state.size);
   $("rotation").value = state.rotation;
-  take(found.rings, { example });
+  take(found.rings);
   return true;
 }
 
@@ -495,7 +497,7 @@ function build() {
   }
   EXAMPLES.forEach(([name, written]) => {
     const button = element("button", { type: "button", "aria-pressed": "false", "data-example": name }, name);
-    button.addEventListener("click", () => take(fromLink(written).rings, { example: name }));
+    button.addEventListener("click", () => takeExample(name, written));
     $("examples").append(button);
   });
 }
@@ -517,7 +519,7 @@ function listen() {
   $("file").addEventListener("change", () => { if ($("file").files[0]) takeFile($("file").files[0]); });
   $("profile").addEventListener("click", measureDevice);
   $("text").addEventListener("input", () => { if ($("text").value.trim()) takeText($("text").value); else tell(""); });
-  $("size").max = SIZES.length - 1;
+  Object.assign($("size"), { max: SIZES.length - 1, value: SIZES.indexOf(state.size) });
   $("size").addEventListener("input", () => { state.size = SIZES[$("size").value]; changed(); });
   $("rotation").addEventListener("input", () => { state.rotation = Number($("rotation").value); changed(); });
   $("copy").addEventListener("click", () => copied(`${location.href.split("#")[0]}#${link()}`, "The link"));
@@ -552,6 +554,6 @@ build();
 listen();
 if (!takeAddress()) {
   const broken = $("notice").textContent;
-  takeLink(EXAMPLES[0][1], EXAMPLES[0][0]);
+  takeExample(...EXAMPLES[0]);
   tell(broken);
 }

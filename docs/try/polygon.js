@@ -205,7 +205,8 @@ function onGrid(rings, across, up) {
   const [left, bottom, right, top] = points.reduce(([l, b, r, t], [x, y]) => [Math.min(l, x), Math.min(b, y), Math.max(r, x), Math.max(t, y)],
     [Infinity, Infinity, -Infinity, -Infinity]);
   const scale = GRID / Math.max((right - left) * across, top - bottom), middle = [(left + right) / 2, (bottom + top) / 2];
-  const whole = rings.map((ring) => withoutRepeats(ring.map((point) => middle.map((at, axis) => Math.round((point[axis] - at) * ways[axis] * scale + GRID / 2)))));
+  const within = (value) => Math.min(GRID, Math.max(0, Math.round(value))); // far from 0 the middle is not exact
+  const whole = rings.map((ring) => withoutRepeats(ring.map((point) => middle.map((at, axis) => within((point[axis] - at) * ways[axis] * scale + GRID / 2)))));
   if (whole[0].length < 3 || isFlat(whole[0])) throw new Error("It is too thin: its corners lie on one line.");
   // One place less than the grid has: a number of the text comes back as it was, unless it has more places.
   const places = Math.min(15, Math.max(0, Math.floor(Math.log10(scale))));

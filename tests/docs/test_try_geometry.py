@@ -20,6 +20,9 @@ from tests.ports import languages
 from tests.ports.polygons import random_polygons
 from triangulators import criteria, triangulate, vertices
 
+GRID = 2**20
+"""As in polygon.js."""
+
 _spec = importlib.util.spec_from_file_location("build_try", ROOT / "docs" / "try" / "build.py")
 assert _spec is not None
 assert _spec.loader is not None
@@ -27,8 +30,8 @@ build = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(build)
 
 OF_EACH = """
-    return given.map(({link, size, rotation}) => {
-        const {rings} = fromLink(link), placed = place(rings, size, rotation);
+    return given.map(({text, size, rotation}) => {
+        const {rings} = readPolygon(text), placed = place(rings, size, rotation);
         const {points} = placed, simple = isSimple(placed), ways = {};
         for (const [name, rows] of Object.entries(simple ? triangulations(placed) : {})) {
             if (!rows) continue;
@@ -71,7 +74,7 @@ def cases() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     polygons += [Polygon(points) for points, ends in random_polygons(7, 120) if len(ends) == 1]
     given = [
         {
-            "link": build.link(polygon),
+            "text": polygon.wkt,
             "size": (16, 64, 96, 256)[number % 4],
             "rotation": (0, 15, 90, 211)[number // 4 % 4],
         }
@@ -173,9 +176,9 @@ def test_texts_are_read(text, expected):
     found = Polygon(rings[0], rings[1:])
     assert found.exterior.is_ccw
     low_x, low_y, high_x, high_y = expected.bounds
-    scale = build.GRID / max(high_x - low_x, high_y - low_y)
+    scale = GRID / max(high_x - low_x, high_y - low_y)
     middle = np.array([(low_x + high_x) / 2, (low_y + high_y) / 2])
-    moved = shapely.transform(expected, lambda xy: (xy - middle) * scale + build.GRID / 2)
+    moved = shapely.transform(expected, lambda xy: (xy - middle) * scale + GRID / 2)
     assert found.symmetric_difference(moved).area < 1e-5 * moved.area
 
 
@@ -231,7 +234,7 @@ def test_curves_and_arcs_are_followed():
     ]
     for text in circles:
         ring = in_node("return readPolygon(given).rings[0];", text)
-        assert Polygon(ring).area / build.GRID**2 == pytest.approx(np.pi / 4, rel=0.03)
+        assert Polygon(ring).area / GRID**2 == pytest.approx(np.pi / 4, rel=0.03)
     ring = in_node("return readPolygon(given).rings[0];", "M0 0Q5 8 10 0T20 0V-9H0Z")
     assert Polygon(ring).is_valid
 
