@@ -108,10 +108,10 @@ def run(
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
     from harness.commands import running
     from harness.frame import View
+    from harness.measuring.other_version import FOLDER as BASE_FOLDER
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
-    from harness.measuring.two_versions import FOLDER as BASE_FOLDER
     from harness.rasterisers.base import Options
     from harness.triangulating.database import default_path
     from scenes.registry import is_seen

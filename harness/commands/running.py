@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageErro
 from harness.figures.groups import machine_words
 from harness.figures.verdict import COVERED
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
+from harness.measuring.other_version import OtherVersion, version
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
-from harness.measuring.two_versions import Beside, version
 from harness.progress import Reporter
 from harness.stored.folder import Run, clear_errors, file_stem, read_run
 from harness.summary import print_summary, rows_of, write_csv
@@ -115,7 +116,7 @@ def require_all(outcome: RunResult | Run) -> None:
 @contextmanager
 def beside_version(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
-) -> Iterator[Beside | None]:
+) -> Iterator[OtherVersion | None]:
     """Give what a run is measured beside, also where it goes on with one that was; None if not."""
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
     reference = reference or str(stored.get("base") or "")
@@ -124,8 +125,8 @@ def beside_version(
             raise UsageError("--draw-twice is for runs --beside another version")
         yield None
         return
-    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
-        yield Beside(place, twice or bool(stored.get("twice")))
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as other:
+        yield replace(other, twice=twice or bool(stored.get("twice")))
 
 
 def base_named(name: str | None, plan: Plan) -> str | None:

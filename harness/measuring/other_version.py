@@ -1,18 +1,25 @@
-"""Triangulates by another version of the code, in an interpreter of its own.
+"""Another version of the user's code, BASE, to be measured beside the present one, HEAD.
 
-What the other version must offer is the contract of its packages alone:
-`triangulators.triangulate`, or a function of its own from a polygon to triangles.
+Both triangulate the same frames, each by its own code, and all drawings are timed together in the
+same rounds: whatever the machine did, it did to both. Two run folders come of it, HEAD's and in it
+BASE's, whose records pair sample by sample. Scenes and rasterisers are HEAD's.
+
+BASE triangulates in an interpreter of its own. What it must offer is the contract of its packages
+alone: `triangulators.triangulate`, or a function of its own from a polygon to triangles.
 `other_version_script.py` asks it for that, and what it answers is checked here, as every
 triangulation is.
 """
 
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +27,29 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from harness.measuring.worker import TaskFailed
+from harness.errors import UsageError
+from harness.machine.environment import project_folder, source_hash
+from harness.measuring.serving import TaskFailed
 from harness.triangulating.frames import FrameTriangulation, check, small_polygons
 from harness.triangulating.recipes import Recipe
 from triangulators.errors import shortened
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
+FOLDER = "base"
+"""Folder of BASE's run inside that of HEAD's."""
+
 
 @dataclass(frozen=True)
-class Place:
-    """Where another version of the code is.
+class OtherVersion:
+    """Where another version of the code is, and how it is drawn.
 
     name : as the user gave it
     commit : of that version, "" where it is not known
     folder : its top; a folder's or an environment's
     instead_of : the folder whose code must not be found there, "" for none
     cwd, path, python : current folder, entries of PYTHONPATH and interpreter to run it with
+    twice : whether triangulations that both versions have alike are drawn twice, too
     """
 
     name: str
@@ -46,12 +59,121 @@ class Place:
     cwd: str
     path: tuple[str, ...]
     python: str = sys.executable
+    twice: bool = False
+
+    def facts(self) -> dict[str, Any]:
+        """Return what HEAD's `run.json` tells of it."""
+        return {"base": self.name, "commit": self.commit, "twice": self.twice}
+
+    @cached_property
+    def has_same_builtins(self) -> bool:
+        """Whether its package `triangulators` is the one of here, or equal to it."""
+        if self.python != sys.executable:
+            return False
+        file = _ask(self, {"triangulator": None})["file"]
+        own = source_hash(Path(sys.modules["triangulators"].__path__[0]))
+        return file is not None and source_hash(Path(file).parent) == own
+
+
+def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of BASE's `run.json`, given that of HEAD's."""
+    beside = facts["beside"]
+    environment = dict(facts["environment"])
+    project = {**(environment.get("project") or {}), "commit": beside["commit"], "dirty": False}
+    environment["project"] = project if beside["commit"] else None
+    return {**facts, "environment": environment, "beside": {**beside, "is_base": True}}
+
+
+@contextmanager
+def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
+    """Give another version of the user's code.
+
+    reference : a commit, branch or tag of the user's repository, which is checked out into a
+        folder of its own as long as it is needed; or a folder with other code, or with an
+        environment that has it installed
+
+    Raises
+    ------
+    UsageError
+        if there is no such version
+    """
+    top = project_folder(triangulators)
+    commit = None if top is None else _commit(top, reference)
+    if top is not None and commit is not None:
+        with _checked_out(top, commit) as folder:
+            yield _placed(reference, commit, folder, top)
+        return
+    folder = Path(reference)
+    python = folder / "bin" / "python"
+    if python.is_file():
+        place, interpreter = str(folder.resolve()), str(python.absolute())
+        yield OtherVersion(reference, "", place, "", str(Path.cwd()), (), interpreter)
+    elif folder.is_dir():
+        commit = _commit(folder, "HEAD") or ""
+        yield _placed(reference, commit, folder.resolve(), top or Path.cwd())
+    else:
+        where = f"the repository {top}" if top else f"{Path.cwd()}, which is in no git repository"
+        raise UsageError(
+            f"--beside {reference}: no commit of {where}, and no folder; in CI, fetch it first: "
+            f"git fetch --depth=1 origin {reference}"
+        )
+
+
+def _commit(folder: Path, reference: str) -> str | None:
+    wanted = f"{reference}^{{commit}}"
+    command = ["git", "-C", str(folder), "rev-parse", "--verify", "--quiet", "--end-of-options"]
+    try:
+        done = subprocess.run([*command, wanted], capture_output=True, text=True, check=False)
+    except OSError:  # no git here
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+@contextmanager
+def _checked_out(top: Path, commit: str) -> Iterator[Path]:
+    """Check `commit` out into a temporary work tree; it is removed afterwards."""
+    above = Path(tempfile.mkdtemp(prefix="harness-base-")).resolve()
+    folder = above / top.name
+    git = ["git", "-C", str(top), "worktree"]
+    add = [*git, "add", "--detach", "--force", str(folder), commit]
+    try:
+        done = subprocess.run(add, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise UsageError(f"--beside {commit}: {done.stderr.strip().splitlines()[-1]}")
+        yield folder
+    finally:
+        shutil.rmtree(above, ignore_errors=True)
+        subprocess.run([*git, "prune"], capture_output=True, check=False)
+
+
+def _placed(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
+    """Return the version of code in `folder` that stands for that in `top`.
+
+    Whatever is found in `top` here is looked for in `folder` there, in the same order; what is
+    not in the version, such as an environment, stays where it is.
+    """
+    top = top.resolve()
+    path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
+    for entry in sys.path:
+        here = Path(entry or ".").resolve()
+        there = folder / here.relative_to(top) if here.is_relative_to(top) else here
+        path.append(str(there if there.exists() else here))
+    cwd = Path.cwd().resolve()
+    inside = folder / cwd.relative_to(top) if cwd.is_relative_to(top) else folder
+    return OtherVersion(
+        name=name,
+        commit=commit,
+        folder=str(folder),
+        instead_of=str(top),
+        cwd=str(inside if inside.is_dir() else folder),
+        path=tuple(dict.fromkeys(path)),
+    )
 
 
 def triangulate_elsewhere(
-    recipe: Recipe, polygons: Sequence[Polygon], place: Place
+    recipe: Recipe, polygons: Sequence[Polygon], other: OtherVersion
 ) -> FrameTriangulation:
-    """Run the triangulator of `place` over polygons in px.
+    """Run another version's triangulator over polygons in px.
 
     Raises
     ------
@@ -59,7 +181,7 @@ def triangulate_elsewhere(
         if it cannot be found or run there, or if what would run is the code of here
     """
     answer = _ask(
-        place,
+        other,
         {
             "triangulator": recipe.base,
             "parameters": recipe.parameters,
@@ -67,7 +189,7 @@ def triangulate_elsewhere(
             "warm_up": shapely.to_wkb(list(small_polygons())).tolist(),
         },
     )
-    _refuse_own_code(place, recipe.base, answer["file"])
+    _refuse_own_code(other, recipe.base, answer["file"])
     result = FrameTriangulation(seconds=float(answer["seconds"]))
     for number, (polygon, (kind, value)) in enumerate(
         zip(polygons, answer["results"], strict=True)
@@ -88,35 +210,29 @@ def triangulate_elsewhere(
     return result
 
 
-def package_of(place: Place) -> Path | None:
-    """Return the folder of the package `triangulators` that code at `place` imports."""
-    found = _ask(place, {"triangulator": None})["file"]
-    return Path(found).parent if found else None
-
-
-def _ask(place: Place, question: Mapping[str, Any]) -> dict[str, Any]:
+def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
         asked, answered = Path(folder, "question"), Path(folder, "answer")
         asked.write_bytes(pickle.dumps(question))
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(place.path)}
-        command = [place.python, "-P", str(SCRIPT), str(asked), str(answered)]
-        done = subprocess.run(command, cwd=place.cwd, env=environment, stdout=2, check=False)
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(other.path)}
+        command = [other.python, "-P", str(SCRIPT), str(asked), str(answered)]
+        done = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
         if done.returncode or not answered.exists():
-            raise TaskFailed(f"{place.name}: its code ended with exit code {done.returncode}")
+            raise TaskFailed(f"{other.name}: its code ended with exit code {done.returncode}")
         answer: dict[str, Any] = pickle.loads(answered.read_bytes())
     if "error" in answer:
-        raise TaskFailed(f"{place.name}: {shortened(answer['error'])}")
+        raise TaskFailed(f"{other.name}: {shortened(answer['error'])}")
     return answer
 
 
-def _refuse_own_code(place: Place, name: str, file: str | None) -> None:
+def _refuse_own_code(other: OtherVersion, name: str, file: str | None) -> None:
     """Nothing would be compared if the other version's name led to the code of here."""
-    if not file or not place.instead_of:
+    if not file or not other.instead_of:
         return
     found = Path(file).resolve()
-    inside = found.is_relative_to(place.instead_of)
-    if inside and not found.is_relative_to(place.folder) and "site-packages" not in found.parts:
+    inside = found.is_relative_to(other.instead_of)
+    if inside and not found.is_relative_to(other.folder) and "site-packages" not in found.parts:
         raise TaskFailed(
-            f"{place.name}: {name} is found in {found}, which is HEAD's; an editable install hides "
+            f"{other.name}: {name} is found in {found}, which is HEAD's; an editable install hides "
             "BASE's code: put its folder into PYTHONPATH"
         )

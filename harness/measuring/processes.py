@@ -17,6 +17,7 @@ from shapely import Polygon
 
 from harness.frame import Frame
 from harness.measuring import tasks
+from harness.measuring.other_version import OtherVersion, triangulate_elsewhere
 from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut, Worker
 from harness.rasterisers import BUILT_IN
@@ -114,14 +115,20 @@ class Bench:
     open_worker : how processes are made
     timeout_s : longest that one task may take, apart from the time it was told to spend drawing
     database : model database that triangulations are read from and written to
+    other : another version of the code, which triangulates, too
     """
 
     def __init__(
-        self, open_worker: OpenWorker, timeout_s: float, database: Path | None = None
+        self,
+        open_worker: OpenWorker,
+        timeout_s: float,
+        database: Path | None = None,
+        other: OtherVersion | None = None,
     ) -> None:
         self._open_worker = open_worker
         self.timeout_s = timeout_s
         self.database = database
+        self.other = other
         self._workers: dict[str, Worker] = {}
         self._opened: dict[str, tasks.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
@@ -164,14 +171,14 @@ class Bench:
         return result_of(self.submit(home, function, *arguments, timeout_s=timeout_s, tick=tick))
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
-        """Have what a triangulator needs compiled, or loaded; done once.
+        """Have what a triangulator of this version needs compiled, or loaded; done once.
 
         Raises
         ------
         TaskFailed
             if its process crashed, hung or ran out of memory
         """
-        if recipe.base not in self._compiled:
+        if not recipe.other and recipe.base not in self._compiled:
             timeout_s = max(COMPILE_S, self.timeout_s) if recipe.builtin else self.timeout_s
             said = (
                 f"compiling it took more than {timeout_s:g} s; close other programs, and --resume"
@@ -211,9 +218,14 @@ class Bench:
             f"triangulating took more than {self.timeout_s:g} s; give it longer with "
             "--timeout, or a smaller scene (limit=)"
         )
+        home = home_of(recipe)
         with self.clocked("triangulate"), _remedied(recipe, said):
+            if recipe.other:
+                return self.run(
+                    home, triangulate_elsewhere, recipe, polygons, self.other, tick=tick
+                )
             arguments = (recipe, polygons, self.database)
-            return self.run(home_of(recipe), triangulate_polygons, *arguments, tick=tick)
+            return self.run(home, triangulate_polygons, *arguments, tick=tick)
 
     def time_triangulating(
         self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int

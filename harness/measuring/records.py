@@ -12,6 +12,7 @@ from harness.figures.registry import LEAST, OUTLINE
 from harness.figures.run_state import undisturbed
 from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
+from harness.measuring.other_version import facts_of_base
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.progress import Reporter
@@ -19,6 +20,7 @@ from harness.rasterisers.base import Counters
 from harness.stored import drawings
 from harness.stored.folder import Record, Store
 from harness.triangulating.frames import FrameTriangulation
+from harness.triangulating.recipes import OTHER
 
 SHORT_DRAW_S = 20e-6
 """A draw shorter than this is mostly the cost of asking for it."""
@@ -34,18 +36,30 @@ Columns = Mapping[str, NDArray[Any]]
 class Keeper:
     """Stores what is found, and adds it to the run's records and frames.
 
+    stores : the run's folder, and where two versions are measured that of the other one's run, in
+        which its triangulators have their own names
     records : of finished cases, by key
     drawings_too : whether what was drawn is stored, too
     """
 
     def __init__(
-        self, store: Store, records: dict[str, Record], reporter: Reporter, *, drawings_too: bool
+        self,
+        stores: Sequence[Store],
+        records: dict[str, Record],
+        reporter: Reporter,
+        *,
+        drawings_too: bool,
     ) -> None:
         self.frames: list[dict[str, Any]] = []
-        self._store = store
+        self._stores = stores
         self.records = records
         self._reporter = reporter
         self._drawings_too = drawings_too
+
+    def write_facts(self, facts: dict[str, Any]) -> None:
+        """Replace what the folders tell of the run."""
+        for store, told in zip(self._stores, (facts, None), strict=False):
+            store.write_facts(told or facts_of_base(facts))
 
     def framed(self, frame: Frame) -> None:
         """Note what snapping to the grid did to the scene."""
@@ -65,26 +79,41 @@ class Keeper:
 
     def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
         """Store what will be drawn."""
-        if self._drawings_too:
-            drawings.write(self._store, frame, triangles)
+        if not self._drawings_too:
+            return
+        for store, of_other in zip(self._stores, (False, True), strict=False):
+            own = {
+                name.removeprefix(OTHER): rows
+                for name, rows in triangles.items()
+                if name.startswith(OTHER) == of_other
+            }
+            drawings.write(store, frame, own)
 
     def counted(self, record: Record, columns: Columns | None) -> None:
         """Store a record that lacks its time, so that a run that goes on need not count again."""
-        if columns is not None:
-            self._store.write_arrays(record["key"], columns)
-        self._store.append_counted({**record, "status": "counted"})
+        self._placed(record, columns)
+        self._stores[0].append_counted({**record, "status": "counted"})
 
     def finished(self, record: Record, columns: Columns | None = None) -> None:
         """Store a record, and tell the user if it failed."""
-        if columns is not None:
-            self._store.write_arrays(record["key"], columns)
-        self._store.append(record)
+        store, own = self._placed(record, columns)
+        store.append(own)
         self.records[record["key"]] = record
         self._reporter.detail(_in_short(record))
         if record["status"] == "failed":
             self._reporter.warn(
                 f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
             )
+
+    def _placed(self, record: Record, columns: Columns | None) -> tuple[Store, Record]:
+        """Store a case's columns; return the folder that it belongs in, and its record there."""
+        store, name = self._stores[0], record["triangulator"]
+        if name.startswith(OTHER):
+            own = Case.of({**record, "triangulator": name.removeprefix(OTHER)})
+            store, record = self._stores[1], {**record, **own.identity()}
+        if columns is not None:
+            store.write_arrays(record["key"], columns)
+        return store, record
 
 
 def _in_short(record: Record) -> str:

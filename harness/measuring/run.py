@@ -4,7 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -18,15 +18,16 @@ from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
 from harness.machine.environment import label_of, processor, same
 from harness.measuring.loading import find_backends, find_broken, load_scene
-from harness.measuring.plan import Plan
+from harness.measuring.other_version import FOLDER as BASE_FOLDER
+from harness.measuring.other_version import OtherVersion
+from harness.measuring.plan import Case, Plan
 from harness.measuring.processes import Bench
 from harness.measuring.records import Keeper
 from harness.measuring.scene import SceneRun
-from harness.measuring.two_versions import Beside, Halves, head_records
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
-from harness.stored.folder import Record, Store, read_counted, read_run
-from harness.triangulating.recipes import ORIGINAL, Recipe
+from harness.stored.folder import FACTS, Record, Store, read_counted, read_run
+from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
 
@@ -84,7 +85,7 @@ class RunOptions:
     force: bool = False
     split: Split | None = None
     database: Path | None = None
-    beside: Beside | None = None
+    beside: OtherVersion | None = None
     base: str | None = None
     meanwhile: Callable[[], None] = lambda: None
 
@@ -109,8 +110,7 @@ def run(
     """
     began = time.perf_counter()
     how = how or RunOptions()
-    make = how.beside.bench if how.beside else Bench
-    bench = make(open_worker, plan.timeout_s, how.database)
+    bench = Bench(open_worker, plan.timeout_s, how.database, how.beside)
     try:
         # Names first: a scene may take long.
         broken = find_broken(plan.triangulators, bench)
@@ -176,16 +176,20 @@ def _measure(
     facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
         facts["beside"] = beside.facts()
-        plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]
-    store, records = open_store(out, facts, resume=how.resume, force=how.force)
+        (own,) = plans
+        others = [replace(recipe, other=True) for recipe in own.triangulators]
+        plans = [replace(own, triangulators=(*own.triangulators, *others))]
+    stores, records = open_stores(out, facts, resume=how.resume, force=how.force)
     counted = {} if how.force else read_counted(out)
     bench.seconds["prepare"] = time.perf_counter() - began
     hurried = False
-    with store:
+    with ExitStack() as stack:
+        for store in stores:
+            stack.enter_context(store)
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        store.write_facts({**facts, "interrupted": True})  # until it has come to its end
-        keeper = Keeper(store, records, reporter, drawings_too=not how.split)
+        keeper = Keeper(stores, records, reporter, drawings_too=not how.split)
+        keeper.write_facts({**facts, "interrupted": True})  # until it has come to its end
         # BASE's code triangulates elsewhere, in no round of HEAD's.
         rounds = not (how.split or how.beside)
         try:
@@ -215,10 +219,11 @@ def _measure(
             facts["interrupted"] = bench.stopping
             draws = reference_draws(records.values(), default_path())
             facts["state"] = {**judge(records.values(), draws).to_json(), "draws": draws}
-            store.write_facts(facts)
+            keeper.write_facts(facts)
         if not bench.stopping:
-            store.drop_counted()
-    return RunResult(out, head_records(records.values()), bench.stopping, hurried)
+            stores[0].drop_counted()
+    ours = [each for each in records.values() if not each["triangulator"].startswith(OTHER)]
+    return RunResult(out, ours, bench.stopping, hurried)
 
 
 @contextmanager
@@ -244,10 +249,12 @@ def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
         yield
 
 
-def open_store(
+def open_stores(
     out: Path, facts: dict[str, Any], *, resume: bool, force: bool
-) -> tuple[Store, dict[str, Record]]:
-    """Return the folder to write to and the records that it has, by key.
+) -> tuple[list[Store], dict[str, Record]]:
+    """Return the folders to write to and the records that they have, by key.
+
+    The first is the run's, the second, if there is one, that of another version's run in it.
 
     facts : content of the new run.json; what the old one had of the run so far is taken over
     force : go on even if plan, scene, code or machine differ
@@ -257,9 +264,9 @@ def open_store(
     UsageError
         if they differ, or the folder holds a run that is not to be resumed, or cannot be written
     """
-    kind = Halves if "beside" in facts else Store
+    base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
-        return kind.create(out), {}
+        return [Store.create(folder) for folder in [out, *base]], {}
     store = Store.resume(out)
     before = read_run(out)
     if not force:
@@ -274,11 +281,13 @@ def open_store(
     facts["devices"] = before.facts.get("devices", {})
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
     facts["created"] = before.facts.get("created", facts["created"])
-    if "beside" in facts:
-        store.close()
-        halves = Halves.resume(out)
-        return halves, halves.finished()
-    return store, {record["key"]: record for record in before.records}
+    stores, records = [store], list(before.records)
+    for folder in base:  # without facts where a kill came between the two
+        stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
+        for record in read_run(folder).records:
+            marked = {**record, "triangulator": OTHER + record["triangulator"]}
+            records.append({**marked, "key": Case.of(marked).key})
+    return stores, {record["key"]: record for record in records}
 
 
 def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:

@@ -137,7 +137,7 @@ class SceneRun:
         ours = [
             recipe
             for recipe in wanted
-            if recipe not in self.broken and type(recipe) is Recipe and recipe.base != ORIGINAL
+            if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
         self.bench.compile_ahead([*ours, lower_limits.FEWEST])
         limits: lower_limits.Limits | None = None
@@ -146,7 +146,7 @@ class SceneRun:
                 result = (
                     ("failed", self.broken[recipe])
                     if recipe in self.broken
-                    else self._prepare_one(now.frame, recipe, stage.wait)
+                    else self._prepare_one(now, recipe, stage.wait)
                 )
                 if isinstance(result, FrameTriangulation):
                     now.made[recipe] = result
@@ -164,9 +164,12 @@ class SceneRun:
                 now.limits = limits.collect()
 
     def _prepare_one(
-        self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
+        self, now: _View, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[str, str]:
-        """Return a triangulator's result, or (status, reason) if it has none."""
+        """Return a triangulator's result, or (status, reason) if it has none.
+
+        What another version has as it is here is triangulated once.
+        """
 
         def tell(waited: float) -> None:
             if waited > SAID_AFTER_S:
@@ -177,9 +180,15 @@ class SceneRun:
                 )
 
         try:
+            own = replace(recipe, other=False)
+            other = self.bench.other
+            if recipe.other and own.builtin and other and other.has_same_builtins:
+                recipe = own
+                if own in now.made:
+                    return now.made[own]
             if recipe.base != ORIGINAL:
                 self.bench.compile(recipe, tell)
-            result = self._triangulate(frame, recipe, tick)
+            result = self._triangulate(now.frame, recipe, tick)
         except TaskTimedOut as error:
             # Ours are slow by design, others may have hung.
             return ("skipped" if recipe.builtin else "failed"), str(error)
@@ -288,22 +297,31 @@ class SceneRun:
         assert test is not None
         if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
             self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
+        drawn_as = {recipe: self._drawn_as(now, recipe, ready) for recipe in ready}
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 backend,
-                {name: (now.frame, now.triangles[name], group.options) for name in map(str, ready)},
+                {n: (now.frame, now.triangles[n], group.options) for n in drawn_as.values()},
                 settings,
                 self.plan.seed,
                 lambda waited: stage.complete(min(waited, likely_s)),
             )
         for recipe, record in ready.items():
-            name = str(recipe)
+            name = drawn_as[recipe]
             if name in failures:
                 self.keeper.finished(records.problem(group.cases[recipe], "failed", failures[name]))
             else:
                 times = records.time_fields(groups[name], name, test, settings)
                 self.keeper.finished({**record, "time": times})
+
+    def _drawn_as(self, now: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> str:
+        """Return whose drawing is timed: HEAD's for what both versions have alike."""
+        name, own, other = str(recipe), replace(recipe, other=False), self.bench.other
+        if other is None or other.twice or not recipe.other or own not in ready:
+            return name
+        alike = np.array_equal(now.triangles[name], now.triangles[str(own)])
+        return str(own) if alike else name
 
 
 def _columns(

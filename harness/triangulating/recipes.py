@@ -5,6 +5,7 @@ pareto#3, listed#3      the third after the first of each polygon's front, or of
 optimal:overdraw@0      triangulated at rotation 0 and drawn as the view turns, as a program
                         does that triangulates once and then moves its camera
 module:function         a third party's, which only a worker process imports
+BASE fan                what another version of the code makes of `fan`, measured beside this one
 original                the triangles that a model came with
 """
 
@@ -26,6 +27,8 @@ from triangulators.errors import UnknownName, in_short
 from triangulators.ragged import Ragged
 
 NUMBER, UPRIGHT = "#", "@0"
+OTHER = "BASE "
+"""Before the name of a triangulator as another version of the code has it."""
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
 """Triangulators that take a number, and the parameter that it is."""
@@ -47,6 +50,7 @@ class Recipe:
     seed : the run's, of a triangulator that is random and has no number of its own
     upright : whether polygons are triangulated at rotation 0, and then turned
     calibration : (term, coefficient) of what the criterion `calibrated` weighs
+    other : whether another version of the code triangulates
     """
 
     base: str
@@ -54,16 +58,19 @@ class Recipe:
     seed: int = 0
     upright: bool = False
     calibration: tuple[tuple[str, float], ...] | None = None
+    other: bool = False
 
     def __str__(self) -> str:
         """The full name: a record's `triangulator`."""
+        mark = OTHER if self.other else ""
         number = "" if self.number is None else f"{NUMBER}{self.number}"
-        return f"{self.base}{number}{UPRIGHT if self.upright else ''}"
+        return f"{mark}{self.base}{number}{UPRIGHT if self.upright else ''}"
 
     @property
     def builtin(self) -> bool:
-        """Whether it is one of the product's own."""
-        return self.base == ORIGINAL or self.base.partition(":")[0] in registry.BUILTIN
+        """Whether it is one of the product's own, of this version."""
+        own = self.base == ORIGINAL or self.base.partition(":")[0] in registry.BUILTIN
+        return own and not self.other
 
     @property
     def parameters(self) -> dict[str, Any]:

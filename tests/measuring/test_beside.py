@@ -13,19 +13,17 @@ import pytest
 
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
-from harness.frame import View, make_frame
+from harness.frame import View
 from harness.measuring import run as running
-from harness.measuring.other_version import triangulate_elsewhere
+from harness.measuring.other_version import triangulate_elsewhere, version
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Backend
+from harness.measuring.processes import Bench
 from harness.measuring.timing import TimingSettings
-from harness.measuring.two_versions import MARK, Beside, version
 from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
-from harness.rasterisers.base import Options
 from harness.stored import drawings
 from harness.stored.folder import read_run
-from harness.triangulating.recipes import Recipe
+from harness.triangulating.recipes import OTHER, Recipe
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git
@@ -64,18 +62,20 @@ def project(folder: Path) -> Iterator[Path]:
         yield folder
 
 
-def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = False) -> None:
+def measure(
+    plan: Plan, out: str, reference: str = "main", *, resume: bool = False, twice: bool = False
+) -> None:
     """Measure HEAD's code, imported anew, beside another version, all in this process."""
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
     registry.load.cache_clear()
     MockRasteriser.begin_run()
-    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as other:
         running.run(
             plan,
             Path(out),
             Reporter(quiet=True),
-            running.RunOptions(resume=resume, beside=Beside(place)),
+            running.RunOptions(resume=resume, beside=replace(other, twice=twice)),
             open_worker=lambda *_: Inline(),
         )
 
@@ -120,7 +120,7 @@ def test_each_run_keeps_what_is_its_own(measured):
         assert files == {r["key"] for r in run.records if r["status"] == "ok"}
     drawn = [drawings.read(run, View()).triangles for run in (base, head)]
     assert set(drawn[1]) - set(drawn[0]) == {"newer:cut", "delaunay"}
-    assert not any(MARK in name for names in drawn for name in names)
+    assert not any(OTHER in name for names in drawn for name in names)
     assert np.array_equal(drawn[0]["fan"], drawn[1]["fan"])
     assert not np.array_equal(drawn[0]["theirs:cut"], drawn[1]["theirs:cut"])
     assert np.array_equal(drawn[0]["theirs:cut"], drawn[1]["delaunay"])
@@ -157,21 +157,23 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
 
 @pytest.mark.parametrize("twice", [False, True])
 def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with version(str(tmp_path), []) as place:
-        bench = Beside(place, twice).bench(lambda *_: Inline(), 60.0, None)
-    frame = make_frame(POLYGONS, View(256))
-    rows = frame.join([np.array([[0, 1, 2]], np.int32)] * len(POLYGONS))
-    candidates = {"a": (frame, rows, Options()), MARK + "a": (frame, rows.copy(), Options())}
-    candidates |= {"b": (frame, rows, Options()), MARK + "b": (frame, rows[::-1], Options())}
-    backend = Backend("tests.mock:MockRasteriser", MockRasteriser.devices()[0])
-    found, failures = bench.time(backend, candidates, PLAN.timing, 0)
-    bench.close()
-    assert not failures
-    assert set(found) == set(candidates)
-    one, other = found["a"]["a"], found[MARK + "a"][MARK + "a"]
-    assert (one is other) is not twice
-    assert found["b"]["b"] is not found[MARK + "b"][MARK + "b"]
+    drawn: list[str] = []
+    time = Bench.time
+
+    def watched(self, backend, candidates, *rest):
+        drawn.extend(candidates)
+        return time(self, backend, candidates, *rest)
+
+    monkeypatch.setattr(Bench, "time", watched)
+    with project(tmp_path / "project") as folder:
+        (folder / "theirs.py").write_text(WORSE)
+        measure(PLAN, "out", twice=twice)
+        times = [{r["triangulator"]: r["time"] for r in run.records} for run in runs("out")]
+    names = ["fan", "theirs:cut", *([f"{OTHER}fan"] if twice else []), f"{OTHER}theirs:cut"]
+    assert sorted(drawn) == sorted(names)
+    base, head = times
+    assert base["fan"] == head["fan"]
+    assert set(base) == set(head) == {"fan", "theirs:cut"}
 
 
 def test_the_other_version_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
