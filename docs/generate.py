@@ -5,15 +5,12 @@ MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 
 import importlib
 import inspect
-import json
-import math
 import re
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from typer.cli import get_docs_for_click
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -29,8 +26,6 @@ from triangulators.criteria import CRITERIA
 from triangulators.registry import BUILTIN
 
 ROOT = Path(__file__).resolve().parent.parent
-RATIOS = ["helper_lanes", "partial_quads"]
-TIMES = ["time_ratio", "time_ratio_low", "time_ratio_high"]
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -102,51 +97,6 @@ def python(*names: str) -> str:
     return "\n".join(parts)
 
 
-def leaderboard() -> str:
-    """Return a row for each triangulator, scene and device that results hold, at up to 1024 px."""
-    rows = []
-    plain = {"resolution": 1024, "rotation": 0, "status": "ok", "work": 0, "samples": 1}
-    for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
-        view = pd.read_csv(file)
-        view = view.reindex(columns=[*view, *({*RATIOS, *TIMES} - {*view})])
-        told = [name for name in plain if name in view]
-        view = view[(view[told].fillna(plain) == [plain[name] for name in told]).all(axis=1)]
-        if view.duplicated(["rasteriser", "triangulator"]).any():
-            continue  # several settings that its rows do not tell apart
-        base = view[view["triangulator"] == "ear-clipping"]
-        for _, row in view.merge(
-            base, on=["rasteriser", "polygons"], suffixes=("", "_of")
-        ).iterrows():
-            where = f"{row['device']} ({row['rasteriser']})"
-            counts = (_digits(row[name] / row[f"{name}_of"]) for name in RATIOS)
-            spent = _digits(row["triangulate_ms"], 1)
-            run = f"`{file.parent.relative_to(ROOT / 'results' / 'reference')}`"
-            rows.append(
-                (row["scene"], where, row["triangulator"], *counts, _time(row[TIMES]), spent, run)
-            )
-    for file in sorted((ROOT / "results" / "devices").glob("*.json")):
-        told = json.loads(file.read_text(encoding="utf-8"))
-        where = f"{told['device']} ({told['rasteriser']}), {told['cpu']}".rstrip(", ")
-        most = max((v["resolution"] for v in told["views"] if v["resolution"] <= 1024), default=0)
-        for view in (view for view in told["views"] if view["resolution"] == most):
-            scene = view["scene"] if most == 1024 else f"{view['scene']}, {most} px"
-            for name, found in view["triangulators"].items():
-                time = _time(found["time"] or 3 * [math.nan])
-                rows.append((scene, where, name, "", "", time, "", f"`{file.name}`"))
-    rows.sort(key=lambda row: (row[0], row[1], row[5] or "9", row[3] or "9"))
-    headings = "scene | device | triangulator | helper lanes | partial quads | draw time"
-    return _table(f"{headings} | triangulating, ms | run", rows, plain_cell)
-
-
-def _digits(value: float, digits: int = 3) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def _time(ends: Iterable[float]) -> str:
-    value, low, high = map(_digits, ends)
-    return f"{value} ({low} to {high})" if low else value
-
-
 def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
@@ -197,5 +147,4 @@ PARTS: dict[str, Callable[..., str]] = {
     "devices": devices,
     "profiles": profiles,
     "python": python,
-    "leaderboard": leaderboard,
 }

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from docs.held import findings, profiles, simulated
 from docs.held.findings import SCENES
 from docs.held.lookups import some
-from docs.held.names import BEST_FOR_A, BEST_FOR_H, CALLED, NAMES, scenes
+from docs.held.names import CALLED, NAMES, scenes
 from docs.held.tables import ON_DEVICES, device_view
 
 K = TypeVar("K")
@@ -110,20 +110,6 @@ def thin() -> Figure:
     return figure
 
 
-def hidden() -> Figure:
-    """Draw cycles over ear clipping's, by cycles that a quad is shaded for."""
-    figure, panels = _panels(simulated.SCENES, "cycles that a quad is shaded for")
-    designs = {"0": "skybox"} | {f"{k:g}": f"skybox:shader={k:g}" for k in simulated.SHADERS}
-    for scene, ax in panels.items():
-        for name in (BEST_FOR_H, "flips:l1", BEST_FOR_A):
-            values = [simulated.saved(scene, name, device) for device in designs.values()]
-            ax.plot(list(designs), values, label=simulated.LABELS[name].strip("`"))
-        ax.axhline(simulated.saved(scene, BEST_FOR_H, of="quads"), **FAINT)
-    panels["helsinki"].set_ylabel("cycles, ear clipping = 1")
-    panels["stress"].legend()
-    return figure
-
-
 def hardware() -> Figure:
     """Draw cycles in ratio to ear clipping's on simulated designs."""
     unit = "cycles at 256 px, ear clipping = 1"
@@ -150,7 +136,6 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-regret": regret,
     "findings-devices": devices,
     "devices-thin": thin,
-    "simulated-shader": hidden,
     "simulated-choice": hardware,
 }
 

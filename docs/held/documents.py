@@ -12,7 +12,7 @@ from docs.held.findings import SCENES, correlation, gain, ordered, regret, rotat
 from docs.held.lookups import REFERENCE
 from docs.held.names import BEST_FOR_A, BEST_FOR_H
 from harness.frame import View, make_frame
-from harness.rasterisers import Options, find_device, get
+from harness.rasterisers.reference import predict
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import load
@@ -24,13 +24,10 @@ def _picture() -> list[int]:
 
     `raster-harness inspect city --polygon 438` draws it; counters are exact anywhere.
     """
-    reference = get("reference")(find_device("reference"))
     frame = make_frame([load("city").polygons[438]], View(64))
     ears, best = (
-        reference.count(
-            frame, frame.join(triangulate_polygons(parse(name), frame.polygons).parts), Options()
-        )
-        for name in ("ear-clipping", BEST_FOR_H)
+        predict(frame.points, frame.join(triangulate_polygons(parse(n), frame.polygons).parts))
+        for n in ("ear-clipping", BEST_FOR_H)
     )
     return [sum(ears["fragments"]), *(sum(each["helper_lanes"]) for each in (ears, best))]
 

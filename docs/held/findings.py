@@ -10,13 +10,7 @@ import numpy as np
 import pandas as pd
 
 from docs.held import Held, profiles, simulated
-from docs.held.lookups import (
-    at_most,
-    ends,
-    one,
-    some,
-    values,
-)
+from docs.held.lookups import at_most, ends, one, some, values
 from docs.held.names import BEST_FOR_H, REFINED, scenes
 from harness.figures.intervals import Ratio, of_any_run
 

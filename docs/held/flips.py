@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
 from typing import Any
 
@@ -25,9 +24,9 @@ L1, EUCLIDEAN = "flips:l1", "flips:euclidean"
 COUNTED = ("earcut-refine", "flips:beauty", L1, EUCLIDEAN, REFINED, BEST_FOR_H)
 
 
-def _counted(scene: str, px: int, name: str, measure: str = "helper_lanes") -> float:
-    """Return a counter over ear clipping's, as `scripts/flips_lanes.py` printed it."""
-    return float(one("flips-lanes.csv", scene=scene, px=px, triangulator=name)[measure])
+def _counted(scene: str, px: int, name: str) -> float:
+    """Return helper lanes over ear clipping's, as `scripts/flips_lanes.py` printed it."""
+    return float(one("flips-lanes.csv", scene=scene, px=px, triangulator=name)["helper_lanes"])
 
 
 def _timed(scene: str, name: str, px: int = 1024, order: str = "") -> pd.Series[Any]:
@@ -41,15 +40,11 @@ def _ms(scene: str, language: str, candidate: str) -> float:
     return float(one("flips-times.csv", **where)["ms"])
 
 
-def _counts(measure: str) -> Callable[[], list[str]]:
-    """Return what makes the table of a counter in ratio to ear clipping's, L1 flips' in bold."""
-
-    def cell(of: tuple[str, int], name: str) -> str:
-        if name == "polygons":
-            return f"{one('flips-lanes.csv', scene=of[0], px=of[1], triangulator=L1)[name]:,}"
-        return bold(f"{_counted(*of, name, measure):.3f}", name == L1)
-
-    return grid(crossed(LABELS, SIZES, " | "), ("polygons", *COUNTED), cell)
+def _lanes(of: tuple[str, int], name: str) -> str:
+    """Return a cell of helper lanes in ratio to ear clipping's, L1 flips' in bold."""
+    if name == "polygons":
+        return f"{one('flips-lanes.csv', scene=of[0], px=of[1], triangulator=L1)[name]:,}"
+    return bold(f"{_counted(*of, name):.3f}", name == L1)
 
 
 def _beyond_l1(name: str, digits: int = 3) -> tuple[float, float]:
@@ -94,11 +89,6 @@ PAID: Held = {
         ],
     )
 }
-PARTIAL: Held = {
-    "| scene | px | polygons | partial quads: `earcut-refine` | `flips:beauty` | L1 flips"
-    " | Euclidean flips | `refined` | best for H |": _counts("partial_quads")
-}
-
 HELD: Held = {
     "was run on {} polygons without holes ... made those of `flips:beauty` for {} of them. ..."
     " made them for {}.": lambda: [
@@ -116,7 +106,9 @@ HELD: Held = {
         "flips-refine.txt", r"([\d,]+) polygons\n +([\d,]+) flips"
     ),
     "| scene | px | polygons | `earcut-refine` | `flips:beauty` | `flips:l1` |"
-    " `flips:euclidean` | `refined` | best for H |": _counts("helper_lanes"),
+    " `flips:euclidean` | `refined` | best for H |": grid(
+        crossed(LABELS, SIZES, " | "), ("polygons", *COUNTED), _lanes
+    ),
     "| scene, px | `earcut-refine` | `flips:beauty` | `flips:l1` | `flips:euclidean` |"
     " `refined` | best for H |": grid(
         crossed(MEASURED, SIZES, ", "),
@@ -125,17 +117,6 @@ HELD: Held = {
         ".2f",
         least="row",
     ),
-    "drawn {:.1%} to {:.1%} % slower than `refined` at 64 px, and {:.1%} to {:.1%} %": lambda: [
-        end
-        for px in (64, 1024)
-        for end in ends(
-            (
-                _timed(scene, L1, px)["time_ratio"] / _timed(scene, REFINED, px)["time_ratio"] - 1
-                for scene in MEASURED
-            ),
-            3,
-        )
-    ],
     "(`--order walk`) it takes {:.2f} to {:.2f} of ear clipping's time at 64 px": lambda: ends(
         (_timed(scene, L1, 64, "-walk")["time_ratio"] for scene in MEASURED), 2
     ),

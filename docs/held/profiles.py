@@ -7,10 +7,9 @@ from statistics import median
 from typing import Any
 
 from docs.held import Held, shown
-from docs.held.lookups import bold, crossed, grid, one, some, values
+from docs.held.lookups import bold, crossed, grid, some, values
 from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, scenes
 from harness.profile.words import amount
-from scripts.studies.missing_terms import KEPT, TILE
 
 SOFTPIPE, SWIFTSHADER = "opengl-softpipe.refused", "webgpu-swiftshader"
 TIMED = {**CALLED["profiles"], SOFTPIPE: "softpipe"}
@@ -112,12 +111,6 @@ def _small_or_thin(what: Any, name: str) -> str:
     return f"{small / large:.1f}"
 
 
-def _otherwise(name: str, law: str) -> list[float]:
-    """Return R2 of a law with other terms, over all and within groups."""
-    row = one("profile-terms.csv", profile=name)
-    return [row[f"{law}_{of}"] for of in ("over", "within")]
-
-
 FIRST: Held = {
     "px^2 take twice as long as those of 1:1 from about {:.0f}:1 and {:.0f}:1 on": lambda: [
         each["doubled_at"][0] for each in profile("opengl-llvmpipe")["aspects"]
@@ -161,6 +154,4 @@ TABLES: Held = {
     "On softpipe the law explains {:.3f} of the variance ... and {:.3f} within": partial(
         _explained, SOFTPIPE
     ),
-    "by a cache of {} tiles of {}x{} pixels": lambda: [KEPT, TILE, TILE],
-    "the law would explain {:.3f} and {:.3f}": partial(_otherwise, SOFTPIPE, "tiles"),
 }

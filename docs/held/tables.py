@@ -55,13 +55,6 @@ def _widest() -> list[float]:
     return [math.ceil(1000 * max(reach[small])) / 1000 for small in (True, False)]
 
 
-def _fronts(rasteriser: str, verdict: str = "") -> int:
-    """Count the points of the city's fronts that are not their end, of a verdict if one is told."""
-    file = "llvmpipe/pareto-city/pareto.csv"
-    rows = some(file, rasteriser=rasteriser, kind="front", same_as_end=False)
-    return sum(rows["verdict"].str.startswith(verdict))
-
-
 def _predicts() -> Callable[[], list[str]]:
     """Return what makes the table of rank correlations within a polygon."""
 
@@ -78,12 +71,12 @@ def _predicts() -> Callable[[], list[str]]:
     return grid(CALLED["criteria"], columns, cell)
 
 
-def _sizes(measure: str) -> Callable[[], list[str]]:
-    """Return what makes the table of rank correlations with a counter by the viewport's size."""
+def _sizes() -> Callable[[], list[str]]:
+    """Return what makes the table of rank correlations by the viewport's size."""
 
     def cell(px: int, of: tuple[str, str]) -> str:
         file = f"cpu/validate-{of[0]}-sizes/correlations_by_resolution.csv"
-        where = {"resolution": px, "criterion": of[1], "measure": measure}
+        where = {"resolution": px, "criterion": of[1], "measure": "helper_lanes"}
         value = one(file, statistic="spearman_within", **where)["value"]
         return bold(f"{value:.3f}", of[1] == "expected_quads")
 
@@ -150,8 +143,7 @@ def _intervals() -> list[str]:
 TABLES: Held = {
     "| | helper lanes | partial quads | time, work 0 | time, work 8 | box tests"
     " | time, box walk |": _predicts(),
-    "| helper lanes, viewport | city: Q | H | A | Helsinki: Q | H | A |": _sizes("helper_lanes"),
-    "| partial quads, viewport | city: Q | H | A | Helsinki: Q | H | A |": _sizes("partial_quads"),
+    "| helper lanes, viewport | city: Q | H | A | Helsinki: Q | H | A |": _sizes(),
     "correlation of {:.3f} with helper lanes, D of {:.3f}, A of {:.3f} and Q of {:.3f}.": lambda: [
         correlation(each, "helper_lanes", statistic="spearman_pooled")["value"]
         for each in ("half_perimeter", "shape", "overdraw", "expected_quads")
@@ -194,25 +186,6 @@ TABLES: Held = {
         ".3f",
         least="column",
     ),
-    "the calibrated optimum takes {:.2f} ... With 64 it takes {:.2f};"
-    " with 4 samples a pixel and one iteration, {:.2f}.": lambda: [
-        gain("city", 1024, CALIBRATED, work=work, samples=samples)
-        for work, samples in ((1, 1), (64, 1), (1, 4))
-    ],
-    "{} points of the Pareto fronts of A and D were drawn": lambda: [_fronts("opengl")],
-    "{} of them are shown ... OpenGL, {} are shown to be faster and {} to be slower.": lambda: [
-        _fronts("bounding-box", "faster"),
-        _fronts("opengl", "faster"),
-        _fronts("opengl", "slower"),
-    ],
-    "made {} triangulations of the least or the most H, ... {} differ from the CPU's": lambda: (
-        matched("llvmpipe/optimum-equality.txt", r"all: ([\d,]+) on the device, (\d+) differ")
-    ),
-    "rises from {:.2f} of ear clipping's helper lanes to {:.2f} at the worst angle.": lambda: [
-        findings.rotated(BEST_FOR_A + "@0").iloc[0],
-        findings.rotated(BEST_FOR_A + "@0").max(),
-    ],
-    **flips.PARTIAL,
     **flips.PAID,
     "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |": grid(
         {
