@@ -8,7 +8,7 @@ from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import proof
-from triangulators.certificate.candidates import candidates_of, how_many, sight_of
+from triangulators.certificate.candidates import _list, _ring_samples, candidates_of
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _numbers, prove
 from triangulators.checking.units import costs_of, units_for, weights_of
@@ -43,7 +43,10 @@ def ring(monkeypatch, seed: int):
 
 
 def rooms(outline, start) -> int:
-    return how_many(sight_of(outline, start), 10**6)
+    """Return how many triples see each other: the least limit under which they are listed."""
+    c = candidates_of(outline, start, 10**6)
+    first = np.searchsorted(c.edges[:, 0], np.arange(len(c.points) + 1))
+    return _list(c.points, first, c.edges, c.side, _ring_samples(outline), 10**6)[0]
 
 
 def test_a_program_is_tried_where_it_has_time_or_is_small(monkeypatch):
@@ -79,8 +82,7 @@ def test_a_programs_bound_is_that_of_its_solution(at_a_corner):
     outline = boundary(polygon)
     cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
     start = best_start(outline, cost)
-    sight = sight_of(outline, start)
-    c = candidates_of(sight, how_many(sight, 10**6))
+    c = candidates_of(outline, start, 10**6)
     weights = costs_of(outline.points, c.triangles, cost)
     program = Program(c, weights, np.ones(len(weights), np.bool_), _numbers(c, start))
     own = program.solve(60.0, at_a_corner=at_a_corner)
@@ -115,8 +117,8 @@ def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monk
     outline = boundary(shapely.box(0, 0, 9, 9))
     cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
     start = best_start(outline, cost)
-    sight, units = sight_of(outline, start), units_for(outline, start, cost)
-    candidates = candidates_of(sight, how_many(sight, 10))
+    units = units_for(outline, start, cost)
+    candidates = candidates_of(outline, start, 10)
     triangles = candidates.triangles
     diagonals = ({0, 2}, {1, 3})
     common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
@@ -140,8 +142,7 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find("edge-length"), 1.0, outline.expected_triangles)
     start = best_start(outline, cost)
-    sight = sight_of(outline, start)
-    c = candidates_of(sight, how_many(sight, 10**6))
+    c = candidates_of(outline, start, 10**6)
     weights, numbers = size * costs_of(outline.points, c.triangles, cost), _numbers(c, start)
     allowed = np.arange(len(weights)) % 3 > 0
     program = Program(c, weights, allowed, numbers)
@@ -156,8 +157,7 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
 def test_triangles_have_their_numbers_among_the_candidates(monkeypatch):
     """Every one, whichever corner is first; what is beyond the last has none."""
     outline, start, _ = ring(monkeypatch, 0)
-    sight = sight_of(outline, start)
-    c = candidates_of(sight, how_many(sight, 10**6))
+    c = candidates_of(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
         assert np.array_equal(_numbers(c, np.roll(c.triangles, turned, axis=1)), numbers)

@@ -9,7 +9,7 @@ import shapely
 from tests.triangulators.cases import glyphs, shared, smooth, star, touching_polygons, with_holes
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
-from triangulators.certificate.candidates import candidates_of, how_many, sight_of
+from triangulators.certificate.candidates import candidates_of
 from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
@@ -19,6 +19,8 @@ from triangulators.checking.edges import _diagonals_of
 from triangulators.checking.evidence import Refused
 from triangulators.checking.units import units_for, weights_of
 from triangulators.criteria.cost import cost_of, with_fields
+from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import boundary, boundary_area
 from triangulators.starting import best_start
 
@@ -139,9 +141,8 @@ def test_where_potentials_cannot_be_extended_the_evidence_bounds_next_to_nothing
 def test_a_lift_is_not_made_worse():
     outline, cost = posed(annulus(14, 3), "overdraw")
     start = best_start(outline, cost)
-    sight = sight_of(outline, start)
     units = units_for(outline, start, cost)
-    c = candidates_of(sight, how_many(sight, proof.MOST))
+    c = candidates_of(outline, start, proof.MOST)
     weights = weights_of(c.points, c.triangles, cost, units)
     order, alive = exclude(c, weights, cost, units)
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
@@ -197,9 +198,11 @@ def sites_in_many_boxes():
 
 def edges_of_both(polygon):
     outline, cost = posed(polygon)
-    sight = sight_of(outline, best_start(outline, cost))
+    start = best_start(outline, cost)
+    seen = set(map(tuple, visible_sites(outline.points, start, twins_of(start)).tolist()))
+    sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
     own = _diagonals_of(outline.points, outline.edges, outline.site)
-    return sight.edges[sight.side == 0], np.sort(own, axis=1)
+    return np.array(sorted(seen - sides)), np.sort(own, axis=1)
 
 
 def test_search_and_checker_see_the_same():

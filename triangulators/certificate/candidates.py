@@ -12,56 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import grouped
+from triangulators.compute.operations import copy_rows, grouped
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import turn
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
-
-
-class Sight(NamedTuple):
-    """Edges of a polygon: pairs of sites that see each other, or pieces of the boundary.
-
-    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
-    boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. rings (h, 4):
-    sites of each hole (see `holds_ring`).
-    """
-
-    points: np.ndarray
-    edges: np.ndarray
-    side: np.ndarray
-    rings: np.ndarray
-
-
-def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
-    """Return the edges of a polygon.
-
-    triangles: (m, 3), any triangulation of it, between sites; what each corner sees is found by
-    walking it.
-    """
-    points = outline.points
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    pairs = visible_sites(points, triangles, twins_of(triangles))
-    edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    side = np.zeros(len(edges), dtype=np.int8)
-    keys = edges[:, 0].astype(np.int64) * len(points) + edges[:, 1]
-    low, high = outline.edges.min(axis=1).astype(np.int64), outline.edges.max(axis=1)
-    on_boundary = np.searchsorted(keys, low * len(points) + high)
-    side[on_boundary] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
-    return Sight(points, edges, side, _ring_samples(outline))
-
-
-def _ring_samples(outline: Boundary) -> np.ndarray:
-    """Return up to four sites of each hole, (h, 4), the last one repeated.
-
-    A hole meets a triangle of candidate edges at its corners only, so it lies inside as a whole
-    or not at all; that one of four sites which is not a corner tells.
-    """
-    samples = np.zeros((outline.holes, 4), dtype=np.int32)
-    for number, (begin, end) in enumerate(zip(outline.ends, outline.ends[1:], strict=False)):
-        ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
-        samples[number] = ring + ring[-1:] * (4 - len(ring))
-    return samples
 
 
 class Candidates(NamedTuple):
@@ -83,14 +38,26 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(sight: Sight, room: int) -> Candidates:
-    """Return the candidates of a polygon; room: what `how_many` says."""
-    points, edges, side = sight.points, sight.edges, sight.side
+def candidates_of(outline: Boundary, triangles: np.ndarray, most: int) -> Candidates | None:
+    """Return the candidates of a polygon; None where more than `most` triples see each other.
+
+    triangles: (m, 3), any triangulation of it, between sites; what each corner sees is found by
+    walking it.
+    """
+    points = outline.points
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+    pairs = visible_sites(points, triangles, twins_of(triangles))
+    edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    side = np.zeros(len(edges), dtype=np.int8)
+    keys = edges[:, 0].astype(np.int64) * len(points) + edges[:, 1]
+    low, high = outline.edges.min(axis=1).astype(np.int64), outline.edges.max(axis=1)
+    on_boundary = np.searchsorted(keys, low * len(points) + high)
+    side[on_boundary] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
-    found = np.empty((room, 3), dtype=np.int32)
-    sides = np.empty((room, 3), dtype=np.int32)
-    written = _list(points, first, edges, side, sight.rings, found, sides)
-    found, sides = found[:written].copy(), sides[:written].copy()
+    triples, rows = _list(points, first, edges, side, _ring_samples(outline), most)
+    if triples > most:
+        return None
+    found, sides = rows[:, :3].copy(), rows[:, 3:].copy()
     keys = 2 * sides
     keys += found > found[:, [1, 2, 0]]  # on the right of an edge is what runs from its higher end
     start, items = grouped(keys.ravel(), 2 * len(edges))
@@ -98,30 +65,17 @@ def candidates_of(sight: Sight, room: int) -> Candidates:
     return Candidates(points, edges, side, found, sides, start, items)
 
 
-def how_many(sight: Sight, most: int) -> int:
-    """Return a number that a polygon's candidates do not exceed; stops counting beyond `most`."""
-    edges = sight.edges
-    first = np.searchsorted(edges[:, 0], np.arange(len(sight.points) + 1))
-    return int(_count(first, edges, len(sight.points), most))
+def _ring_samples(outline: Boundary) -> np.ndarray:
+    """Return up to four sites of each hole, (h, 4), the last one repeated.
 
-
-@njit(nogil=True)
-def _count(first: np.ndarray, edges: np.ndarray, count: int, most: int) -> int:
-    """Count triples that see each other; gives up beyond `most`."""
-    mark = np.zeros(count, dtype=np.bool_)
-    found = 0
-    for a in range(count):
-        for p in range(first[a], first[a + 1]):
-            mark[edges[p, 1]] = True
-        for p in range(first[a], first[a + 1]):
-            b = edges[p, 1]
-            for q in range(first[b], first[b + 1]):
-                found += mark[edges[q, 1]]
-        for p in range(first[a], first[a + 1]):
-            mark[edges[p, 1]] = False
-        if found > most:
-            return found
-    return found
+    A hole meets a triangle of candidate edges at its corners only, so it lies inside as a whole
+    or not at all; that one of four sites which is not a corner tells.
+    """
+    samples = np.zeros((outline.holes, 4), dtype=np.int32)
+    for number, (begin, end) in enumerate(zip(outline.ends, outline.ends[1:], strict=False)):
+        ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
+        samples[number] = ring + ring[-1:] * (4 - len(ring))
+    return samples
 
 
 @njit(nogil=True)
@@ -131,14 +85,20 @@ def _list(
     edges: np.ndarray,
     side: np.ndarray,
     rings: np.ndarray,
-    triangles: np.ndarray,
-    sides: np.ndarray,
-) -> int:
-    """Write the empty triangles and their edges; return how many there are."""
+    most: int,
+) -> tuple[int, np.ndarray]:
+    """Return how many triples see each other, and the empty triangles among them, (t, 6).
+
+    A row has a triangle's corners and its sides, as numbers of edges. Gives up where there are more
+    than `most` triples.
+    """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
-    found = 0
+    rows = np.empty((1024, 6), dtype=np.int32)
+    triples, found = 0, 0
     for a in range(n):
+        if triples > most:
+            break
         for p in range(first[a], first[a + 1]):
             edge_to[edges[p, 1]] = p
         for p in range(first[a], first[a + 1]):
@@ -148,6 +108,7 @@ def _list(
                 r = edge_to[c]
                 if r < 0:
                     continue
+                triples += 1
                 # Counter-clockwise a-b-c runs along p and q and against r; clockwise the reverse.
                 # A boundary edge must be run along with the interior on the left.
                 way = 1 if turn(points, a, b, c) > 0.0 else -1
@@ -155,15 +116,18 @@ def _list(
                     continue
                 if holds_ring(points, rings, a, b, c, way):
                     continue
-                triangles[found, 0], triangles[found, 1], triangles[found, 2] = a, b, c
-                sides[found, 0], sides[found, 1], sides[found, 2] = p, q, r
+                if found == len(rows):
+                    grown = np.empty((2 * found, 6), dtype=np.int32)
+                    copy_rows(rows, grown[:found])
+                    rows = grown
+                row = rows[found]
+                row[0], row[1], row[2], row[3], row[4], row[5] = a, b, c, p, q, r
                 if way < 0:
-                    triangles[found, 1], triangles[found, 2] = c, b
-                    sides[found, 0], sides[found, 2] = r, p
+                    row[1], row[2], row[3], row[5] = c, b, r, p
                 found += 1
         for p in range(first[a], first[a + 1]):
             edge_to[edges[p, 1]] = -1
-    return found
+    return triples, rows[:found]
 
 
 @njit(nogil=True)

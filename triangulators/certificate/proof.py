@@ -8,12 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from triangulators.certificate.candidates import (
-    Candidates,
-    candidates_of,
-    how_many,
-    sight_of,
-)
+from triangulators.certificate.candidates import Candidates, candidates_of
 from triangulators.certificate.linear_program import Program, Solution
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.skeleton import by_table, cuts_of, remaining
@@ -152,13 +147,11 @@ def prove(
     limit of time).
     """
     units = units_for(outline, triangles, cost)
-    sight = sight_of(outline, triangles)
     most = MOST if 0.0 < seconds < np.inf else _QUICK
-    room = how_many(sight, most)
-    if room > most:
+    candidates = candidates_of(outline, triangles, most)
+    if candidates is None:
         return None
-    candidates = candidates_of(sight, room)
-    weights = weights_of(sight.points, candidates.triangles, cost, units)
+    weights = weights_of(outline.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
     best = _Best(candidates, weights, units)
     best.offer(_numbers(candidates, triangles))
