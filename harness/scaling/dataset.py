@@ -17,7 +17,7 @@ from typing import Any
 
 from harness.errors import UsageError
 from harness.machine import environment
-from harness.progress import Parts, Reporter
+from harness.progress import Reporter
 from harness.scaling.parts import Cut, Done, Part, by_rows, cut_all, files
 from harness.scaling.task_queue import Crew, work_through
 from harness.stored import atomic
@@ -179,7 +179,7 @@ class Dataset:
         aside: dict[str, str] = {}
         fresh = 0
         amount = 0.0
-        show: Parts = lambda *_: None  # noqa: E731 - until there is something to show
+        show: Callable[[float], object] = lambda _: None  # noqa: E731 - until there is something to show
 
         def ended(key: str, done: Done) -> None:
             nonlocal fresh, amount
@@ -188,12 +188,13 @@ class Dataset:
             fresh, amount = fresh + 1, amount + sizes[key]
             for note in done.notes:
                 reporter.once(note)
-            show(fresh, amount)
+            show(amount)
 
         try:
             if missing:
                 total = sum(sizes.values())
-                with reporter.parts(self.kind.title, len(missing), total, unit) as show:
+                with reporter.stage(self.kind.title, total, unit) as stage:
+                    show = stage.complete
                     aside = work_through(tasks, crew, ended)
         finally:
             summary = self._summary(aside)
