@@ -72,10 +72,10 @@ class Home:
 
 
 TRIANGULATORS = Home("triangulators")
-"""Triangulates, and computes what compiled code does."""
+"""Triangulates, by all that is ours."""
 
 SECOND = Home("second process")
-"""Compiles and computes while the one that triangulates does, too."""
+"""Compiles and computes while the first triangulates."""
 
 
 def rasteriser_home(name: str) -> Home:
@@ -130,11 +130,10 @@ class Bench:
         self.database = database
         self.other = other
         self._workers: dict[str, Worker] = {}
-        self._opened: dict[str, tasks.Opened] = {}
+        self._opened: dict[str, Future[tasks.Opened]] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
         self._threads: dict[str, ThreadPoolExecutor] = {}
-        self._opening: dict[str, Future[tasks.Opened]] = {}
         self._compiled: set[str] = set()
 
     def submit(
@@ -196,7 +195,7 @@ class Bench:
         begun = SECOND.label in self._threads
         if begun or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
-        self.compute(warm_up, *ours, home=SECOND)
+        self.compute(warm_up, *ours)
 
     def triangulate(
         self,
@@ -255,14 +254,12 @@ class Bench:
                 found |= dict(zip(group, samples, strict=True))
         return found
 
-    def compute(
-        self, function: Callable[..., T], *arguments: Any, home: Home = TRIANGULATORS
-    ) -> Future[T]:
-        """Begin to run a function of ours, by default where compiled code is loaded.
+    def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Begin to run a function of ours in the second process.
 
         What a triangulator may take does not limit it.
         """
-        return self.submit(home, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
+        return self.submit(SECOND, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
 
     def hand_over(self, label: str, to: str) -> None:
         """Let the process called `label`, if there is one, do what that called `to` would do."""
@@ -277,16 +274,14 @@ class Bench:
         HarnessError
             if it cannot be opened
         """
-        if backend.label not in self._opened:
-            self.open_soon(backend)
-            with self.clocked("open"):
-                self._opened[backend.label] = result_of(self._opening.pop(backend.label))
-        return self._opened[backend.label]
+        self.open_soon(backend)
+        with self.clocked("open"):
+            return result_of(self._opened[backend.label])
 
     def open_soon(self, backend: Backend) -> None:
         """Begin to open a device, in its own process, while this one does something else."""
-        if backend.label not in self._opened and backend.label not in self._opening:
-            self._opening[backend.label] = self.submit(
+        if backend.label not in self._opened:
+            self._opened[backend.label] = self.submit(
                 backend.home, tasks.open_device, backend.rasteriser, backend.device
             )
 
@@ -362,7 +357,8 @@ class Bench:
 
     def describe(self) -> dict[str, Any]:
         """Return what is known of the devices that were opened, JSON-ready, by label."""
-        return {label: asdict(opened) for label, opened in self._opened.items()}
+        ended = {label: opened for label, opened in self._opened.items() if opened.done()}
+        return {name: asdict(each.result()) for name, each in ended.items() if not each.exception()}
 
     def close(self, *, at_once: bool = False) -> None:
         """End all processes; `at_once`: whatever they are doing. The second one's work is over."""

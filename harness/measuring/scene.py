@@ -44,7 +44,7 @@ class _View:
     """What a view's groups share: its frame, what triangulators made of it, what is known of it.
 
     made, triangles : by recipe; and what is drawn of each, (m, 3), by its name
-    limits : quads (p,) by name, see `lower_limits.Limits`; {} unless the baseline was triangulated
+    limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     """
 
     frame: Frame
@@ -140,7 +140,7 @@ class SceneRun:
             if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
         self.bench.compile_ahead([*ours, lower_limits.FEWEST])
-        limits: lower_limits.Limits | None = None
+        limits: lower_limits.Begun = {}
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
                 result = (
@@ -152,16 +152,15 @@ class SceneRun:
                     now.made[recipe] = result
                     now.triangles[str(recipe)] = now.frame.join(result.parts)
                     if recipe == BASELINE:
-                        limits = lower_limits.Limits(now.frame, result.parts, self.bench)
+                        limits = lower_limits.begin(now.frame, result.parts, self.bench)
                 else:
                     for group in groups:
                         if recipe in group.cases:
                             self.keeper.finished(records.problem(group.cases[recipe], *result))
                 stage.advance()
         said = "looking for the fewest quads, by which regret is told ..."
-        if limits:
-            with self.reporter.if_long(said, SAID_AFTER_S):
-                now.limits = limits.collect()
+        with self.reporter.if_long(said, SAID_AFTER_S):
+            now.limits = lower_limits.collect(limits)
 
     def _prepare_one(
         self, now: _View, recipe: Recipe, tick: Callable[[float], None]
