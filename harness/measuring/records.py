@@ -174,7 +174,7 @@ def measured(
         "polygons_failed": len(triangulation.failed),
         "vertices": len(frame.points),
         "triangles": sum(len(part) for part in done),
-        "predicted": triangulation.predicted.totals,
+        "predicted": {name: float(each.sum()) for name, each in triangulation.predicted.items()},
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
         **({"triangulate_samples_s": _rounded(again)} if again else {}),

@@ -332,6 +332,5 @@ def _columns(
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(now.frame.source) == 1:
         return None
-    columns = triangulation.predicted.columns
-    predicted = {f"predicted_{name}": column for name, column in columns.items()}
+    predicted = {f"predicted_{name}": each for name, each in triangulation.predicted.items()}
     return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

@@ -141,7 +141,8 @@ _FACTS: dict[str, Any] = {
     **dict.fromkeys(("scene", "seconds", "beside", "state", "written"), dict[str, Any]),
     **dict.fromkeys(("frames", "resumed", "merged"), list[Any]),
 }
-Facts = create_model("Facts", **{name: (kind | None, None) for name, kind in _FACTS.items()})
+_FIELDS: Any = {name: (kind | None, None) for name, kind in _FACTS.items()}
+Facts = create_model("Facts", **_FIELDS)
 """The content of run.json, as docs/reference/files.md has it."""
 
 
