@@ -126,8 +126,6 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
             )
         known.update(its)
         usable += [(Backend(name, device), options) for device in devices]
-        if len(devices) == 1 and not devices[0].environment:
-            bench.hand_over(rasteriser_home(name).label, usable[-1][0].label)
     strange = [device for device in plan.devices if device not in known]
     if strange:
         if plan.rasterisers[0] in rasterisers.BUILT_IN:

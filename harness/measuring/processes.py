@@ -130,7 +130,7 @@ class Bench:
         self.database = database
         self.other = other
         self._workers: dict[str, Worker] = {}
-        self._opened: dict[str, Future[tasks.Opened]] = {}
+        self._opened: dict[str, tasks.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
         self._threads: dict[str, ThreadPoolExecutor] = {}
@@ -158,16 +158,9 @@ class Bench:
             self._call, home, function, arguments, limit_s, tick
         )
 
-    def run(
-        self,
-        home: Home,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> T:
+    def run(self, home: Home, function: Callable[..., T], *arguments: Any, **how: Any) -> T:
         """Return what `submit` gives, once it is there."""
-        return result_of(self.submit(home, function, *arguments, timeout_s=timeout_s, tick=tick))
+        return result_of(self.submit(home, function, *arguments, **how))
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Have what a triangulator of this version needs compiled, or loaded; done once.
@@ -261,11 +254,6 @@ class Bench:
         """
         return self.submit(SECOND, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
 
-    def hand_over(self, label: str, to: str) -> None:
-        """Let the process called `label`, if there is one, do what that called `to` would do."""
-        if label in self._workers:
-            self._workers[to] = self._workers.pop(label)
-
     def open(self, backend: Backend) -> tasks.Opened:
         """Open the device, test its timer, and return what it is; done once.
 
@@ -274,16 +262,11 @@ class Bench:
         HarnessError
             if it cannot be opened
         """
-        self.open_soon(backend)
-        with self.clocked("open"):
-            return result_of(self._opened[backend.label])
-
-    def open_soon(self, backend: Backend) -> None:
-        """Begin to open a device, in its own process, while this one does something else."""
         if backend.label not in self._opened:
-            self._opened[backend.label] = self.submit(
-                backend.home, tasks.open_device, backend.rasteriser, backend.device
-            )
+            with self.clocked("open"):
+                arguments = (backend.rasteriser, backend.device)
+                self._opened[backend.label] = self.run(backend.home, tasks.open_device, *arguments)
+        return self._opened[backend.label]
 
     def count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
@@ -331,15 +314,14 @@ class Bench:
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
-                    told = tick and _after(tick, spent)
+                    drawn = (backend.rasteriser, backend.device, dict(candidates))
                     parts.append(
                         self.run(
                             backend.home,
                             tasks.time_group,
-                            *(backend.rasteriser, backend.device, dict(candidates)),
-                            *(share, test, seed + number),
+                            *(*drawn, share, test, seed + number),
                             timeout_s=timeout_s,
-                            tick=told,
+                            tick=tick and _after(tick, spent),
                         )
                     )
         except TaskFailed as error:
@@ -357,8 +339,7 @@ class Bench:
 
     def describe(self) -> dict[str, Any]:
         """Return what is known of the devices that were opened, JSON-ready, by label."""
-        ended = {label: opened for label, opened in self._opened.items() if opened.done()}
-        return {name: asdict(each.result()) for name, each in ended.items() if not each.exception()}
+        return {label: asdict(opened) for label, opened in self._opened.items()}
 
     def close(self, *, at_once: bool = False) -> None:
         """End all processes; `at_once`: whatever they are doing. The second one's work is over."""

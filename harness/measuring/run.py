@@ -78,7 +78,6 @@ class RunOptions:
     database : model database that triangulations are read from and written to; None for none
     beside : another version of the code to measure in the same rounds
     base : triangulator that tables and reports compare the others with
-    meanwhile : called once, when this process is about to wait for others
     """
 
     resume: bool = False
@@ -87,7 +86,6 @@ class RunOptions:
     database: Path | None = None
     beside: OtherVersion | None = None
     base: str | None = None
-    meanwhile: Callable[[], None] = lambda: None
 
 
 def run(
@@ -194,7 +192,6 @@ def _measure(
         rounds = not (how.split or how.beside)
         try:
             with _stopped_in_order(bench, reporter):
-                how.meanwhile()
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")

@@ -82,8 +82,6 @@ class SceneRun:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
                 continue
-            # Drivers take a second to load; meanwhile another process can triangulate.
-            self.bench.open_soon(groups[0].backend)
             now = _View(frame_of(self.scene, view))
             self._tell_of_snapping(now.frame)
             self.keeper.framed(now.frame)
