@@ -61,10 +61,6 @@ class OtherVersion:
     python: str = sys.executable
     twice: bool = False
 
-    def facts(self) -> dict[str, Any]:
-        """Return what HEAD's `run.json` tells of it."""
-        return {"base": self.name, "commit": self.commit, "twice": self.twice}
-
     @cached_property
     def has_same_builtins(self) -> bool:
         """Whether its package `triangulators` is the one of here, or equal to it."""

@@ -206,16 +206,17 @@ class SceneRun:
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
         """Run one triangulator over the frame, the scene not yet turned, or flat faces."""
+        before_turning = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
                 return original(frame)
             faces = frame.flat.polygons
-            done = self.bench.triangulate(recipe.before_turning, faces, tick)
+            done = self.bench.triangulate(before_turning, faces, tick)
             return in_views(frame, done, recipe)
         if not recipe.upright:
             return self.bench.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
-        before = self.bench.triangulate(recipe.before_turning, upright.polygons, tick)
+        before = self.bench.triangulate(before_turning, upright.polygons, tick)
         return carry_over(before, upright, frame)
 
     def _time_triangulating(self, now: _View) -> None:

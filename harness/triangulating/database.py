@@ -30,8 +30,6 @@ from harness.machine.environment import processor, source_hash
 from triangulators.polygon import rings_of
 
 SCHEMA = 1
-LIMIT_BYTES = 4 * 2**30
-"""Size of the file from which nothing more is kept, so that it cannot fill a disk unasked."""
 
 _BATCH = 500  # SQLite takes at least 999 parameters
 _WAIT_S = 30.0
@@ -94,13 +92,6 @@ class ModelDatabase:
 
     def keep(self, triangulator: str, key: bytes, model: Timed) -> None:
         """Keep a triangulation; what is there already under the same key is replaced."""
-        if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
-            size = f"{LIMIT_BYTES / 2**30:g} GiB"
-            self._say(
-                f"model database {self.path} is full ({size}), keeps no more; to empty it: "
-                "raster-harness cache clear"
-            )
-            return
 
         def write() -> None:
             with self._database:

@@ -59,17 +59,6 @@ def test_keys_differ_where_content_does(points, index, name):
     assert len({base, *others}) == 5
 
 
-def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
-    said: list[str] = []
-    with ModelDatabase(path, said.append) as database:
-        database.keep("delaunay", key(1), SOME)
-        monkeypatch.setattr(model, "LIMIT_BYTES", 0)
-        database.keep("delaunay", key(2), SOME)
-        assert list(database.find([key(1), key(2)])) == [key(1)]
-    (line,) = said
-    assert "is full (0 GiB), keeps no more; to empty it: raster-harness cache clear" in line
-
-
 class TestDamage:
     def put(self, path: Path) -> None:
         with ModelDatabase(path) as database:
