@@ -22,10 +22,10 @@ from harness.errors import (
 from harness.progress import Reporter, Screen
 
 if TYPE_CHECKING:
-    from harness.scaling import triangulated
-    from harness.scaling.census import Options, TileOptions
+    from harness.scaling.census import Census, TileCensus
+    from harness.scaling.crew import Crew
     from harness.scaling.dataset import Dataset, Summary
-    from harness.scaling.task_queue import Crew
+    from harness.scaling.triangulated import Triangulating
 
 SAID_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
@@ -40,14 +40,12 @@ NAMED = 10
 @contextmanager
 def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
     """Give those who do the work; `where` is what --dask says, None for this process alone."""
-    if not where:
-        from harness.scaling.task_queue import Crew
+    from harness.scaling.crew import Crew, DaskCrew
 
+    if not where:
         yield Crew()
         return
-    from harness.scaling.cluster import DaskCrew  # which a command without --dask can do without
-
-    crew = DaskCrew(where, reporter)
+    crew = DaskCrew(where)
     try:
         reporter.say(f"{crew.threads} workers; dashboard: {crew.dashboard}")
         yield crew
@@ -56,7 +54,7 @@ def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
 
 
 def triangulate_many_files(
-    pattern: str, out: Path, options: triangulated.Options, where: str | None, reporter: Reporter
+    pattern: str, out: Path, work: Triangulating, where: str | None, reporter: Reporter
 ) -> None:
     """Triangulate the parts of many files into a folder, and say what is in it.
 
@@ -69,16 +67,14 @@ def triangulate_many_files(
     """
     from harness.export.export import FORMATS, Certified
     from harness.scaling.dataset import Dataset
-    from harness.scaling.triangulated import TRIANGLES
 
     if out.suffix.lower() in FORMATS and not out.is_dir():
         raise UsageError(f"-o {out}: give a folder, for a file of each part")
-    summary = _complete(Dataset(pattern, out, options, TRIANGLES), out, where, reporter)
+    summary = _complete(Dataset(pattern, out, work), out, where, reporter)
     _warn(summary, out, reporter)
-    rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
     typer.echo(
         f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
-        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
+        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s; "
         f"{summary.proven:,} proven optimal"
     )
     if summary.certified:
@@ -90,7 +86,7 @@ def triangulate_many_files(
 def count(
     pattern: str,
     out: Path,
-    options: Options | TileOptions,
+    census: Census | TileCensus,
     where: str | None,
     reporter: Reporter,
 ) -> None:
@@ -106,48 +102,44 @@ def count(
         if parts were set aside
     """
     from harness.scaling import census_report
-    from harness.scaling.census import COUNTING, THIN, TILE_COUNTING, TileOptions, also_found
+    from harness.scaling.census import THIN, TileCensus
     from harness.scaling.dataset import Dataset
-    from harness.scaling.sums import MEASURES, total
+    from harness.scaling.sums import Counted
     from harness.stored.folder import clear_errors
     from scenes.spec import suggestion
 
-    kind = TILE_COUNTING if isinstance(options, TileOptions) else COUNTING
-    dataset = Dataset(pattern, out / "parts", options, kind)
+    dataset = Dataset(pattern, out / "parts", census)
     summary = _complete(dataset, out, where, reporter)
-    groups = total(dataset.out, dataset.keys_done)
-    damaged, known = also_found(dataset.out, dataset.keys_done)
-    noun = census_report.noun(options)
-    counted = sum(sums.footprints for sums in groups.values())
+    found = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
+    counted = summary.polygons
     if not counted:
         if summary.set_aside and not summary.parts_done and where is None:
             first, *rest = summary.set_aside.values()
             raise UsageError(first + (f" (and {len(rest):,} more)" if rest else ""))
         _warn(summary, dataset.out, reporter)
-        asked = options.chosen.layers or () if isinstance(options, TileOptions) else ()
-        if missing := [name for name in asked if known and name not in known]:
-            hint = suggestion(missing[0], known, "it has")
+        asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
+        if missing := [name for name in asked if found.known and name not in found.known]:
+            hint = suggestion(missing[0], sorted(found.known), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
         if not any(kind == "failed" or why == THIN for kind, why in summary.counts):
-            condition = getattr(options, "where", None)
+            condition = getattr(census, "where", None)
             filtered = f" for where={condition}: widen the filter" if condition else ""
             raise UsageError(f"{pattern} holds no usable polygon{filtered}")
         raise NothingMeasured(
-            f"{os.path.relpath(out)}: no {noun[:-1]} was done by all triangulators"
+            f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
         )
-    if not sum(sums.totals[0, MEASURES.index("fragments")] for sums in groups.values()):
+    if not found.whole().total("fragments")[0]:
         _warn(summary, dataset.out, reporter)
-        what = "pixels=" if isinstance(options, TileOptions) else "--units-per-pixel"
+        what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
         raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
-        written = census_report.write(out, groups, options, damaged)
+        written = census_report.write(out, found, census)
     _warn(summary, dataset.out, reporter)
-    for name, why in damaged[:NAMED]:
+    for name, why in found.damaged[:NAMED]:
         reporter.warn(f"tile {name} {why}")
-    console = Screen(highlight=False)
-    console.print(census_report.table(groups, options, console))
+    Screen(highlight=False).print(census_report.table(found, census))
     typer.echo(
-        f"{os.path.relpath(out)}: {counted:,} {noun} in {summary.seconds:.1f} s: "
+        f"{os.path.relpath(out)}: {counted:,} {census.noun} in {summary.seconds:.1f} s: "
         f"{', '.join(written)}"
     )
     # A polygon that one triangulator cannot do is left out for all: a warning tells how many.
@@ -156,11 +148,9 @@ def count(
 
 def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
     """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
-    for file, earlier in dataset.cut.repeated.items():
-        reporter.warn(f"{file} has the content of {earlier}: its polygons count twice")
     there = len(dataset.done)
     if there:
-        reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")
+        reporter.say(f"{out}: {there:,} of {len(dataset.parts):,} parts are there already")
     try:
         with (
             crew_of(where if dataset.missing else "", reporter) as crew,
@@ -169,7 +159,7 @@ def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter
             return dataset.complete(crew, reporter, needless)
     except KeyboardInterrupt:
         typer.echo(
-            f"stopped; {len(dataset.done):,} of {len(dataset.cut.parts):,} parts are in {out}; "
+            f"stopped; {len(dataset.done):,} of {len(dataset.parts):,} parts are in {out}; "
             "to go on, give the same command again",
             err=True,
         )
@@ -284,8 +274,8 @@ def census(
     drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
     command, given again, does what is missing.
     """
-    from harness.scaling.census import Options, TileOptions
-    from harness.scaling.parts import files
+    from harness.scaling.census import Census, TileCensus
+    from harness.scaling.dataset import files
     from scenes.slices import chosen, in_degrees
     from triangulators.registry import full_name
 
@@ -298,7 +288,7 @@ def census(
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # A thousand units, or a hundredth of a degree: a kilometre.
         size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
-        count(file, out, Options(names, scale, size, layer, where), dask, reporter)
+        count(file, out, Census(names, scale, size, layer, where), dask, reporter)
         return
     if any(given is not None for given in (units_per_pixel, cell, layer, where)):
         raise UsageError(
@@ -306,4 +296,4 @@ def census(
             "these; write FILE:zoom=12-16,layers=building,pixels=512"
         )
     name, what = tiles
-    count(name, out, TileOptions(names, what), dask, reporter)
+    count(name, out, TileCensus(names, what), dask, reporter)

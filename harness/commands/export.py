@@ -121,21 +121,20 @@ def triangulate(
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
         from harness.export.geo import parquet_module
-        from harness.scaling.triangulated import Options
+        from harness.scaling.triangulated import Triangulating
 
         parquet_module()
-        triangulate_many_files(
-            file, out, Options(name, height, layer, where, certify), dask, reporter
-        )
+        work = Triangulating(name, height, layer, where, certify)
+        triangulate_many_files(file, out, work, dask, reporter)
         return
     device = _opened(device, reporter)
 
     def counted(polygons: int) -> None:
         needless()
-        stage.complete(polygons)
+        counting(polygons)
 
     with (
-        reporter.stage(f"triangulating {file}") as stage,
+        reporter.counting(f"triangulating {file}") as counting,
         reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
     ):
         report = export_file(
@@ -214,10 +213,10 @@ def _in_place(
     from harness.models.views import VIEWS
 
     with (
-        reporter.stage(f"looking at {source}") as stage,
+        reporter.counting(f"looking at {source}") as tick,
         reporter.if_long(COMPILING, SAID_AFTER_S),
     ):
-        done = retriangulate(source, out, criterion or CRITERION, tick=stage.complete)
+        done = retriangulate(source, out, criterion or CRITERION, tick=tick)
     for reason, count in sorted(done.left.items()):
         typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
     share = done.flat_area / done.area if done.area else 0.0
@@ -283,15 +282,14 @@ def cache(
             typer.echo(f"forgot {count:,} triangulations in {database.path}")
             typer.echo(f"removed compiled code of {old:,} old modules")
             return
-        kinds = database.info()
+        info = database.info()
     compiled = compiled_files.kept()
     typer.echo(
         f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
         f"{len(compiled.old):,} old modules"
     )
-    entries, file_bytes = sum(count for count, _ in kinds.values()), database.path.stat().st_size
-    typer.echo(f"{database.path}: {entries:,} triangulations, {file_bytes:,} bytes")
-    for name, (count, size) in kinds.items():
+    typer.echo(f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes")
+    for name, (count, size) in info.by_triangulator.items():
         typer.echo(f"  {name}: {count:,}, {size:,} bytes")
 
 

@@ -61,6 +61,10 @@ class OtherVersion:
     python: str = sys.executable
     twice: bool = False
 
+    def facts(self) -> dict[str, Any]:
+        """Return what HEAD's `run.json` tells of it."""
+        return {"base": self.name, "commit": self.commit, "twice": self.twice}
+
     @cached_property
     def has_same_builtins(self) -> bool:
         """Whether its package `triangulators` is the one of here, or equal to it."""
@@ -187,16 +191,22 @@ def triangulate_elsewhere(
     )
     _refuse_own_code(other, recipe.base, answer["file"])
     result = FrameTriangulation(seconds=float(answer["seconds"]))
-    for polygon, (kind, value) in zip(polygons, answer["results"], strict=True):
+    for number, (polygon, (kind, value)) in enumerate(
+        zip(polygons, answer["results"], strict=True)
+    ):
         part, junctions, problem = None, 0, ""
         if kind == "triangles":
             part = np.asarray(value)
             junctions, problem = check(polygon, part)
+            part = None if problem else part
         elif kind == "skipped":
-            result.skipped.append((len(result.parts), shortened(value)))
+            result.skipped.append((number, shortened(value)))
         else:
             problem = shortened(value)
-        result.add(part, junctions, problem)
+        if problem:
+            result.failed.append((number, problem))
+        result.parts.append(part)
+        result.t_junctions.append(junctions)
     return result
 
 

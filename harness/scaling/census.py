@@ -4,36 +4,33 @@ Footprints are drawn on the pixel grid of a map, each by itself. Polygons of map
 maps draw them, cut at their tile's edge, and added up for each zoom and layer.
 """
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
 from harness.export.apart import triangulate_many
 from harness.frame import MARGIN_STEP_PX, SUBPIXEL, WHOLE, snap
 from harness.rasterisers.reference import predict
-from harness.scaling.dataset import Kind
-from harness.scaling.parts import AT_A_TIME, Done, Part, about, files, make_part
+from harness.scaling.dataset import AT_A_TIME, Done, Part, Work
 from harness.scaling.sums import (
     BINS,
     FOOTPRINTS,
     GAINED,
     MEASURES,
+    Counted,
     Group,
     Sums,
-    groups_of,
-    read_counted,
-    save,
-    whole,
+    read_done,
 )
 from scenes.cleaning.clean import Noted
 from scenes.files import Chunk, read_chunks
-from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
+from scenes.slices import Chosen, Slices, Tile, cut, cut_tiles, read_tiles
 from scenes.tiles.read import rounding
 from triangulators.ragged import Ragged, ragged
 
@@ -44,31 +41,73 @@ THIN = "thinner than the grid of 1/256 px"
 
 
 @dataclass(frozen=True)
-class Options:
-    """What a census of footprints counts.
+class Counting(Work):
+    """What both have.
 
     triangulators : full names; the first is the one that the others are compared with
+    noun : what is counted
+    """
+
+    title: ClassVar[str] = "counting"
+    suffix: ClassVar[str] = ".npz"
+    noun: ClassVar[str]
+    read = staticmethod(read_done)
+
+    triangulators: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Census(Counting):
+    """A census of footprints.
+
     units_per_pixel : of the map on which footprints are drawn: metres, if they are in degrees
     cell : edge of a cell of the map, in the source's own units
     """
 
-    triangulators: tuple[str, ...]
+    noun: ClassVar[str] = "footprints"
+
     units_per_pixel: float
     cell: float
     layer: str | None = None
     where: str | None = None
 
+    def cut(self, path: str) -> Slices:
+        """Cut a file by its rows."""
+        return cut(path, self.layer, self.where)
+
+    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+        """Count the rows."""
+        found = _Found(self.triangulators, threads)
+        for chunk in read_chunks(
+            part.path, layer=self.layer, where=self.where, size=AT_A_TIME, rows=part.rows
+        ):
+            found.add_chunk(chunk, self)
+        return found.save(part, place)
+
 
 @dataclass(frozen=True)
-class TileOptions:
-    """What a census of tiles counts.
+class TileCensus(Counting):
+    """A census of map tiles; chosen : zooms, layers and a tile's side in pixels."""
 
-    triangulators : full names; the first is the one that the others are compared with
-    chosen : zooms, layers and a tile's side in pixels
-    """
+    unit: ClassVar[str] = "tiles"
+    noun: ClassVar[str] = "polygons"
 
-    triangulators: tuple[str, ...]
     chosen: Chosen
+
+    def cut(self, path: str) -> Slices:
+        """Cut an archive by its tiles."""
+        return cut_tiles(path, self.chosen.zooms)
+
+    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+        """Count the tiles."""
+        found = _Found(self.triangulators, threads)
+        assert part.rows is not None
+        extents: set[int] = set()
+        for tile in read_tiles(part.path, part.rows, self.chosen):
+            extents.update(own.extent for own in found.add_tile(tile, self.chosen.pixels))
+        found.count_waiting(self.chosen.pixels)
+        found.notes += rounding(extents, self.chosen.pixels)
+        return found.save(part, place)
 
 
 class _Some(NamedTuple):
@@ -76,7 +115,7 @@ class _Some(NamedTuple):
 
     group: Group
     polygons: NDArray[np.object_]
-    named: Callable[[int], str]
+    labels: Sequence[str]
     times: int = 1
 
 
@@ -84,20 +123,14 @@ class _Some(NamedTuple):
 class _Found:
     """What was found so far, and `waiting`, the polygons of tiles that are not counted yet."""
 
-    options: Options | TileOptions
+    triangulators: tuple[str, ...]
     threads: int | None
-    groups: dict[Group, Sums] = field(default_factory=dict)
+    counted: Counted = field(default_factory=Counted)
     noted: Noted = field(default_factory=Noted)
     notes: list[str] = field(default_factory=list)
-    damaged: list[tuple[str, str]] = field(default_factory=list)
-    known: set[str] = field(default_factory=set)
     waiting: list[_Some] = field(default_factory=list)
 
-    def sums_of(self, group: Group) -> Sums:
-        """Return the sums of a group, which may be there already."""
-        return self.groups.setdefault(group, Sums.empty(len(self.options.triangulators)))
-
-    def add_chunk(self, chunk: Chunk, options: Options) -> None:
+    def add_chunk(self, chunk: Chunk, census: Census) -> None:
         """Count the footprints of a chunk, and add them up by cells of the source's coordinates."""
         self.noted.note("dropped", chunk.cleaned.dropped)
         self.noted.note("repaired", chunk.cleaned.repaired)
@@ -105,43 +138,39 @@ class _Found:
         given = chunk.cleaned.polygons
         if not len(given):
             return
-        some = _Some(FOOTPRINTS, given, lambda k: chunk.labels[int(chunk.cleaned.source[k])])
-        kept, table = self.count([some], options.units_per_pixel)
+        labels = [chunk.labels[source] for source in chunk.cleaned.source.tolist()]
+        kept, table = self.count([_Some(FOOTPRINTS, given, labels)], census.units_per_pixel)
         middle = shapely.get_coordinates(shapely.centroid(given[kept]))
         if chunk.projection is not None:
             middle = chunk.projection.inverse(middle)
-        places, number = np.unique(
-            np.floor(middle / options.cell).astype(np.int64), axis=0, return_inverse=True
-        )
-        lanes = table[:, kept, MEASURES.index("helper_lanes")]
-        weights = np.vstack([np.ones(len(middle)), lanes])
-        sums = [np.bincount(number.ravel(), weights=row, minlength=len(places)) for row in weights]
-        cells = zip(map(tuple, places.tolist()), np.stack(sums, axis=1), strict=True)
-        self.sums_of(FOOTPRINTS).add_cells(dict(cells))
+        lanes = table[:, kept, MEASURES.index("helper_lanes")].astype(np.int64)
+        names = ("x", "y", "footprints", *(f"helper_lanes {each}" for each in self.triangulators))
+        places = np.floor(middle / census.cell).astype(np.int64).T
+        rows = np.vstack([places, np.ones(len(middle), np.int64), lanes])
+        self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
 
-    def add_tile(self, tile: Tile, extents: set[int], options: TileOptions) -> None:
-        """Take a tile in; count what waits, if that is enough."""
-        self.known.update(tile.parts.known)
+    def add_tile(self, tile: Tile, side: int) -> list[Any]:
+        """Take a tile in, and count what waits, if that is enough; returns layers with polygons."""
+        self.counted.known.update(tile.parts.known)
         if tile.damage:
-            self.damaged.append((tile.name, tile.damage))
+            self.counted.damaged.append((tile.name, tile.damage))
             self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.times
-        for own in tile.parts.layers:
-            if not (len(own.polygons) or own.dropped):
-                continue
-            group = (tile.zoom, own.name)
-            sums = self.sums_of(group)
-            sums.tiles += tile.times if len(own.polygons) else 0
-            sums.dropped += tile.times * len(own.dropped)
-            sums.repaired += tile.times * len(own.repaired)
+        layers = [own for own in tile.parts.layers if len(own.polygons) or own.dropped]
+        for own in layers:
+            numbers = {"tiles": int(len(own.polygons) > 0)}
             place = f"{tile.name} {own.name}"
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
+                numbers[kind] = len(notes)
                 placed = [(f"{place} {which}", why) for which, why in notes]
                 self.noted.note(kind, placed, tile.times)
-            extents.add(own.extent)
-            named = f"{place} polygon {{}}".format
-            self.waiting.append(_Some(group, own.polygons, named, tile.times))
+            numbers = {name: tile.times * count for name, count in numbers.items()}
+            group = (tile.zoom, own.name)
+            self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
+            labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
+            self.waiting.append(_Some(group, own.polygons, labels, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:
-            self.count_waiting(options.chosen.pixels)
+            self.count_waiting(side)
+        return layers
 
     def count_waiting(self, side: int) -> None:
         """Count what waits, as tiles of `side` pixels show it."""
@@ -165,104 +194,48 @@ class _Found:
         """
         sizes = [len(some.polygons) for some in batch]
         given = np.concatenate([some.polygons for some in batch])
+        labels = [label for some in batch for label in some.labels]
         times = np.repeat([some.times for some in batch], sizes)
         pieces, owners = on_pixels(given, units_per_pixel, margin)
         arrays = ragged(pieces)
-        names = self.options.triangulators
-        tables, failures = zip(
-            *(_measured(arrays, owners, len(given), name, window, self.threads) for name in names),
-            strict=True,
-        )
-        table = np.stack(tables)
-        of = np.repeat(np.arange(len(batch)), sizes)
-        first = np.cumsum([0, *sizes])
-
-        def note(kind: str, k: int, why: str) -> None:
-            which = batch[of[k]].named(k - int(first[of[k]]))
-            self.noted.note(kind, [(which, why)], int(times[k]))
-
         drawn = np.isin(np.arange(len(given)), owners)
-        kept = drawn.copy()
-        for k in np.flatnonzero(~drawn).tolist():
-            note("dropped", k, THIN)
-        for name, failed in zip(names, failures, strict=True):
+        left = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
+        tables = []
+        for name in self.triangulators:
+            table, failed = _measured(arrays, owners, len(given), name, window, self.threads)
+            tables.append(table)
             for k, why in sorted(failed.items()):
                 # what it says of itself begins with its name already
-                note("failed", k, why if why.startswith(f"{name}: ") else f"{name}: {why}")
-                kept[k] = False
-        for group in dict.fromkeys(some.group for some in batch):
-            among = np.isin(of, [k for k, some in enumerate(batch) if some.group == group])
-            own = among & kept
-            sums = self.sums_of(group)
-            sums.add(_added_up(table[:, own], given[own], times[own]))
-            sums.dropped += int(times[among & ~drawn].sum())
-        return kept, table
+                left.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
+        kept = np.ones(len(given), np.bool_)
+        for kind, k, why in left:
+            self.noted.note(kind, [(labels[k], why)], int(times[k]))
+            kept[k] = False
+        number = {group: k for k, group in enumerate(dict.fromkeys(some.group for some in batch))}
+        of = np.repeat([number[some.group] for some in batch], sizes)
+        whole = np.stack(tables)
+        for group, k in number.items():
+            own = (of == k) & kept
+            lost = int(times[(of == k) & ~drawn].sum())
+            self.counted.add(group, _added_up(whole[:, own], given[own], times[own], lost))
+        return kept, whole
 
-
-def count_part(
-    part: Part, options: Options | TileOptions, out: str, code: str, threads: int | None = 1
-) -> Done:
-    """Count a part and put its file into the folder `out`, unless it is there.
-
-    Raises as `make_part` does.
-    """
-    place = Path(out) / f"{part.key}.npz"
-    return make_part(place, code, read_counted, lambda: _write(part, options, place, code, threads))
-
-
-def _write(
-    part: Part, options: Options | TileOptions, place: Path, code: str, threads: int | None
-) -> Done:
-    found = _Found(options, threads)
-    if isinstance(options, TileOptions):
-        assert part.rows is not None
-        extents: set[int] = set()
-        for tile in read_tiles(part.path, part.rows, options.chosen):
-            found.add_tile(tile, extents, options)
-        found.count_waiting(options.chosen.pixels)
-        found.notes += rounding(extents, options.chosen.pixels)
-    else:
-        for chunk in read_chunks(
-            part.path, layer=options.layer, where=options.where, size=AT_A_TIME, rows=part.rows
-        ):
-            found.add_chunk(chunk, options)
-    sums = whole(found.groups, len(options.triangulators))
-    done = Done(
-        polygons=sums.footprints,
-        vertices=sums.vertices,
-        triangles=int(sums.totals[0, MEASURES.index("triangles")]),
-        proven=0,
-        counts=[[*which, count] for which, count in sorted((+found.noted.counts).items())],
-        certified=None,
-        about=about(part, json.loads(json.dumps(asdict(options))), code),
-        notes=found.notes,
-        left_out=found.noted.told("dropped", "failed"),
-    )
-    save(place, done, found.groups, {"damaged": found.damaged, "known": sorted(found.known)})
-    return done
-
-
-def _cut(path: str, options: Mapping[str, Any]) -> Slices:
-    zooms = options["chosen"]["zooms"]
-    return cut_tiles(path, None if zooms is None else (zooms[0], zooms[1]))
-
-
-def archives(pattern: str) -> list[Path]:
-    """Return the archives that a name or a pattern stands for; raises UsageError if none is."""
-    return [Path(pattern).absolute()] if is_folder(pattern) else files(pattern)
-
-
-COUNTING = Kind("counting", ".npz", count_part, read_counted)
-TILE_COUNTING = Kind(
-    "counting", ".npz", count_part, read_counted, unit="tiles", cut=_cut, files=archives
-)
-
-
-def also_found(folder: Path, keys: Iterable[str]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the tiles of parts that are damaged, and why; and the names of all layers."""
-    found = [groups_of(folder / f"{key}.npz")[1] for key in keys]
-    damaged = [(name, why) for each in found for name, why in each["damaged"]]
-    return damaged, sorted({name for each in found for name in each["known"]})
+    def save(self, part: Part, place: Path) -> Done:
+        """Write what was found as the part's file."""
+        nothing = Sums.of(len(self.triangulators))
+        sums = self.counted.whole() if self.counted.groups else nothing
+        done = Done(
+            polygons=sums.count("polygons"),
+            triangles=int(sums.total("triangles")[0]),
+            proven=0,
+            counts=[[*which, count] for which, count in sorted((+self.noted.counts).items())],
+            certified=None,
+            about=part.about,
+            notes=self.notes,
+            left_out=self.noted.told("dropped", "failed"),
+        )
+        self.counted.save(place, done)
+        return done
 
 
 def on_pixels(
@@ -292,7 +265,7 @@ def on_pixels(
     pieces: list[Any] = []
     source: list[int] = []
     for number in np.flatnonzero(~good).tolist():
-        found, _ = snap(near[number])
+        found = snap(near[number]).pieces
         pieces += found
         source += [number] * len(found)
     made = np.array([*grid[good], *pieces], dtype=object)
@@ -301,27 +274,30 @@ def on_pixels(
     return shapely.orient_polygons(made[order]), owners[order]
 
 
-def _added_up(table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64]) -> Sums:
+def _added_up(
+    table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64], dropped: int
+) -> Sums:
     """Add up what was measured (t, p, len(MEASURES)) of p polygons.
 
-    times : (p,) how often each is there
+    times : (p,) how often each is there; dropped : how many more vanished
     """
     corners = shapely.get_num_coordinates(polygons) - 1 - shapely.get_num_interior_rings(polygons)
-    sums = Sums.empty(len(table))
-    sums.footprints, sums.vertices = int(times.sum()), int((times * corners).sum())
-    sums.totals = (table * times[:, None]).sum(axis=1)
-    for measure, name in enumerate(GAINED):
-        column = MEASURES.index(name)
-        for triangulator in range(len(table)):
-            gained = gains(table[0, :, column], table[triangulator, :, column])
-            places = np.clip(np.floor((gained + 1.0) * BINS / 2), 0, BINS - 1).astype(int)
-            bins = np.bincount(places, weights=times, minlength=BINS)
-            sums.bins[triangulator, measure] = bins.astype(np.int64)
-    return sums
+    sums = Sums.of(
+        len(table),
+        polygons=int(times.sum()),
+        vertices=int((times * corners).sum()),
+        dropped=dropped,
+    )
+    columns = table[:, :, [MEASURES.index(name) for name in GAINED]]
+    gained = gains(columns[0], columns)
+    places = np.clip(np.floor((gained + 1.0) * BINS / 2), 0, BINS - 1).astype(int)
+    which = np.arange(len(table))[:, None, None], np.arange(len(GAINED))
+    np.add.at(sums.bins, (*which, places), times[:, None])
+    return sums._replace(totals=(table * times[:, None]).sum(axis=1))
 
 
 def gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (p,) how much less `other` is than `base`, relative to it; 0 where both are 0."""
+    """Return how much less `other` is than `base`, relative to it; 0 where both are 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(base == other, 0.0, 1.0 - other / base)
 

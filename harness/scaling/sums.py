@@ -6,15 +6,16 @@ up in a moment.
 """
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from harness.scaling.parts import Done, lasting
+from harness.scaling.dataset import Done
 from harness.stored.atomic import Output
 from harness.stored.folder import UNREADABLE
 
@@ -30,129 +31,112 @@ MEASURES = ("fragments", "triangles", *GAINED)
 BINS = 400
 """Bins of a gain, 0.5 % each, from -100 % to 100 %; what is beyond is in the first."""
 
+COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
+"""Of tiles: those that hold a polygon, and polygons that cannot be drawn or had to be mended."""
 
 Group = tuple[int | None, str]
 """Zoom and layer of polygons of map tiles; footprints are all of one group."""
 
 FOOTPRINTS: Group = (None, "")
 
-_COUNTS = ("footprints", "vertices", "tiles", "dropped", "repaired")
+
+class Sums(NamedTuple):
+    """Sums over footprints, or polygons of map tiles, for t triangulators.
+
+    counts : (len(COUNTS),) int64
+    totals : (t, len(MEASURES)) float64; integers but for the criteria
+    bins : (t, len(GAINED), BINS) int64, polygons by what they gain
+    """
+
+    counts: NDArray[np.int64]
+    totals: NDArray[np.float64]
+    bins: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, triangulators: int, **counts: int) -> "Sums":
+        """Return what is counted of polygons that are not drawn."""
+        totals = np.zeros((triangulators, len(MEASURES)))
+        bins = np.zeros((triangulators, len(GAINED), BINS), np.int64)
+        return cls(np.array([counts.get(name, 0) for name in COUNTS], np.int64), totals, bins)
+
+    def count(self, name: str) -> int:
+        """Return one of `COUNTS`."""
+        return int(self.counts[COUNTS.index(name)])
+
+    def total(self, measure: str) -> NDArray[np.float64]:
+        """Return a measure's (t,) sums."""
+        return self.totals[:, MEASURES.index(measure)]
 
 
 @dataclass
-class Sums:
-    """Sums over footprints, or polygons of map tiles, for t triangulators.
+class Counted:
+    """What was found in one part or several.
 
-    tiles : that hold a polygon
-    dropped, repaired : polygons of tiles that cannot be drawn, and that had to be mended
-    totals : (t, len(MEASURES)) float64; integers but for the criteria
-    bins : (t, len(GAINED), BINS) int64, footprints by what they gain
-    cells : (column, row) to (t + 1,) float64: footprints, then each triangulator's helper lanes
+    groups : sums by zoom and layer
+    cells : columns `x`, `y` (whole numbers), `footprints`, and each triangulator's helper lanes
+    damaged : tiles of which something cannot be read, and why; known : names of all layers
     """
 
-    footprints: int
-    vertices: int
-    totals: NDArray[np.float64]
-    bins: NDArray[np.int64]
-    cells: dict[tuple[int, int], NDArray[np.float64]]
-    tiles: int = 0
-    dropped: int = 0
-    repaired: int = 0
+    groups: dict[Group, Sums] = field(default_factory=dict)
+    cells: list[pd.DataFrame] = field(default_factory=list)
+    damaged: list[tuple[str, str]] = field(default_factory=list)
+    known: set[str] = field(default_factory=set)
 
-    @classmethod
-    def empty(cls, triangulators: int) -> "Sums":
-        """Return those of no footprint."""
-        totals = np.zeros((triangulators, len(MEASURES)))
-        return cls(0, 0, totals, np.zeros((triangulators, len(GAINED), BINS), np.int64), {})
+    def add(self, group: Group, sums: Sums) -> None:
+        """Add other polygons of a group."""
+        old = self.groups.get(group)
+        self.groups[group] = sums if old is None else Sums(*map(np.add, old, sums))
 
-    def add(self, other: "Sums") -> None:
-        """Add other footprints'."""
-        for name in _COUNTS:
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        self.totals += other.totals
-        self.bins += other.bins
-        self.add_cells(other.cells)
+    def whole(self) -> Sums:
+        """Add up the groups; there is at least one."""
+        return Sums(*(sum(each) for each in zip(*self.groups.values(), strict=True)))
 
-    def add_cells(self, cells: Mapping[tuple[int, int], NDArray[np.float64]]) -> None:
-        """Add what other footprints have in each cell."""
-        for cell, values in cells.items():
-            self.cells[cell] = self.cells[cell] + values if cell in self.cells else values
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what a file keeps."""
-        cells = sorted(self.cells)
-        width = len(self.totals) + 1
-        return {
-            "size": np.array([getattr(self, name) for name in _COUNTS], np.int64),
-            "totals": self.totals,
-            "bins": self.bins,
-            "cells": np.array(cells, np.int64).reshape(-1, 2),
-            "cell_sums": np.array([self.cells[cell] for cell in cells]).reshape(-1, width),
+    def save(self, place: Path, done: Done) -> None:
+        """Write a part's file, whole or not at all."""
+        cells = [_added(self.cells)] if self.cells else []
+        told = {
+            "done": asdict(done),
+            "groups": list(self.groups),
+            "cells": [list(each) for each in cells],
+            "damaged": self.damaged,
+            "known": sorted(self.known),
         }
+        arrays = {
+            name: np.array([getattr(sums, name) for sums in self.groups.values()])
+            for name in Sums._fields
+        } | {"cells": np.array(cells, np.int64)}
+        with Output(place, forced=True) as output:
+            with output.file() as file:
+                np.savez_compressed(file, allow_pickle=False, told=json.dumps(told), **arrays)
+            output.publish()
 
     @classmethod
-    def of_arrays(cls, kept: Mapping[str, NDArray[Any]]) -> "Sums":
-        """Undo `arrays`."""
-        counts = dict(zip(_COUNTS, kept["size"].tolist(), strict=True))
-        places = map(tuple, kept["cells"].tolist())
-        cells = dict(zip(places, kept["cell_sums"], strict=True))
-        return cls(totals=kept["totals"], bins=kept["bins"], cells=cells, **counts)
+    def read(cls, files: Iterable[Path]) -> "Counted":
+        """Add up the files of parts."""
+        result = cls()
+        for file in files:
+            with np.load(file, allow_pickle=False) as kept:
+                told = json.loads(str(kept["told"]))
+                arrays = zip(*(kept[name] for name in Sums._fields), strict=True)
+                for (zoom, layer), own in zip(told["groups"], arrays, strict=True):
+                    result.add((zoom, layer), Sums(*own))
+                for rows, columns in zip(kept["cells"], told["cells"], strict=True):
+                    result.cells.append(pd.DataFrame(rows, columns=columns))
+            result.damaged += map(tuple, told["damaged"])
+            result.known.update(told["known"])
+        if result.cells:
+            result.cells = [_added(result.cells)]
+        return result
 
 
-def save(
-    place: Path, done: Done, groups: Mapping[Group, Sums], more: Mapping[str, Any] | None = None
-) -> None:
-    """Write a part's file, whole or not at all; `more` is anything that JSON can hold."""
-    told = {"told": lasting(done), "groups": list(groups), "more": dict(more or {})}
-    arrays = {
-        f"{number} {name}": array
-        for number, sums in enumerate(groups.values())
-        for name, array in sums.arrays().items()
-    }
-    with Output(place, forced=True) as output:
-        with output.file() as file:
-            texts = {name: np.array(json.dumps(value)) for name, value in told.items()}
-            np.savez_compressed(file, allow_pickle=False, **texts, **arrays)
-        output.publish()
+def _added(cells: list[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(cells).groupby(["x", "y"], as_index=False).sum()
 
 
-def read_counted(file: Path) -> Done | None:
-    """Return what a part's file says of itself; None where it is no such file, or is damaged."""
+def read_done(file: Path) -> Done | None:
+    """Return what a part's file says of itself; None where it is none, or is damaged."""
     try:
         with np.load(file, allow_pickle=False) as arrays:
-            return Done(**json.loads(str(arrays["told"])))
+            return Done(**json.loads(str(arrays["told"]))["done"])
     except (*UNREADABLE, TypeError):
         return None
-
-
-def groups_of(file: Path) -> tuple[dict[Group, Sums], dict[str, Any]]:
-    """Return the sums that a part's file holds, and what else `save` was given."""
-    with np.load(file, allow_pickle=False) as kept:
-        names = [tuple(each) for each in json.loads(str(kept["groups"]))]
-        own = (
-            {name.partition(" ")[2]: kept[name] for name in kept if name.startswith(f"{number} ")}
-            for number in range(len(names))
-        )
-        return dict(zip(names, map(Sums.of_arrays, own), strict=True)), json.loads(
-            str(kept["more"])
-        )
-
-
-def total(folder: Path, keys: Iterable[str]) -> dict[Group, Sums]:
-    """Add up the files of parts, group by group."""
-    groups: dict[Group, Sums] = {}
-    for key in keys:
-        for group, sums in groups_of(folder / f"{key}.npz")[0].items():
-            if group in groups:
-                groups[group].add(sums)
-            else:
-                groups[group] = sums
-    return groups
-
-
-def whole(groups: Mapping[Group, Sums], triangulators: int) -> Sums:
-    """Add up groups."""
-    sums = Sums.empty(triangulators)
-    for each in groups.values():
-        sums.add(each)
-    return sums

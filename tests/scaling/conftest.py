@@ -10,8 +10,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from harness.progress import Reporter
-from harness.scaling.cluster import DaskCrew
+from harness.scaling.crew import DaskCrew
 from scenes import load
 
 PER_FILE = 120
@@ -71,7 +70,7 @@ def parts(tmp_path: Path, footprints: np.ndarray, finely: None) -> Path:
 @pytest.fixture(scope="module")
 def two_workers() -> Iterator[DaskCrew]:
     """Two workers on this machine."""
-    crew = DaskCrew("local:2", Reporter(quiet=True))
+    crew = DaskCrew("local:2")
     yield crew
     crew.close()
 

@@ -3,31 +3,31 @@
 import csv
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 
 from harness.frame import SUBPIXEL, bare_frame, on_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
-from harness.scaling.census import COUNTING, Options, gains, on_pixels
-from harness.scaling.census_report import at_least, below, quantile_of
+from harness.scaling.census import Census, gains, on_pixels
+from harness.scaling.census_report import rows
+from harness.scaling.crew import Crew
 from harness.scaling.dataset import Dataset
-from harness.scaling.sums import GAINED, MEASURES, total, whole
-from harness.scaling.task_queue import Crew
+from harness.scaling.sums import GAINED, Counted
 from tests.conftest import assert_refused, ends_well, geojson
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
 
 NAMES = ("ear-clipping", "optimal:half-perimeter", "optimal:overdraw")
 COUNTED = ("quads", "helper_lanes", "partial_quads")
-OPTIONS = Options(NAMES, units_per_pixel=0.25, cell=100.0)
+WORK = Census(NAMES, units_per_pixel=0.25, cell=100.0)
 
 
-def census(pattern, out, options=OPTIONS):
-    dataset = Dataset(str(pattern), out, options, COUNTING)
+def census(pattern, out):
+    dataset = Dataset(str(pattern), out, WORK)
     summary = dataset.complete(Crew(), Reporter(quiet=True))
-    keys = [part.key for part in dataset.cut.parts]
-    return summary, whole(total(out, keys), len(options.triangulators))
+    return summary, Counted.read(out / f"{key}.npz" for key in dataset.keys_done)
 
 
 def on_the_grid(xy):
@@ -49,41 +49,49 @@ def counted_one_by_one(footprints, name):
 
 
 def test_each_footprint_is_counted_as_if_drawn_on_the_map(parts, tmp_path, footprints):
-    summary, sums = census(parts, tmp_path / "out")
-    assert sums.footprints == summary.polygons == EVERY
+    summary, counted = census(parts, tmp_path / "out")
+    sums = counted.whole()
+    assert sums.count("polygons") == summary.polygons == EVERY
+    table = rows(sums, NAMES).set_index(["triangulator", "measure"])
     base = counted_one_by_one(footprints, NAMES[0])
     for number, name in enumerate(NAMES):
         own = counted_one_by_one(footprints, name)
         for column, measure in enumerate(COUNTED):
-            assert sums.totals[number, MEASURES.index(measure)] == own[:, column].sum()
+            assert sums.total(measure)[number] == own[:, column].sum()
             gained = gains(base[:, column].astype(float), own[:, column].astype(float))
-            bins = sums.bins[number, GAINED.index(measure)]
-            assert bins.sum() == EVERY
+            assert sums.bins[number, GAINED.index(measure)].sum() == EVERY
+            row = table.loc[name, measure]
+            assert (row["total"], row["total_of_base"]) == (
+                own[:, column].sum(),
+                sums.total(measure)[0],
+            )
             for share in (0.01, 0.1, 0.3):
                 reached = gained >= share - 1e-12  # one of ten less is 0.1, which 1 - 0.9 is not
-                assert at_least(bins, share) == pytest.approx(reached.mean())
-            assert below(bins, -0.01) == pytest.approx((gained < -0.01).mean())
-            assert abs(quantile_of(bins, 0.5) - np.median(gained)) <= 0.01
+                assert row[f"share_gaining_{share:.0%}"] == pytest.approx(reached.mean())
+            assert row["share_losing_1%"] == pytest.approx((gained < -0.01).mean())
+            assert abs(row["gain_p50"] - np.median(gained)) <= 0.01
 
 
 def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
-    _, sums = census(parts, tmp_path / "out")
-    fragments = sums.totals[:, MEASURES.index("fragments")]
+    sums = census(parts, tmp_path / "out")[1].whole()
+    fragments, triangles = sums.total("fragments"), sums.total("triangles")
     assert (fragments == fragments[0]).all()
-    triangles = sums.totals[:, MEASURES.index("triangles")]
     assert (triangles == triangles[1]).all()
 
 
 def test_parts_add_up_and_cells_hold_all(parts, tmp_path):
-    _, whole = census(parts, tmp_path / "both")
+    _, both = census(parts, tmp_path / "both")
     _, first = census(parts / "0.parquet", tmp_path / "first")
     _, second = census(parts / "1.parquet", tmp_path / "second")
-    first.add(second)
-    for name, values in whole.arrays().items():
-        assert first.arrays()[name] == pytest.approx(values), name
-    cells = np.array(list(whole.cells.values())).sum(axis=0)
-    lanes = whole.totals[:, MEASURES.index("helper_lanes")]
-    assert cells.tolist() == [EVERY, *lanes]
+    for group, sums in second.groups.items():
+        first.add(group, sums)
+    for name, values in both.whole()._asdict().items():
+        assert getattr(first.whole(), name) == pytest.approx(values), name
+    (cells,) = both.cells
+    halves = pd.concat([*first.cells, *second.cells]).groupby(["x", "y"], as_index=False).sum()
+    pd.testing.assert_frame_equal(cells, halves)
+    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *both.whole().total("helper_lanes")]
+    assert not cells.duplicated(["x", "y"]).any()
 
 
 def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
@@ -132,16 +140,6 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     assert_refused(
         harness("census", f"{parts}", "-o", "other", "--triangulators", "fan"), "give two or more"
     )
-
-
-def test_a_file_that_is_there_twice_is_told(harness, parts, tmp_path, no_plots):
-    folder = tmp_path / "both"
-    folder.mkdir()
-    for name in ("a.parquet", "b.parquet"):
-        (folder / name).write_bytes((parts / "0.parquet").read_bytes())
-    names = "fan,ear-clipping"
-    _, error = ends_well(harness("census", str(folder), "-o", "out", "--triangulators", names))
-    assert f"b.parquet has the content of {folder}/a.parquet: its polygons count twice" in error
 
 
 def test_where_no_footprint_is_done_by_all_there_is_no_census(harness, parts, no_plots):

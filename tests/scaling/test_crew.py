@@ -4,9 +4,8 @@ import os
 import re
 import signal
 import sys
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 
 import psutil
 import pytest
@@ -14,16 +13,16 @@ import shapely
 
 from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.scaling.cluster import DaskCrew, Gone
+from harness.scaling.crew import ATTEMPTS, WAITING, Crew, DaskCrew, Gone
 from harness.scaling.dataset import Dataset
-from harness.scaling.task_queue import ATTEMPTS, Answer, Crew, Task, work_through
-from harness.scaling.triangulated import TRIANGLES, Options
+from harness.scaling.triangulated import Triangulating
 from tests.paths import python
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
+from tests.scaling.crashing import FAR, CrashingOnFar
 
 NAMES = [f"t{number}" for number in range(12)]
-OPTIONS = Options("optimal:half-perimeter")
+WORK = Triangulating("optimal:half-perimeter")
 
 
 def quiet() -> Reporter:
@@ -34,40 +33,38 @@ def test_what_crashes_is_named_and_costs_nobody_else(two_workers, tmp_path):
     wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
     wanted["t4"] = (tasks.crash, (str(tmp_path), "t4"))
     wanted["t7"] = (tasks.fail, (str(tmp_path), "t7"))
-    done: Counter[str] = Counter()
-    aside = work_through(wanted, two_workers, lambda name, value: done.update([name]))
+    answers = list(two_workers.answers(wanted))
+    assert Counter(name for name, _ in answers) == Counter(NAMES)
+    aside = {name: answer.failed for name, answer in answers if answer.failed}
     assert set(aside) == {"t4", "t7"}
     assert "SIGABRT" in aside["t4"]
     assert aside["t7"] == "not this one"
-    assert done == Counter(set(NAMES) - set(aside))
     assert tasks.times(tmp_path) == {n: ATTEMPTS if n in aside else 1 for n in NAMES}
 
 
 def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
     wanted = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
     done: Counter[str] = Counter()
-
-    def ended(name: str, value: int) -> None:
+    for name, answer in two_workers.answers(wanted):
+        assert not answer.failed
         done[name] += 1
         if len(done) in (2, 5):
             # The one killed before may not be known as dead yet.
             workers = two_workers._client.run(os.getpid, on_error="ignore")
             os.kill(min(workers.values()), signal.SIGKILL)
-
-    assert work_through(wanted, two_workers, ended) == {}
     assert done == Counter(NAMES)
     assert set(tasks.times(tmp_path)) == set(NAMES)
 
 
 def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts, tmp_path):
-    dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
-    crew = DaskCrew("local:1", quiet())
+    dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
+    crew = DaskCrew("local:1")
     try:
         with pytest.raises(Gone, match="then give the same command again"):
             dataset.complete(crew, quiet(), lambda: crew._cluster.close(timeout=1))
     finally:
         crew.close()
-    again = Dataset(str(parts / "*.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
+    again = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
     there = len(again.done)
     summary = again.complete(Crew(), quiet())
     assert 1 <= there == summary.parts_done - summary.fresh < summary.parts_done == 6
@@ -75,9 +72,9 @@ def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts
 
 def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
     pattern = str(parts / "*.parquet")
-    alone = Dataset(pattern, tmp_path / "alone", OPTIONS, TRIANGLES)
+    alone = Dataset(pattern, tmp_path / "alone", WORK)
     alone.complete(Crew(), quiet())
-    spread = Dataset(pattern, tmp_path / "spread", OPTIONS, TRIANGLES)
+    spread = Dataset(pattern, tmp_path / "spread", WORK)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
     assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
@@ -85,10 +82,9 @@ def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, 
 
 def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints, tmp_path):
     odd = footprints[:120].copy()
-    odd[57] = shapely.box(2 * tasks.FAR, 0, 2 * tasks.FAR + 9, 9)
+    odd[57] = shapely.box(2 * FAR, 0, 2 * FAR + 9, 9)
     write_parquet(parts / "0.parquet", odd, 0)
-    kind = replace(TRIANGLES, do=tasks.crash_on_far)
-    dataset = Dataset(str(parts), tmp_path / "out", OPTIONS, kind)
+    dataset = Dataset(str(parts), tmp_path / "out", CrashingOnFar("optimal:half-perimeter"))
     summary = dataset.complete(two_workers, quiet())
     ((which, why),) = summary.set_aside.items()
     assert which.endswith("0.parquet, rows 40 to 79")
@@ -96,9 +92,9 @@ def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints,
     assert ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
 
 
-def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path):
-    dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
-    dataset.code = "0" * 16
+def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path, monkeypatch):
+    monkeypatch.setattr("harness.machine.environment.code_version", lambda: "0" * 16)
+    dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", WORK)
     summary = dataset.complete(two_workers, quiet())
     assert len(summary.set_aside) == 3
     assert all("another version of raster-harness" in why for why in summary.set_aside.values())
@@ -160,63 +156,39 @@ def test_no_other_machine_reaches_the_cluster(two_workers):
     assert open_at == {"127.0.0.1"}
 
 
-MANY = [f"task {number}" for number in range(20)]
+def test_few_tasks_wait_at_the_workers(two_workers, tmp_path, monkeypatch):
+    sent = []
+    submit = two_workers._client.submit
+    monkeypatch.setattr(
+        two_workers._client, "submit", lambda *task, **how: sent.append(1) or submit(*task, **how)
+    )
+    wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
+    for ended, _ in enumerate(two_workers.answers(wanted)):
+        assert len(sent) <= ended + (1 + WAITING) * 2
+    assert len(sent) == len(NAMES)
 
 
-class Scripted:
-    """Answers as it is told to; notes how many scripted_tasks it ever had at a time."""
+def failing(times: int) -> Callable[[], str]:
+    """A task that fails so many times and then works."""
+    left = [UsageError("no space")] * times
 
-    room = 4
-    threads_each = 1
+    def task() -> str:
+        if left:
+            raise left.pop()
+        return "done"
 
-    def __init__(self, answer: Callable[[str, int], Answer]) -> None:
-        self._answer = answer
-        self._has: deque[str] = deque()
-        self.begun: Counter[str] = Counter()
-        self.most = 0
-
-    def start(self, name: str, task: Task) -> None:
-        self.begun[name] += 1
-        self._has.append(name)
-        self.most = max(self.most, len(self._has))
-
-    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
-        name = self._has.popleft()
-        return [(name, self._answer(name, self.begun[name]))]
+    return task
 
 
-def scripted_tasks() -> dict[str, Task]:
-    return {name: (str, (name,)) for name in MANY}
+@pytest.mark.parametrize("times", [0, ATTEMPTS - 1, ATTEMPTS])
+def test_a_task_that_fails_twice_and_then_works_is_done(times):
+    ((name, answer),) = Crew().answers({"a": (failing(times), ())})
+    assert (name, *answer) == ("a", *(("done", "") if times < ATTEMPTS else (None, "no space")))
 
 
-def carried_out(answer: Callable[[str, int], Answer]):
-    crew, done = Scripted(answer), Counter()
-    aside = work_through(scripted_tasks(), crew, lambda name, value: done.update([name]))
-    return crew, done, aside
-
-
-def test_every_task_ends_once_and_few_wait_at_a_time():
-    crew, done, aside = carried_out(lambda name, time: Answer(name))
-    assert done == Counter(MANY)
-    assert aside == {}
-    assert crew.most == Scripted.room
-    assert crew.begun == Counter(MANY)
-
-
-def test_a_task_that_fails_twice_and_then_works_is_done():
-    bad = Answer(failed="no space")
-    _, done, aside = carried_out(lambda name, time: bad if time < ATTEMPTS else Answer())
-    assert aside == {}
-    assert done == Counter(MANY)
-
-
-def test_alone_a_failure_is_an_answer_and_a_defect_is_not():
-    def bad(name: str) -> None:
-        raise UsageError(name)
-
-    def worse(name: str) -> None:
+def test_alone_a_defect_is_no_answer():
+    def worse() -> None:
         raise ZeroDivisionError
 
-    assert work_through({"a": (bad, ("why",))}, Crew(), lambda *_: None) == {"a": "why"}
     with pytest.raises(ZeroDivisionError):
-        work_through({"a": (worse, ("why",))}, Crew(), lambda *_: None)
+        list(Crew().answers({"a": (worse, ())}))

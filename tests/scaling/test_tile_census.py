@@ -20,10 +20,10 @@ from pmtiles.writer import write
 from harness.frame import SUBPIXEL, frame_of, view_of
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
-from harness.scaling.census import TILE_COUNTING, TileOptions, also_found
-from harness.scaling.dataset import Dataset
-from harness.scaling.sums import MEASURES, total
-from harness.scaling.task_queue import Crew
+from harness.scaling.census import TileCensus
+from harness.scaling.crew import Crew
+from harness.scaling.dataset import Dataset, Summary
+from harness.scaling.sums import Counted
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
@@ -38,12 +38,12 @@ NAMES = ("ear-clipping", "flips:l1")
 EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "triangles")
 
 
-def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> Any:
-    """The sums of each zoom and layer, what else the parts say, and the summary."""
+def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
+    """What the parts say, and the summary."""
     name, what = chosen(text)
-    dataset = Dataset(name, out, TileOptions(names, what), TILE_COUNTING)
+    dataset = Dataset(name, out, TileCensus(names, what))
     summary = dataset.complete(Crew(), Reporter(quiet=True))
-    return total(out, dataset.keys_done), also_found(out, dataset.keys_done), summary
+    return Counted.read(out / f"{key}.npz" for key in dataset.keys_done), summary
 
 
 def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
@@ -69,39 +69,38 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
 def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MOST_TILES", 2)
     monkeypatch.setattr("harness.scaling.census.AT_A_TIME", 300)
-    groups, _, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
+    counted, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
-    assert set(groups) == {(zoom, "area"), (zoom, "building")}
+    assert set(counted.groups) == {(zoom, "area"), (zoom, "building")}
     for (layer, name), own in expected.items():
-        sums = groups[zoom, layer]
-        assert sums.footprints == own["polygons"]
+        sums = counted.groups[zoom, layer]
+        assert sums.count("polygons") == own["polygons"]
         for measure in EXACT:
-            column = sums.totals[NAMES.index(name), MEASURES.index(measure)]
-            assert column == own[measure], (layer, name, measure)
-        half = sums.totals[NAMES.index(name), MEASURES.index("half_perimeter")]
+            total = sums.total(measure)[NAMES.index(name)]
+            assert total == own[measure], (layer, name, measure)
+        half = sums.total("half_perimeter")[NAMES.index(name)]
         assert half == pytest.approx(own["half_perimeter"], rel=1e-12)
 
 
 def test_what_is_lost_is_that_of_the_scene_and_tiles_and_vertices_are_counted(tmp_path):
-    groups, _, summary = census(f"{FILE}:zoom=14", tmp_path)
+    counted, summary = census(f"{FILE}:zoom=14", tmp_path)
+    groups, whole = counted.groups, counted.whole()
     scene = load("helsinki-tiles:zoom=14,tiles=999")
     layers = [which.split()[1] for which, _ in scene.dropped]
-    assert {layer: sums.dropped for (_, layer), sums in groups.items()} == {
+    assert {layer: sums.count("dropped") for (_, layer), sums in groups.items()} == {
         layer: layers.count(layer) for layer in ("area", "building")
     }
-    assert sum(sums.repaired for sums in groups.values()) == len(scene.repaired)
-    assert [sums.tiles for sums in groups.values()] == [4, 4]
+    assert whole.count("repaired") == len(scene.repaired)
+    assert [sums.count("tiles") for sums in groups.values()] == [4, 4]
     frame = frame_of(scene, view_of(scene))
-    assert sum(sums.vertices for sums in groups.values()) == len(frame.points)
+    assert whole.count("vertices") == len(frame.points)
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
 
 
 def same(a: Any, b: Any) -> bool:
     return set(a) == set(b) and all(
-        np.array_equal(a[group].arrays()[name], b[group].arrays()[name])
-        for group in a
-        for name in a[group].arrays()
+        np.array_equal(*pair) for group in a for pair in zip(a[group], b[group], strict=True)
     )
 
 
@@ -109,15 +108,15 @@ def test_all_archives_count_the_same(tmp_path):
     court, box = encoded([COURT]), encoded([shapely.box(-40, 8, 30, 90), COURT], layer="water")
     tiles = {Place(3, 4, 2): court, Place(3, 4, 3): box, Place(2, 1, 1): court + box}
     found = {
-        kind: census(path, tmp_path / f"out-{kind}")[0]
+        kind: census(path, tmp_path / f"out-{kind}")[0].groups
         for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
     }
     assert set(found["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
     assert same(found["pmtiles"], found["mbtiles"])
     assert same(found["pmtiles"], found["folder"])
-    some = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0]
+    some = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
     assert set(some) == {(3, "water")}
-    assert some[3, "water"].footprints == 2
+    assert some[3, "water"].count("polygons") == 2
 
 
 def written(path: Path, tiles: dict[int, bytes]) -> str:
@@ -139,8 +138,9 @@ def test_a_run_of_equal_tiles_counts_as_often_as_it_is_there(tmp_path, monkeypat
     monkeypatch.setattr(PMTiles, "read", lambda self, name: read.append(name) or real(self, name))
     often = census(path, tmp_path / "often")
     assert len(read) == 1
-    one, nine = once[0][8, "land"], often[0][8, "land"]
-    assert (nine.footprints, nine.tiles, nine.vertices) == (9, 9, 9 * one.vertices)
+    one, nine = (found.groups[8, "land"] for found, _ in (once, often))
+    assert [nine.count(name) for name in ("polygons", "tiles")] == [9, 9]
+    assert np.array_equal(nine.counts, 9 * one.counts)
     assert np.array_equal(nine.totals, 9 * one.totals)
     assert np.array_equal(nine.bins, 9 * one.bins)
 
@@ -193,31 +193,31 @@ def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
 def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
     tiles = {Place(5, k, 7): encoded([COURT]) for k in range(4)}
     file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
-    good = census(file, tmp_path / "good")[0]
+    good = census(file, tmp_path / "good")[0].groups
     tiles[Place(5, 2, 7)] = tiles[Place(5, 2, 7)][:-3]
     for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items():
-        groups, (damaged, known), summary = census(path, tmp_path / f"bad-{kind}")
-        ((name, why),) = damaged
+        found, summary = census(path, tmp_path / f"bad-{kind}")
+        ((name, why),) = found.damaged
         assert name == "5/2/7"
         assert why.startswith("cannot be read: it is not as protobuf encodes")
-        assert known == ["land"]
+        assert found.known == {"land"}
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
-        assert groups[5, "land"].tiles == 3
-        assert np.array_equal(4 * groups[5, "land"].totals, 3 * good[5, "land"].totals)
+        assert found.groups[5, "land"].count("tiles") == 3
+        assert np.array_equal(4 * found.groups[5, "land"].totals, 3 * good[5, "land"].totals)
 
 
 def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
     tile = encoded([shapely.box(0, 0, 1, 1), COURT])
     path = written(tmp_path / "a.pmtiles", {0: tile})
-    groups, _, summary = census(f"{path}:pixels=8", tmp_path / "small")
-    assert (groups[0, "land"].footprints, groups[0, "land"].dropped) == (1, 1)
+    found, summary = census(f"{path}:pixels=8", tmp_path / "small")
+    assert [found.whole().count(name) for name in ("polygons", "dropped")] == [1, 1]
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
     told: list[str] = []
     reporter = Reporter(quiet=True)
     reporter.once = told.append
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
     name, what = chosen(path)
-    dataset = Dataset(name, tmp_path / "5000", TileOptions(NAMES, what), TILE_COUNTING)
+    dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, what))
     dataset.complete(Crew(), reporter)
     assert "1/5000 of 512 px" in told[0]
 
@@ -238,10 +238,10 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
     rows = [row for row in table_of(tmp_path / "out") if row["measure"] == "helper_lanes"]
     assert len(rows) == 4 * len(NAMES)
     for line, row in zip(lines, rows[1::2], strict=True):
-        counts = [row[name] for name in ("tiles", "polygons", "vertices", "dropped")]
+        counts = [row[name] for name in ("tiles", "polygons", "dropped")]
         counts.append(f"{float(row['total_of_base']):.0f}")
-        assert [cell.replace(",", "") for cell in line[2:7]] == counts
-        assert line[7] == f"{-float(row['gain_of_total']):+z.1%}"
+        assert [cell.replace(",", "") for cell in line[2:6]] == counts
+        assert line[6] == f"{-float(row['gain_of_total']):+z.1%}"
     assert (tmp_path / "out" / "plots" / "gains.svg").stat().st_size > 5000
     assert not (tmp_path / "out" / "damaged.csv").exists()
     before = (tmp_path / "out" / "census.csv").read_bytes()
@@ -255,16 +255,16 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
 
 KILLED = """
 import os, signal, sys
-from harness.scaling import census
+from harness.scaling.sums import Counted
 from harness.cli import main
 begun = []
-real = census.save
+real = Counted.save
 def save(*arguments):
     if begun:
         os.kill(os.getpid(), signal.SIGKILL)
     begun.append(1)
     real(*arguments)
-census.save = save
+Counted.save = save
 sys.argv[1:] = {arguments!r}
 main()
 """
@@ -323,5 +323,5 @@ def test_which_files_are_map_tiles(tmp_path):
         assert chosen(str(tmp_path / name)) is None, name
     with pytest.raises(SceneError, match="has no parameter 'tiles'"):
         chosen("a.pmtiles:tiles=4")
-    found = census(str(tmp_path / "packed"), tmp_path / "out")[0]
-    assert list(found) == [(None, "land")]
+    found, _ = census(str(tmp_path / "packed"), tmp_path / "out")
+    assert list(found.groups) == [(None, "land")]
