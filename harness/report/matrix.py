@@ -19,7 +19,15 @@ from harness.frame import View
 from harness.measuring.worker import Worker
 from harness.stored import atomic, drawings
 from harness.stored.folder import Run
-from harness.study.correlations import TIME, Estimate, column, label, predictors, within
+from harness.study.correlations import (
+    TIME,
+    Estimate,
+    column,
+    label,
+    median_estimate,
+    predictors,
+    ranks_within,
+)
 from harness.study.subjects import MEASURES, count_ways
 
 FILE = "correlations.csv"
@@ -204,12 +212,6 @@ def read(run: Run, view: View) -> pd.DataFrame | None:
 
 def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
     """Return the rank correlation within polygons of each criterion that ranks anything."""
-    parts = [polygon for _, polygon in table.groupby("polygon")]
-    found = {
-        name: within(
-            [(part[name].to_numpy(float), part[measure].to_numpy(float)) for part in parts]
-        )
-        for name in predictions()
-        if name in table
-    }
+    known = [name for name in predictions() if name in table]
+    found = {name: median_estimate(ranks_within(table, name, measure)) for name in known}
     return {name: each for name, each in found.items() if np.isfinite(each.value)}

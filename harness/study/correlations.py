@@ -9,10 +9,9 @@ criterion. The pooled figure is given to show this.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.figures.groups import SAME
-from harness.figures.intervals import median_over
-from harness.figures.polygons import Column, spearman
+from harness.figures.intervals import UNKNOWN, median_over
+from harness.figures.polygons import spearman
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
@@ -29,6 +28,7 @@ from triangulators.criteria import FEATURES_KEPT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
 
 EXACT = {
@@ -42,22 +42,20 @@ EXACT = {
 TIME = "time_work_"
 """Prefix of the columns of times, by the work a fragment does."""
 
-KEYS = ("polygon", "resolution", "rotation", "samples", "rasteriser", "device", "triangulator")
-
+VIEW = ("resolution", "rotation", "samples")
+KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")
 
 FEWEST = 5
 """Different triangulations a polygon must have for a correlation within it."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """A statistic with its 95 % interval over polygons.
 
     low, high : NaN where there are too few polygons to tell
     polygons : how many it was estimated from; with 0 the value is NaN
     """
 
-    statistic: str
     value: float
     low: float
     high: float
@@ -74,30 +72,27 @@ class Estimate:
 ABOVE, BELOW, NOT_SHOWN, TOO_FEW = "better", "worse", "no difference shown", "too few"
 
 
-def within(columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()) -> Estimate:
-    """Return the rank correlation within a polygon: the median over polygons, with its interval.
-
-    columns : (predicted, measured), one pair per polygon and view
-    of : the polygon of each pair, where polygons were seen in several views; each counts once, with
-        the mean over its views
-    """
-    return median_estimate("spearman_within", by_polygon(columns, of))
-
-
-def by_polygon(columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()) -> Column:
-    """Return the rank correlation within each polygon, (p,); NaN where it is not defined."""
-    values: dict[str, list[float]] = {}
-    for polygon, (x, y) in zip(of or map(str, range(len(columns))), columns, strict=True):
-        found = spearman(x, y) if len(x) >= FEWEST else float("nan")
-        values.setdefault(polygon, []).append(found)
-    return np.array([np.mean(each) for each in values.values()])
-
-
-def median_estimate(name: str, values: Column) -> Estimate:
+def median_estimate(values: ArrayLike) -> Estimate:
     """Return the median of one value per polygon, of those that are finite, with its interval."""
-    known = values[np.isfinite(values)]
+    known = np.asarray(values, np.float64)
+    known = known[np.isfinite(known)]
     value = float(np.median(known)) if len(known) else float("nan")
-    return Estimate(name, value, *median_over(known), len(known))
+    return Estimate(value, *median_over(known), len(known))
+
+
+def ranks_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
+    """Return by polygon how well a criterion ranks a measure, both columns of `table`.
+
+    A polygon that was seen in several views counts once, with the mean over these; it is NaN where
+    a view has no rank correlation.
+    """
+    views = ["polygon", *(name for name in VIEW if name in table)]
+    values: dict[str, list[float]] = {}
+    for (polygon, *_), rows in table.dropna(subset=[criterion, measure]).groupby(views):
+        x, y = (rows[name].to_numpy(float) for name in (criterion, measure))
+        found = spearman(x, y) if len(rows) >= FEWEST else float("nan")
+        values.setdefault(str(polygon), []).append(found)
+    return pd.Series({polygon: np.mean(each) for polygon, each in values.items()}, dtype=float)
 
 
 def predictors() -> dict[str, str]:
@@ -123,14 +118,6 @@ def label(measure: str) -> str:
     return find(measure).label
 
 
-def measures_of(table: pd.DataFrame) -> list[str]:
-    """Return the columns of `table` that were measured: counters, the main one first, and times."""
-    others = {*KEYS, *predictors(), *FEATURES_KEPT}
-    counted = measures(name for name in table.columns if name not in others)
-    counted = [name for name in counted if not name.startswith(TIME)]
-    return counted + [name for name in table.columns if name.startswith(TIME)]
-
-
 def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
@@ -139,23 +126,20 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     are left out: they have fewer triangles and cover other pixels.
     """
     good = [r for r in records if r["status"] == "ok" and r["polygons"] and r["conforming"]]
-    rows: dict[tuple[object, ...], dict[str, object]] = {}
+    rows = []
     for record in good:
-        options = record["options"]
+        options, predicted, counted = (record[n] for n in ("options", "predicted", "counters"))
         told = {**record, "polygon": record["scene"], "samples": options["samples"]}
-        key = tuple(told[name] for name in KEYS)
-        predicted = record["predicted"]
-        known = [name for name in (*predictors(), *FEATURES_KEPT) if name in predicted]
-        row = rows.setdefault(key, {name: predicted[name] for name in known})
-        counted = record["counters"]
+        row = {name: told[name] for name in KEYS}
+        row |= {n: predicted[n] for n in (*predictors(), *FEATURES_KEPT) if n in predicted}
         row |= {name: counted[name] for name in measures(counted)}
         if "median_s" in (record.get("time") or {}):
             row[f"{TIME}{options['work']}"] = record["time"]["median_s"]
-    table = pd.DataFrame(
-        [{**dict(zip(KEYS, key, strict=True)), **row} for key, row in rows.items()]
-    )
-    if table.empty:
-        return table
+        rows.append(row)
+    if not rows:
+        return pd.DataFrame()
+    # Drawings that differ in their work alone are one row, with a time for each.
+    table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     same = [name for name in KEYS if name != "triangulator"]
     twins = pd.concat([table[same], table[list(SAME)].round(6)], axis=1).duplicated()
     return _with_exact(table[~twins])
@@ -174,9 +158,16 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _each_measure(table: pd.DataFrame) -> Iterator[tuple[dict[str, object], pd.DataFrame, str]]:
-    """Yield (columns that say where, rows of a rasteriser and device, measure that was taken)."""
+    """Yield (columns that say where, rows of a rasteriser and device, measure that was taken).
+
+    Counters come before times, the main one first.
+    """
+    columns = [str(name) for name in table.columns]
+    times = [name for name in columns if name.startswith(TIME)]
+    others = {*KEYS, *times, *predictors(), *FEATURES_KEPT}
+    counted = measures(name for name in columns if name not in others)
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
-        for measure in measures_of(part):
+        for measure in counted + times:
             if part[measure].notna().any():
                 where = {"rasteriser": rasteriser, "device": device, "measure": measure}
                 yield where, part, measure
@@ -189,87 +180,38 @@ def _ends(estimate: Estimate) -> dict[str, object]:
 def correlate(table: pd.DataFrame) -> pd.DataFrame:
     """Return the contents of correlations.csv: every criterion against every measure."""
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
-    rows = [
-        where
-        | {"criterion": written(criterion), "statistic": found.statistic, "value": found.value}
-        | _ends(found)
-        for where, part, measure in _each_measure(table)
-        for criterion in predictors()
-        if criterion in table.columns
-        for found in _estimates(part, criterion, measure)
-    ]
+    rows = []
+    for where, part, measure in _each_measure(table):
+        for criterion in [name for name in predictors() if name in table]:
+            known = part.dropna(subset=[criterion, measure])
+            x, y = (known[name].to_numpy(float) for name in (criterion, measure))
+            views = known.groupby(["polygon", *VIEW]).ngroups
+            for statistic, found in (
+                ("spearman_within", median_estimate(ranks_within(known, criterion, measure))),
+                ("spearman_pooled", Estimate(spearman(x, y), *UNKNOWN, views)),
+            ):
+                named = {"criterion": written(criterion), "statistic": statistic}
+                rows.append(where | named | {"value": found.value} | _ends(found))
     return pd.DataFrame(rows, columns=[*names, "ci_low", "ci_high", "polygons"])
 
 
-def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimate]:
-    of, columns = _views(part, criterion, measure)
-    if not columns:
-        return [within(columns, of)]
-    x, y = (np.concatenate(side) for side in zip(*columns, strict=True))
-    nan = float("nan")
-    return [
-        within(columns, of),
-        Estimate("spearman_pooled", spearman(x, y), nan, nan, len(columns)),
-    ]
-
-
-def _views(
-    part: pd.DataFrame, criterion: str, measure: str
-) -> tuple[list[str], list[tuple[Column, Column]]]:
-    """Return of which polygon each view is, and its rows' two columns, where both are known."""
-    known = part.dropna(subset=[criterion, measure])
-    views = list(known.groupby(["polygon", "resolution", "rotation", "samples"]))
-    columns = [
-        (rows[criterion].to_numpy(float), rows[measure].to_numpy(float)) for _, rows in views
-    ]
-    return [str(polygon) for (polygon, *_), _ in views], columns
-
-
-def ranks(part: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
-    """Return by polygon how well a criterion, a column of `part`, ranks a measure."""
-    of, columns = _views(part, criterion, measure)
-    return pd.Series(by_polygon(columns, of), list(dict.fromkeys(of)), float)
-
-
-def difference(one: pd.Series[float], other: pd.Series[float]) -> Estimate:
-    """Return how much better one of two criteria does, of `ranks` of both: the median difference.
+def compare_all(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the contents of criteria_compared.csv: each two criteria, by paired differences.
 
     Both are judged on the same polygons, so their difference is known better than either of them.
     """
-    return median_estimate("spearman_difference", np.asarray(one - other, np.float64))
-
-
-def compare_all(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the contents of criteria_compared.csv: each two criteria, by paired differences."""
     rows = []
-    known = [name for name in predictions() if name in table.columns]
     for where, part, measure in _each_measure(table):
-        ranked = {name: ranks(part, name, measure) for name in known}
-        for one, other in combinations(known, 2):
-            found = difference(ranked[one], ranked[other])
+        ranked = {
+            name: ranks_within(part, name, measure) for name in predictions() if name in table
+        }
+        for one, other in combinations(ranked, 2):
+            found = median_estimate(ranked[one] - ranked[other])
             if found.polygons:
                 names = {"criterion": written(one), "other": written(other)}
                 value = {"difference": found.value}
                 rows.append(where | names | value | _ends(found) | {"verdict": found.verdict})
     return pd.DataFrame(rows)
-
-
-def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Write what `measure_table` gave, and what `correlate` and `by_resolution` make of it.
-
-    Returns the correlations; correlations_by_resolution.csv is written where there are several, and
-    criteria_compared.csv where polygons rank two criteria.
-    """
-    tables = {
-        "measured": table,
-        "correlations": correlate(table),
-        "criteria_compared": compare_all(table),
-        "correlations_by_resolution": by_resolution(table),
-    }
-    for name, content in tables.items():
-        if name in ("measured", "correlations") or not content.empty:
-            content.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
-    return tables["correlations"]
 
 
 def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
@@ -278,6 +220,22 @@ def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame()
     parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
     return pd.concat(parts, ignore_index=True)
+
+
+def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Write what `measure_table` gave, and what is made of it, where that is not empty.
+
+    Returns the correlations.
+    """
+    correlations = correlate(table)
+    more = {
+        "criteria_compared": compare_all(table),
+        "correlations_by_resolution": by_resolution(table),
+    }
+    kept = {name: content for name, content in more.items() if not content.empty}
+    for name, content in {"measured": table, "correlations": correlations, **kept}.items():
+        content.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
+    return correlations
 
 
 PAPER = "overdraw"
@@ -306,15 +264,14 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
     for (rasteriser, device), part in _by_device(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
-        title = f"{rasteriser} on {device}"
-        files += draw(folder / "plots", name, _scatter, rows, part, title)
+        files += draw(folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}")
     return files
 
 
-def _by_device(correlations: pd.DataFrame) -> list[tuple[tuple[str, str], pd.DataFrame]]:
+def _by_device(correlations: pd.DataFrame) -> Iterator[tuple[tuple[str, str], pd.DataFrame]]:
     wanted = correlations[correlations["statistic"] == "spearman_within"]
-    parts = wanted.groupby(["rasteriser", "device"], sort=False)
-    return [((str(rasteriser), str(device)), part) for (rasteriser, device), part in parts]
+    for (rasteriser, device), part in wanted.groupby(["rasteriser", "device"], sort=False):
+        yield (str(rasteriser), str(device)), part
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
@@ -323,15 +280,14 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     For the main counter and the time of the least work, a panel for the paper's criterion and one
     for the criterion that ranks best.
     """
+    values = part.set_index([part["criterion"].map(column), "measure"])["value"]
     measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
-    # Quads are ranked as helper lanes are: all triangulations have the same fragments.
-    measures = [name for name in measured if name not in times][:1] + times[:1]
-    ranks = part.set_index([part["criterion"].map(column), "measure"])["value"]
     chosen = []
-    for measure in measures:
-        known = ranks.xs(measure, level="measure").dropna().drop(PAPER, errors="ignore")
-        chosen += [(PAPER, measure), *([(str(known.idxmax()), measure)] if len(known) else [])]
+    # Quads are ranked as helper lanes are: all triangulations have the same fragments.
+    for measure in [name for name in measured if name not in times][:1] + times[:1]:
+        known = values.xs(measure, level="measure").dropna().drop(PAPER, errors="ignore")
+        chosen += [(name, measure) for name in (PAPER, *known.nlargest(1).index)]
     words = (
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: as predicted"
@@ -340,9 +296,8 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     for panel, (criterion, measure) in zip(places, chosen, strict=True):
         scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         panel.axline((1, 1), slope=1, color="black", linewidth=0.8, linestyle="--")
-        panel.set_title(
-            f"rank correlation {ranks.get((criterion, measure), np.nan):.3f}", fontsize=8
-        )
+        found = values.get((criterion, measure), np.nan)
+        panel.set_title(f"rank correlation {found:.3f}", fontsize=8)
         panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
         panel.set_ylabel(f"measured {label(measure)},\nover median")
     legend_below(figure, places, columns=4)

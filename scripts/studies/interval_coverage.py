@@ -35,9 +35,10 @@ from harness.figures.intervals import (
     paired_ratio,
     ratio_interval,
 )
+from harness.figures.polygons import spearman
 from harness.figures.verdict import break_even, decide
 from harness.stored.folder import Record
-from harness.study.correlations import by_polygon, median_estimate
+from harness.study.correlations import median_estimate
 from harness.study.regret import regret_ends, regret_interval
 from scripts.studies.machines import EPOCHS, MACHINES, Machine, quiet, timed
 
@@ -237,7 +238,7 @@ def _regret_of_times(polygons: int, spread: float, rng: np.random.Generator) -> 
 
 def _correlation(polygons: int, rng: np.random.Generator) -> Trial:
     levels = 1 - rng.exponential(0.1, polygons)
-    estimate = median_estimate("", levels)
+    estimate = median_estimate(levels)
     before = _percentile(levels, rng, np.median)
     return Trial((estimate.low, estimate.high), before, 1 - 0.1 * np.log(2))
 
@@ -251,8 +252,8 @@ def _compared(polygons: int, rng: np.random.Generator) -> Trial:
         noise = rng.uniform(0.1, 1.0)
         for each in columns:
             each.append((truth + noise * rng.standard_normal(20), truth))
-    one, two = (by_polygon(each) for each in columns)
-    estimate = median_estimate("", one - two)
+    one, two = (np.array([spearman(*pair) for pair in each]) for each in columns)
+    estimate = median_estimate(one - two)
     return Trial((estimate.low, estimate.high), _percentile(one - two, rng, np.median), 0.0)
 
 

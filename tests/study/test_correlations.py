@@ -18,15 +18,14 @@ from harness.study.correlations import (
     FEWEST,
     SAME,
     TIME,
+    Estimate,
     by_resolution,
     compare_all,
     correlate,
-    difference,
     measure_table,
     median_estimate,
     plot_study,
-    ranks,
-    within,
+    ranks_within,
     write,
 )
 from scenes import load
@@ -35,6 +34,17 @@ from tests.study.test_regret import records_of
 from triangulators import triangulate
 
 RANDOM = np.random.default_rng(3)
+
+
+def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estimate:
+    """Return the estimate of (predicted, measured) of each view; `of`: the polygon of each."""
+    rows = [
+        (of[view] if of else str(view), view, *pair)
+        for view, (x, y) in enumerate(columns)
+        for pair in zip(x, y, strict=True)
+    ]
+    table = pd.DataFrame(rows, columns=["polygon", "rotation", "overdraw", "quads"])
+    return median_estimate(ranks_within(table, "overdraw", "quads"))
 
 
 def polygons(number: int, noise: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -68,7 +78,7 @@ def test_the_interval_of_a_median_covers_it():
     covered = 0
     for seed in range(60):
         values = np.random.default_rng(seed).normal(0.5, 0.1, 25)
-        estimate = median_estimate("x", values)
+        estimate = median_estimate(values)
         covered += estimate.low <= 0.5 <= estimate.high
         assert estimate.low <= estimate.value <= estimate.high
     assert covered >= 54
@@ -77,7 +87,7 @@ def test_the_interval_of_a_median_covers_it():
 def test_a_polygon_in_several_views_counts_once():
     """Two views of four polygons are no eight polygons: there are too few for an interval."""
     views = polygons(4, 0.1)
-    estimate = within([*views, *views], [*"abcd", *"abcd"])
+    estimate = within([*views, *views], "abcdabcd")
     assert estimate.polygons == 4
     assert np.isnan(estimate.low)
     assert estimate.verdict == "too few"
@@ -87,12 +97,11 @@ def test_a_polygon_in_several_views_counts_once():
 def test_paired_differences_tell_more_than_two_intervals():
     level = np.random.default_rng(2).uniform(0.2, 0.9, 24)
     one, two = pd.Series(level + 0.02), pd.Series(level)
-    apart = median_estimate("x", one.to_numpy()).low > median_estimate("x", two.to_numpy()).high
-    assert not apart
-    assert difference(one, two).verdict == "better"
-    assert difference(two, one).verdict == "worse"
-    assert difference(one, one).verdict == "no difference shown"
-    assert difference(one[:5], two[:5]).verdict == "too few"
+    assert not median_estimate(one).low > median_estimate(two).high
+    assert median_estimate(one - two).verdict == "better"
+    assert median_estimate(two - one).verdict == "worse"
+    assert median_estimate(one - one).verdict == "no difference shown"
+    assert median_estimate(one[:5] - two[:5]).verdict == "too few"
 
 
 SCENE = "city:buildings=60"
@@ -138,9 +147,9 @@ def test_criteria_are_ranked_within_polygons(run_folder):
     q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
-    alike = table.assign(rotation=0, samples=1)
-    by_q, by_a = (ranks(alike, name, "helper_lanes") for name in ("expected_quads", "overdraw"))
-    assert difference(by_q, by_a).verdict == "better"
+    names = ("expected_quads", "overdraw")
+    by_q, by_a = (ranks_within(table, name, "helper_lanes") for name in names)
+    assert median_estimate(by_q - by_a).verdict == "better"
     assert "complexity" not in found, "it is the same for all, and so ranks nothing"
 
 
