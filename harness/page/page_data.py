@@ -25,7 +25,7 @@ from harness.profile.counted import IN_PX, TERMS, counters
 from harness.profile.design import DESIGN, Draw, draws, snapped
 from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of
-from harness.profile.words import BY_SUM, BY_TERM
+from harness.profile.words import BY_SUM
 from harness.rasterisers.base import shader
 from harness.rasterisers.reference import predict
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
@@ -228,10 +228,7 @@ def content_of_profile(bench: Bench, seed: int = 0) -> Content:
         "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
         "fitted": _groups(made, fitted, seed),
         "plain": _groups(made, plain, seed),
-        "terms": {
-            name: {**term._asdict(), "thin": BY_TERM.get(name, term.noun)}
-            for name, term in TERMS.items()
-        },
+        "terms": {name: term._asdict() for name, term in TERMS.items()},
         "sums": {
             name: {"weights": [parts.get(term, 0) for term in TERMS], "words": BY_SUM[name]}
             for name, parts in law.SUMS.items()

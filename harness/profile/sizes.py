@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.figures.verdict import LEAST_PIXELS, listed
+from harness.figures.verdict import LEAST_PIXELS
 from harness.frame import SUBPIXEL, Frame, View, frame_of
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
-from harness.style import ONE_COLUMN, STYLE, looks, plain_table
+from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
 from harness.triangulating.frames import time_in_rounds, triangulate_polygons
 from harness.triangulating.recipes import Recipe
 from scenes import Scene
@@ -73,12 +74,6 @@ class Cost:
         """Lanes that are shaded, four a quad."""
         return 4 * self.quads
 
-    def saved(self, base: Cost) -> float:
-        """Return which share of the base's draw time is saved, of its lanes without a law."""
-        if self.draw is None or base.draw is None:
-            return 1.0 - self.lanes / base.lanes if base.lanes else 0.0
-        return 1.0 - self.draw / base.draw if base.draw else 0.0
-
 
 @dataclass(frozen=True)
 class Size:
@@ -103,19 +98,19 @@ class Size:
         return next(iter(self.costs.values()))
 
     @property
-    def tells(self) -> bool:
-        """Whether so many pixels are covered that a share of them says something."""
-        return self.base.fragments >= LEAST_PIXELS
+    def saved(self) -> dict[str, float]:
+        """Which share of the base's draw time each one saves, of its lanes without a law."""
+        spent = {
+            name: each.lanes if each.draw is None else each.draw
+            for name, each in self.costs.items()
+        }
+        base = next(iter(spent.values()))
+        return {name: 1.0 - each / base if base else 0.0 for name, each in spent.items()}
 
     @property
-    def best(self) -> str:
-        """The triangulator that saves most; of equals, the one named first."""
-        return max(self.costs, key=lambda name: self.costs[name].saved(self.base))
-
-    @property
-    def saved(self) -> float:
-        """What that one saves; see `Cost.saved`."""
-        return self.costs[self.best].saved(self.base)
+    def matters(self) -> bool:
+        """Whether something is saved, of enough pixels to tell."""
+        return max(self.saved.values()) >= MATTERS and self.base.fragments >= LEAST_PIXELS
 
 
 @dataclass(frozen=True)
@@ -131,25 +126,14 @@ class Sizes:
         """What is saved."""
         return f"draw time on {self.law.device}" if self.law else "shaded lanes"
 
-    @property
-    def timed(self) -> bool:
-        """Whether the law's unit is that of triangulating, seconds."""
-        return self.law is not None and self.law.unit == "s"
-
-    @property
-    def mattering(self) -> list[Size]:
-        """The sizes at which something is saved, of enough pixels to tell."""
-        return [size for size in self.sizes if size.saved >= MATTERS and size.tells]
-
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
-        matters = [size.resolution for size in self.mattering]
         return {
             "scene": self.scene,
             "device": self.law.device if self.law else None,
             "unit": self.law.unit if self.law else None,
             "sizes": [asdict(size) for size in self.sizes],
-            "matters_at": matters,
+            "matters_at": [size.resolution for size in self.sizes if size.matters],
             "matters_share": MATTERS,
             "sentence": sentence(self),
         }
@@ -195,13 +179,9 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     made = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
     done = np.all([[part is not None for part in each.parts] for each in made.values()], axis=0)
     if not done.any():
-        told = [
-            *frame.dropped,
-            *(n for each in made.values() for n in (*each.failed, *each.skipped)),
-        ]
         raise UsageError(
-            f"{scene.name}: at {view.resolution} px no polygon can be triangulated"
-            f"{f': {told[0][1]}' if told else ''}; give a larger size, or fewer polygons"
+            f"{scene.name}: at {view.resolution} px no polygon is left that all triangulators do; "
+            "give a larger size, or fewer of them"
         )
     starts, points = frame.offsets[:-1], frame.points
     boxes = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
@@ -224,81 +204,68 @@ def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law |
 
 
 def sentence(found: Sizes) -> str:
-    """Return whether it matters, at which size most, and below which not."""
+    """Return whether it matters, at which sizes, and where most."""
     base = next(iter(found.sizes[0].costs))
-    first, last = found.sizes[0].resolution, found.sizes[-1].resolution
-    if not any(size.tells for size in found.sizes):
-        covered = max(size.base.fragments for size in found.sizes)
+    covered = max(size.base.fragments for size in found.sizes)
+    if covered < LEAST_PIXELS:
         return f"It cannot be told: {covered:,} pixels or fewer are covered. Give a larger size."
-    if not found.mattering:
-        across = f"from {first} to {last} px" if last > first else f"at {first} px"
+    mattering = [size for size in found.sizes if size.matters]
+    ends = (mattering or found.sizes)[:: max(1, len(mattering or found.sizes) - 1)]
+    across = " to ".join(str(size.resolution) for size in ends)
+    if not mattering:
         return (
-            f"It does not matter for you: {across} no triangulator saves {MATTERS:.0%} of "
+            f"It does not matter for you: at {across} px no triangulator saves {MATTERS:.0%} of "
             f"{base}'s {found.measure}."
         )
-    most = max(found.sizes, key=lambda size: size.saved)
-    own = most.costs[most.best]
-    where = f"{most.resolution} px, {most.polygon_px:.2g} px a polygon,"
-    text = f"It matters: at {where} {most.best} saves {most.saved:.1%} of {base}'s {found.measure}"
-    if own.draw is not None and most.base.draw is not None and found.timed:
-        more, less = own.triangulate_s - most.base.triangulate_s, most.base.draw - own.draw
-        draws = math.ceil(more / less)
-        text += f", which pays after {draws:,} draw{'s' * (draws > 1)}" if draws > 0 else ""
-    near = [
-        name
-        for name, cost in most.costs.items()
-        if name != most.best and cost.saved(most.base) >= most.saved - MATTERS
-    ]
-    text += f"; {listed(near)} save{'s' * (len(near) == 1)} nearly as much" if near else ""
-    low, high = found.mattering[0].resolution, found.mattering[-1].resolution
-    text += f". Below {low} px nothing is gained" if low > first else ""
-    text += f". Above {high} px nothing is gained" if high < last else ""
+    most = max(mattering, key=lambda size: max(size.saved.values()))
+    best, saved = max(most.saved.items(), key=itemgetter(1))
+    text = (
+        f"It matters at {across} px, most at {most.resolution} px, {most.polygon_px:.2g} px a "
+        f"polygon: {best} saves {saved:.1%} of {base}'s {found.measure}"
+    )
+    if found.law and found.law.unit == "s":
+        own, other = (most.costs[name] for name in (best, base))
+        more = own.triangulate_s - other.triangulate_s
+        draws = math.ceil(more / ((other.draw or 0.0) - (own.draw or 0.0)))
+        text += f", which pays after {count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
 
 
 def tables(found: Sizes) -> Iterator[Table]:
-    """Yield a table for each measure: the base's, and what the others save of it."""
-    kinds = [("lanes", "lanes shaded", 1.0), ("partial_quads", "partial quads", 1.0)]
+    """Yield a table for each measure: the base's, and the others in ratio to it."""
+    kinds = [
+        ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
+        ("lanes", "lanes shaded", 1.0, ",.0f"),
+        ("partial_quads", "partial quads", 1.0, ",.0f"),
+    ]
     if found.law:
         per, called = (1e3, "ms") if found.law.unit == "s" else (1.0, found.law.unit)
-        kinds.append(("draw", f"{called} of a draw on {found.law.device}", per))
+        kinds.append(("draw", f"{called} of a draw on {found.law.device}", per, ".4g"))
     base, *others = found.sizes[0].costs
     heads = [f">{name}" for name in ("size", "a polygon", base, *others)]
-    for name, what, unit in kinds:
-        shown = plain_table(f"{found.scene}: {what}; what others save of them", *heads)
+    for name, what, per, form in kinds:
+        shown = plain_table(f"{found.scene}: {what}; others in ratio to {base}", *heads)
         for size in found.sizes:
-            own = getattr(size.base, name) * unit
-            saved = [1 - getattr(size.costs[each], name) * unit / (own or 1) for each in others]
-            written = f"{own:.4g}" if name == "draw" else f"{own:,.0f}"
-            shares = (f"{each:.1%}" if own else "-" for each in saved)
-            shown.add_row(f"{size.resolution}", f"{size.polygon_px:.3g} px", written, *shares)
+            own, *rest = (getattr(each, name) for each in size.costs.values())
+            ratios = (f"{each / own:.3f}" if own else "-" for each in rest)
+            sides = str(size.resolution), f"{size.polygon_px:.3g} px"
+            shown.add_row(*sides, format(per * own, form), *ratios)
         yield shown
-    shown = plain_table(f"{found.scene}: ms to triangulate; what others take more", *heads)
-    for size in found.sizes:
-        own = size.base.triangulate_s
-        more = (f"{1e3 * (size.costs[each].triangulate_s - own):+.3g}" for each in others)
-        sides = f"{size.resolution}", f"{size.polygon_px:.3g} px"
-        shown.add_row(*sides, f"{1e3 * own:.3g}", *more)
-    yield shown
 
 
 def draw_chart(found: Sizes, file: Path) -> None:
     """Draw what each triangulator saves against the size, as PNG or SVG by the file's ending."""
     import matplotlib
-    from matplotlib.figure import Figure
 
-    base, *others = found.sizes[0].costs
+    base = next(iter(found.sizes[0].costs))
     at = [size.resolution for size in found.sizes]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(ONE_COLUMN, 2.3))
-        panel = figure.subplots()
-        for name, look in looks([base, *others]).items():
-            saved = [100 * size.costs[name].saved(size.base) for size in found.sizes]
-            style: Any = {"color": look.colour, "marker": look.marker, "markersize": 4}
-            panel.plot(at, saved, label=name, linewidth=1.3, **style)
+        figure, (panel,) = grid((ONE_COLUMN, 2.3))
+        for name, look in looks(list(found.sizes[0].costs)).items():
+            saved = [100 * size.saved[name] for size in found.sizes]
+            panel.plot(at, saved, label=name, color=look.colour, marker=look.marker, markersize=4)
         panel.set_xscale("log", base=2)
-        panel.set_xticks(at, [f"{size}" for size in at])
-        panel.minorticks_off()
+        panel.set_xticks(at, [str(size) for size in at])
         panel.set_xlabel("side of the viewport, px")
         panel.set_ylabel(f"saved of {base}'s\n{found.measure}, %")
         panel.legend(fontsize=7)

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from harness.figures.verdict import listed
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
-from harness.style import draw, look_of, plain_table
+from harness.style import COLOURS, draw, legend_below, panels, plain_table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.table import Table
 
@@ -28,20 +29,6 @@ LEAST_SHARE = 0.05
 
 ALWAYS = ("draw", "triangles", "helper_lanes")
 """Terms that a table of devices has a column for even where no device is shown to pay for them."""
-
-BY_TERM = {
-    "helper_lanes": "helper lanes",
-    "half_perimeter": "the walk along the box's width and height",
-    "near": "the first pixels of that walk",
-    "rows": "rows of pixels",
-    "coarse_blocks": "4x4 blocks of large triangles",
-    "blocks": "4x4 blocks touched",
-    "further_tiles": "further 64x64 tiles",
-    "bbox_tests": "pixels of bounding boxes",
-    "set_up": "triangles set up",
-    "covering": "triangles that cover a pixel",
-    "fragments": "covered pixels",
-}
 
 BY_SUM = {
     "triangle": "A triangle that covers a pixel, with three vertices of its own, costs",
@@ -69,15 +56,14 @@ def sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _law(profile: Mapping[str, Any]) -> Iterator[str]:
-    shown = {term["name"]: term for term in profile["terms"] if term["shown"]}
     unit = profile["unit"]
     yield f"On {profile['device']['name']}:"
-    for name, term in shown.items():
-        yield TERMS[name].sentence.format(amount(term["cost"], unit))
+    for term in profile["terms"]:
+        if term["shown"]:
+            yield TERMS[term["name"]].sentence.format(amount(term["cost"], unit))
     for each in profile["sums"]:
         if each["shown"]:
-            ends = f"{amount(each['low'], unit)} to {amount(each['high'], unit)}"
-            yield f"{BY_SUM[each['name']]} {amount(each['cost'], unit)} in all ({ends})."
+            yield f"{BY_SUM[each['name']]} {_cost(each, unit)} in all."
     nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if nothing:
         yield f"Nothing is shown for {listed(nothing)}."
@@ -85,34 +71,22 @@ def _law(profile: Mapping[str, Any]) -> Iterator[str]:
 
 def _thin(profile: Mapping[str, Any]) -> Iterator[str]:
     for each in profile["aspects"]:
-        thinnest = each["aspects"][-1]
         ratio, low, high = (each[name][-1] for name in ("ratios", "low", "high"))
         text = (
-            f"Thin triangles of {each['area']} px^2 take {ratio:.2g} times as long at {thinnest}:1 "
-            f"as at 1:1{_range(low, high, 2)}"
+            f"Thin triangles of {each['area']} px^2 take {ratio:.2g} times as long at "
+            f"{each['aspects'][-1]}:1 as at 1:1 ({low:.2f} to {high:.2f})"
         )
-        doubled = each["doubled_at"]
-        if doubled:
-            text += f"; twice as long from {doubled[0]:.0f}:1 on{_range(doubled[1], doubled[2], 0)}"
+        if each["doubled_at"]:
+            at, low, high = each["doubled_at"]
+            text += f"; twice as long from {at:.0f}:1 on ({low:.0f} to {high:.0f})"
         yield f"{text}."
-        if ratio > 1.0 + LEAST_SHARE:
-            yield _why(each["shares"])
-
-
-def _range(low: float, high: float, digits: int) -> str:
-    """Return an interval in brackets, nothing for that of a count, which has no width."""
-    return f" ({low:.{digits}f} to {high:.{digits}f})" if high > low else ""
-
-
-def _why(shares: Mapping[str, Sequence[float]]) -> str:
-    lanes = shares.get("helper_lanes", (0.0, 0.0, 0.0))
-    others = [
-        f"{value:.0%} are {BY_TERM.get(name, TERMS[name].noun)}"
-        for name, (value, _, _) in shares.items()
-        if name != "helper_lanes" and value >= LEAST_SHARE
-    ]
-    text = f"Helper lanes are {lanes[0]:.0%} of that ({lanes[1]:.0%} to {lanes[2]:.0%})"
-    return f"{text}; {', '.join(others)}." if others else f"{text}."
+        why = [
+            f"{value:.0%} ({low:.0%} to {high:.0%}) are {TERMS[name].noun}"
+            for name, (value, low, high) in each["shares"].items()
+            if value >= LEAST_SHARE
+        ]
+        if ratio > 1.0 + LEAST_SHARE and why:
+            yield f"Of what they take more, {listed(why)}."
 
 
 def _advice(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -158,12 +132,8 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     profiles = [profile for profile in found if not profile["refused"]]
     paid = {term["name"] for each in profiles for term in each["terms"] if term["shown"]}
     names = [name for name in TERMS if name in paid | {*ALWAYS}]
-    heads = (
-        "device",
-        *(TERMS[name].noun for name in names),
-        "twice as long from",
-        "triangulate by",
-    )
+    nouns = (TERMS[name].noun for name in names)
+    heads = ("device", *nouns, "twice as long from", "triangulate by")
     return heads, [_row(profile, names) for profile in profiles]
 
 
@@ -178,14 +148,12 @@ def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
         for each in profile["aspects"]
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
-    costs = (cost_of(terms[name], profile["unit"]) for name in names)
+    shown = (terms[name] if terms[name]["shown"] else None for name in names)
+    costs = ("-" if each is None else _cost(each, profile["unit"]) for each in shown)
     return (f"{where}{cpu}", *costs, doubled, f"`{advice}`")
 
 
-def cost_of(term: Mapping[str, Any], unit: str) -> str:
-    """Return what a term costs, with its interval; "-" where no cost is shown."""
-    if not term["shown"]:
-        return "-"
+def _cost(term: Mapping[str, Any], unit: str) -> str:
     cost, low, high = (amount(term[name], unit) for name in ("cost", "low", "high"))
     return f"{cost} ({low} to {high})"
 
@@ -196,49 +164,24 @@ def plot(profile: Mapping[str, Any], file: Path) -> Path:
 
 
 def _figure(profile: Mapping[str, Any]) -> Figure:
-    from matplotlib.figure import Figure
-
     areas = profile["aspects"]
-    figure = Figure(figsize=(2.6 * len(areas) + 0.6, 2.9))
-    row = figure.subplots(1, len(areas), sharey=True, squeeze=False)[0]
-    for panel, each in zip(row, areas, strict=True):
-        _panel(panel, each)
-    row[0].set_ylabel("time of a triangle,\nin ratio to aspect 1:1")
-    handles, labels = row[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    name = profile["device"]["name"]
-    figure.suptitle(
-        f"Are thin triangles slow on {name}? Equal area, mean of four angles", fontsize=9
-    )
+    title = f"Are thin triangles slow on {profile['device']['name']}?"
+    words = f"{title} Equal area, mean of four angles"
+    figure, places = panels(len(areas), (2.6, 2.3), words, sharey=True)
+    for panel, each in zip(places, areas, strict=True):
+        x, y = (np.array(each[name]) for name in ("aspects", "ratios"))
+        error = np.abs(np.array([each["low"], each["high"]]) - y)
+        panel.errorbar(x, y, error, color=COLOURS[0], marker="o", label="measured", capsize=2)
+        alone = "if helper lanes alone took more"
+        panel.plot(x, each["lanes_alone"], color=COLOURS[1], linestyle="--", label=alone)
+        panel.plot(x, each["lanes"], color=COLOURS[2], linestyle="-.", label="lanes shaded")
+        panel.axhline(2.0, color="#777777", linewidth=0.8, linestyle=":")
+        panel.set_xscale("log", base=2)
+        panel.set_yscale("log", base=2)
+        panel.xaxis.set_major_formatter("{x:g}:1")
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.set_xlabel("base in ratio to height")
+        panel.set_title(f"{each['area']} px$^2$", fontsize=8)
+    places[0].set_ylabel("time of a triangle,\nin ratio to aspect 1:1")
+    legend_below(figure, places, columns=3)
     return figure
-
-
-def _panel(panel: Axes, each: Mapping[str, Any]) -> None:
-    measured, lanes = look_of(0), look_of(1)
-    x, y = each["aspects"], each["ratios"]
-    error = [
-        [value - low for value, low in zip(y, each["low"], strict=True)],
-        [high - value for value, high in zip(y, each["high"], strict=True)],
-    ]
-    style: Any = {"color": measured.colour, "marker": measured.marker, "markersize": 4}
-    panel.errorbar(x, y, yerr=error, label="measured", capsize=2, linewidth=1.3, **style)
-    style = {"color": lanes.colour, "linestyle": "--", "linewidth": 1.3}
-    panel.plot(x, each["lanes_alone"], label="if helper lanes alone took more", **style)
-    style = {"color": look_of(2).colour, "linestyle": "-.", "linewidth": 1.3}
-    panel.plot(x, each["lanes"], label="lanes shaded", **style)
-    panel.axhline(2.0, color="#777777", linewidth=0.8, linestyle=":")
-    if each["doubled_at"]:
-        at = each["doubled_at"][0]
-        panel.axvline(at, color="#777777", linewidth=0.8, linestyle=":")
-        near: Any = {"textcoords": "offset points", "fontsize": 7}
-        panel.annotate(f"twice at {at:.0f}:1", (at, 2.0), (-4, 5), ha="right", **near)
-    panel.set_xscale("log", base=2)
-    panel.set_yscale("log", base=2)
-    panel.set_xticks(x, [f"{aspect}:1" for aspect in x])
-    top = max(4.0, *each["high"])
-    ticks = [value for value in (1, 2, 4, 8, 16, 32, 64) if value <= 1.1 * top]
-    panel.set_yticks(ticks, [f"{value}" for value in ticks])
-    panel.minorticks_off()
-    panel.set_ylim(0.85, 1.15 * top)
-    panel.set_xlabel("base in ratio to height")
-    panel.set_title(f"{each['area']} px$^2$", fontsize=8)

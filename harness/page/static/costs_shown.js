@@ -42,7 +42,7 @@ function whyWords({ ratios, shares }) {
   if (ratios.at(-1) <= 1 + LEAST_SHARE) return "";
   const lanes = shares.find((each) => each.name === "helper_lanes") ?? { value: 0, low: 0, high: 0 };
   const others = shares.filter((each) => each.name !== "helper_lanes" && each.value >= LEAST_SHARE)
-    .map((each) => `${percentText(each.value)} are ${state.page.terms[each.name].thin}`);
+    .map((each) => `${percentText(each.value)} are ${state.page.terms[each.name].noun}`);
   return `Helper lanes are ${percentText(lanes.value)} of that (${percentText(lanes.low)} to ${percentText(lanes.high)})${others.length ? `; ${others.join(", ")}` : ""}.`;
 }
 
