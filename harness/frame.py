@@ -7,7 +7,7 @@ see the geometry that is rasterised, and makes every orientation test on it exac
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -178,28 +178,17 @@ def frame_as_it_is(
     return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
 
 
-@dataclass
-class Snapped:
-    """Pieces of one polygon on the grid, and what had to be done to get them."""
-
-    pieces: list[Polygon] = field(default_factory=list)
-    repaired: str | None = None
-    dropped: str | None = None
-
-
 def frame_of(scene: Scene, view: View) -> Frame:
     """Map a scene's polygons to the viewport of `view` and snap them.
 
     Raises
     ------
     UsageError
-        if the view is not the scene's: tiles and models have their own, other scenes any other
+        if the view is not the scene's: tiles and models have their own
     """
     own = view_of(scene).fit
     if view.fit != own and own in OWN_VIEWS:
         raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[own])}")
-    if view.fit != own and view.fit in OWN_VIEWS:
-        raise UsageError(f"{scene.name}: the view of {OWN_VIEWS[view.fit]} is not for polygons")
     if scene.tiling is not None:
         return _tiled(scene, scene.tiling, view)
     if scene.viewing is not None:
@@ -253,13 +242,11 @@ def _snapped(placed: Iterable[Polygon], scale: float, view: View, side: int) -> 
     dropped: list[tuple[int, str]] = []
     repaired: list[tuple[int, str]] = []
     for number, polygon in enumerate(placed):
-        snapped = snap(polygon)
-        if snapped.dropped:
-            dropped.append((number, snapped.dropped))
-        if snapped.repaired:
-            repaired.append((number, snapped.repaired))
-        kept.extend(snapped.pieces)
-        source.extend([number] * len(snapped.pieces))
+        pieces, reason = snap(polygon)
+        if reason:
+            (repaired if pieces else dropped).append((number, reason))
+        kept.extend(pieces)
+        source.extend([number] * len(pieces))
     points, offsets, ring_ends = on_grid(kept)
     return Frame(
         width=side,
@@ -319,14 +306,15 @@ def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], floa
     return list(shapely.transform(moved, lambda xy: (xy - shift) * scale + middle)), scale
 
 
-def snap(polygon: Polygon) -> Snapped:
-    """Round one polygon in px to the grid; repair or drop it where that breaks it."""
+def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
+    """Round one polygon in px to the grid; repair it where that breaks it.
+
+    Returns its pieces, and what was done to get them, or why there are none; "" where it is whole.
+    """
     rounded, lost = _round_rings(polygon)
-    if rounded is not None and lost == 0 and rounded.is_valid and rounded.area > 0:
-        return Snapped([shapely.orient_polygons(rounded)])
     if rounded is not None and rounded.is_valid and rounded.area > 0:
-        reason = f"{lost} vertices coincide on the 1/256 px grid"
-        return Snapped([shapely.orient_polygons(rounded)], repaired=reason)
+        reason = f"{lost} vertices coincide on the 1/256 px grid" if lost else ""
+        return [shapely.orient_polygons(rounded)], reason
     # Rounding made edges cross or touch: let GEOS node it on the same grid.
     fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
     pieces = [
@@ -335,11 +323,9 @@ def snap(polygon: Polygon) -> Snapped:
         if isinstance(part, Polygon) and part.area > 0
     ]
     if not pieces:
-        return Snapped(dropped="thinner than the 1/256 px grid: it vanishes")
-    reason = "edges cross on the 1/256 px grid; repaired"
-    if len(pieces) > 1:
-        reason += f" into {len(pieces)} pieces"
-    return Snapped(pieces, repaired=reason)
+        return [], "thinner than the 1/256 px grid: it vanishes"
+    into = f" into {len(pieces)} pieces" if len(pieces) > 1 else ""
+    return pieces, f"edges cross on the 1/256 px grid; repaired{into}"
 
 
 def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:

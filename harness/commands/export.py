@@ -282,14 +282,15 @@ def cache(
             typer.echo(f"forgot {count:,} triangulations in {database.path}")
             typer.echo(f"removed compiled code of {old:,} old modules")
             return
-        info = database.info()
+        kinds = database.info()
     compiled = compiled_files.kept()
     typer.echo(
         f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
         f"{len(compiled.old):,} old modules"
     )
-    typer.echo(f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes")
-    for name, (count, size) in info.by_triangulator.items():
+    entries, file_bytes = sum(count for count, _ in kinds.values()), database.path.stat().st_size
+    typer.echo(f"{database.path}: {entries:,} triangulations, {file_bytes:,} bytes")
+    for name, (count, size) in kinds.items():
         typer.echo(f"  {name}: {count:,}, {size:,} bytes")
 
 

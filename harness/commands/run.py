@@ -152,7 +152,6 @@ def run(
             database=default_path() if cached else None,
             beside=other,
             base=running.base_named(base, plan),
-            meanwhile=lambda: running.load_ahead(plots=not quick),
         )
         outcome = carry_out(plan, folder, reporter, how)
     if as_json:

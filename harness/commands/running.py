@@ -1,8 +1,6 @@
 """Around what is measured: where results go, how a command ends, plans read, what is shown."""
 
-import importlib
 import os
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -154,17 +152,6 @@ def recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple
     from harness.profile.profile import read_coefficients
 
     return parse_all(triangulators, seed=seed, calibration=read_coefficients(file))
-
-
-def load_ahead(*, plots: bool) -> None:
-    """Import what tables, reports and plots need while other processes triangulate."""
-    names = ["pandas", "scipy.special", "harness.report.page", "harness.report.matrix"]
-
-    def load() -> None:
-        for name in names + ["matplotlib.figure"] * plots:
-            importlib.import_module(name)
-
-    threading.Thread(target=load, daemon=True).start()
 
 
 def refuse_another_view(context: typer.Context | None, scene: str) -> None:

@@ -16,7 +16,6 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
 from scenes import Scene, SceneError, load, registry
-from scenes.cleaning.clean import counted_notes
 from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
@@ -41,11 +40,8 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         for which, reason in notes[:SAID]:
             reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
         if len(notes) > SAID:
-            more = counted_notes(verb, notes[SAID:])
-            told = "; ".join(f"{reason} ({count:,})" for (_, reason), count in more.most_common(3))
-            reporter.warn(
-                f"{scene.name}: {verb} {more.total():,} more: {told}; a run's run.json names them"
-            )
+            more = f"{scene.name}: {verb} {len(notes) - SAID:,} more"
+            reporter.warn(f"{more}; a run's run.json names them")
     return scene
 
 
@@ -126,8 +122,6 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
             )
         known.update(its)
         usable += [(Backend(name, device), options) for device in devices]
-        if len(devices) == 1 and not devices[0].environment:
-            bench.hand_over(rasteriser_home(name).label, usable[-1][0].label)
     strange = [device for device in plan.devices if device not in known]
     if strange:
         if plan.rasterisers[0] in rasterisers.BUILT_IN:

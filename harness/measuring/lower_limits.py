@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.figures.registry import LEAST, OUTLINE
 from harness.frame import Frame
-from harness.measuring.processes import SECOND, Bench, result_of
+from harness.measuring.processes import Bench, result_of
 from harness.measuring.worker import TaskFailed
 from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.frames import triangulate_polygons, warm_up
@@ -36,35 +36,23 @@ HOLES_S = 2e-7
 (measured: 10 to 450 ns, the most for the largest)."""
 
 
-class Limits:
-    """What no triangulation goes below, in quads, computed in the background.
+Begun = dict[str, Future[NDArray[np.int64]]]
+"""By limit, its (p,) quads, which a second process computes meanwhile."""
 
-    A second process does it, or the one that triangulates if that comes first. `parts` is a
-    triangulation (m, 3) of each polygon without gaps, whichever.
-    """
 
-    def __init__(
-        self, frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
-    ) -> None:
-        self._of = (frame, parts)
-        self._bench = bench
-        self._least: Future[NDArray[np.int64]] = bench.compute(
-            fewest, frame, bench.database, home=SECOND
-        )
-        self._outline: Future[NDArray[np.int64]] = bench.compute(limits, *self._of, home=SECOND)
+def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench) -> Begun:
+    """Begin to compute both limits; `parts` is a triangulation (m, 3) of each, whichever."""
+    outline = bench.compute(limits, frame, parts)
+    return {OUTLINE: outline, LEAST: bench.compute(fewest, frame, bench.database)}
 
-    def collect(self) -> dict[str, NDArray[np.int64]]:
-        """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
-        unknown = np.full(len(self._of[0].polygons), -1)
-        found = {OUTLINE: unknown, LEAST: unknown}
+
+def collect(begun: Begun) -> dict[str, NDArray[np.int64]]:
+    """Return the limits that are known, -1 for each polygon whose limit is not."""
+    found = {}
+    for name, future in begun.items():
         with suppress(TaskFailed):  # what is measured is the same without it
-            if self._outline.cancel():
-                found[OUTLINE] = result_of(self._bench.compute(limits, *self._of))
-            else:
-                found[OUTLINE] = self._outline.result()
-        with suppress(TaskFailed):
-            found[LEAST] = self._least.result()
-        return found
+            found[name] = result_of(future)
+    return found
 
 
 def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:

@@ -61,10 +61,6 @@ class OtherVersion:
     python: str = sys.executable
     twice: bool = False
 
-    def facts(self) -> dict[str, Any]:
-        """Return what HEAD's `run.json` tells of it."""
-        return {"base": self.name, "commit": self.commit, "twice": self.twice}
-
     @cached_property
     def has_same_builtins(self) -> bool:
         """Whether its package `triangulators` is the one of here, or equal to it."""
@@ -191,22 +187,16 @@ def triangulate_elsewhere(
     )
     _refuse_own_code(other, recipe.base, answer["file"])
     result = FrameTriangulation(seconds=float(answer["seconds"]))
-    for number, (polygon, (kind, value)) in enumerate(
-        zip(polygons, answer["results"], strict=True)
-    ):
+    for polygon, (kind, value) in zip(polygons, answer["results"], strict=True):
         part, junctions, problem = None, 0, ""
         if kind == "triangles":
             part = np.asarray(value)
             junctions, problem = check(polygon, part)
-            part = None if problem else part
         elif kind == "skipped":
-            result.skipped.append((number, shortened(value)))
+            result.skipped.append((len(result.parts), shortened(value)))
         else:
             problem = shortened(value)
-        if problem:
-            result.failed.append((number, problem))
-        result.parts.append(part)
-        result.t_junctions.append(junctions)
+        result.add(part, junctions, problem)
     return result
 
 

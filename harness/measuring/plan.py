@@ -67,41 +67,26 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
-        """Build the plan that `to_json` gave.
+        """Build the plan that `to_json` gave, as `read_run` returns it.
 
         Raises
         ------
         UsageError
             if it is none, or was damaged
         """
-        from pydantic import ValidationError, create_model
+        from pydantic import TypeAdapter, ValidationError
 
-        names = tuple[str, ...]
-        written = create_model(
-            "Plan",
-            scene=(str, ...),
-            seed=(int, 0),
-            timeout_s=(float, TIMEOUT_S),
-            timing=(TimingSettings, ...),
-            triangulators=(names, ...),
-            rasterisers=(names, ...),
-            devices=(names, ...),
-            views=(tuple[View, ...], ...),
-            options=(tuple[Options, ...], ...),
-            calibration=(dict[str, float] | None, None),
+        recipes = parse_all(
+            values.get("triangulators") or (),
+            seed=values.get("seed", 0),
+            calibration=values.get("calibration"),
         )
+        content = {**values, "triangulators": [asdict(recipe) for recipe in recipes]}
         try:
-            parts = dict(written.model_validate_json(json.dumps(values), strict=True))
+            return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
         except ValidationError as error:
             first = error.errors()[0]
-            where = "".join(f"{name}: " for name in first["loc"][:1])
-            told = f"{where}{first['msg']}".replace(": Field required", " is missing")
-            raise UsageError(f"plan: {told}") from None
-        calibration = parts.pop("calibration")
-        parts["triangulators"] = parse_all(
-            parts["triangulators"], seed=parts["seed"], calibration=calibration
-        )
-        return cls(**parts)
+            raise UsageError(f"plan: {first['loc'][0]}: {first['msg']}") from None
 
 
 @dataclass(frozen=True)

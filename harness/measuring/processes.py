@@ -72,10 +72,10 @@ class Home:
 
 
 TRIANGULATORS = Home("triangulators")
-"""Triangulates, and computes what compiled code does."""
+"""Triangulates, by all that is ours."""
 
 SECOND = Home("second process")
-"""Compiles and computes while the one that triangulates does, too."""
+"""Compiles and computes while the first triangulates."""
 
 
 def rasteriser_home(name: str) -> Home:
@@ -134,7 +134,6 @@ class Bench:
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
         self._threads: dict[str, ThreadPoolExecutor] = {}
-        self._opening: dict[str, Future[tasks.Opened]] = {}
         self._compiled: set[str] = set()
 
     def submit(
@@ -159,16 +158,9 @@ class Bench:
             self._call, home, function, arguments, limit_s, tick
         )
 
-    def run(
-        self,
-        home: Home,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> T:
+    def run(self, home: Home, function: Callable[..., T], *arguments: Any, **how: Any) -> T:
         """Return what `submit` gives, once it is there."""
-        return result_of(self.submit(home, function, *arguments, timeout_s=timeout_s, tick=tick))
+        return result_of(self.submit(home, function, *arguments, **how))
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Have what a triangulator of this version needs compiled, or loaded; done once.
@@ -196,7 +188,7 @@ class Bench:
         begun = SECOND.label in self._threads
         if begun or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
-        self.compute(warm_up, *ours, home=SECOND)
+        self.compute(warm_up, *ours)
 
     def triangulate(
         self,
@@ -255,19 +247,12 @@ class Bench:
                 found |= dict(zip(group, samples, strict=True))
         return found
 
-    def compute(
-        self, function: Callable[..., T], *arguments: Any, home: Home = TRIANGULATORS
-    ) -> Future[T]:
-        """Begin to run a function of ours, by default where compiled code is loaded.
+    def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Begin to run a function of ours in the second process.
 
         What a triangulator may take does not limit it.
         """
-        return self.submit(home, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
-
-    def hand_over(self, label: str, to: str) -> None:
-        """Let the process called `label`, if there is one, do what that called `to` would do."""
-        if label in self._workers:
-            self._workers[to] = self._workers.pop(label)
+        return self.submit(SECOND, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
 
     def open(self, backend: Backend) -> tasks.Opened:
         """Open the device, test its timer, and return what it is; done once.
@@ -278,17 +263,10 @@ class Bench:
             if it cannot be opened
         """
         if backend.label not in self._opened:
-            self.open_soon(backend)
             with self.clocked("open"):
-                self._opened[backend.label] = result_of(self._opening.pop(backend.label))
+                arguments = (backend.rasteriser, backend.device)
+                self._opened[backend.label] = self.run(backend.home, tasks.open_device, *arguments)
         return self._opened[backend.label]
-
-    def open_soon(self, backend: Backend) -> None:
-        """Begin to open a device, in its own process, while this one does something else."""
-        if backend.label not in self._opened and backend.label not in self._opening:
-            self._opening[backend.label] = self.submit(
-                backend.home, tasks.open_device, backend.rasteriser, backend.device
-            )
 
     def count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
@@ -336,15 +314,14 @@ class Bench:
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
-                    told = tick and _after(tick, spent)
+                    drawn = (backend.rasteriser, backend.device, dict(candidates))
                     parts.append(
                         self.run(
                             backend.home,
                             tasks.time_group,
-                            *(backend.rasteriser, backend.device, dict(candidates)),
-                            *(share, test, seed + number),
+                            *(*drawn, share, test, seed + number),
                             timeout_s=timeout_s,
-                            tick=told,
+                            tick=tick and _after(tick, spent),
                         )
                     )
         except TaskFailed as error:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -63,19 +64,9 @@ class Keeper:
 
     def framed(self, frame: Frame) -> None:
         """Note what snapping to the grid did to the scene."""
-        view = frame.view
-        self.frames.append(
-            {
-                "resolution": view.resolution,
-                "rotation": view.rotation,
-                "fit": view.fit,
-                "scale": frame.scale,
-                "polygons": len(frame.source),
-                "vertices": len(frame.points),
-                "dropped": [list(entry) for entry in frame.dropped],
-                "repaired": [list(entry) for entry in frame.repaired],
-            }
-        )
+        size = {"polygons": len(frame.source), "vertices": len(frame.points)}
+        broken = {"dropped": frame.dropped, "repaired": frame.repaired}
+        self.frames.append({**asdict(frame.view), "scale": frame.scale, **size, **broken})
 
     def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
         """Store what will be drawn."""
@@ -174,7 +165,7 @@ def measured(
         "polygons_failed": len(triangulation.failed),
         "vertices": len(frame.points),
         "triangles": sum(len(part) for part in done),
-        "predicted": triangulation.predicted.totals,
+        "predicted": {name: float(each.sum()) for name, each in triangulation.predicted.items()},
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
         **({"triangulate_samples_s": _rounded(again)} if again else {}),

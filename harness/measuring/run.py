@@ -31,6 +31,9 @@ from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
 
+TOLD = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
+"""What of a scene a run's facts tell as it is."""
+
 _CLOSED_TRIANGLE = 4
 """Coordinates that shapely counts of a triangle, whose first vertex is there twice."""
 
@@ -78,7 +81,6 @@ class RunOptions:
     database : model database that triangulations are read from and written to; None for none
     beside : another version of the code to measure in the same rounds
     base : triangulator that tables and reports compare the others with
-    meanwhile : called once, when this process is about to wait for others
     """
 
     resume: bool = False
@@ -87,7 +89,6 @@ class RunOptions:
     database: Path | None = None
     beside: OtherVersion | None = None
     base: str | None = None
-    meanwhile: Callable[[], None] = lambda: None
 
 
 def run(
@@ -175,7 +176,7 @@ def _measure(
     base = how.base or (ORIGINAL if scene.viewing is not None and not how.split else None)
     facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
-        facts["beside"] = beside.facts()
+        facts["beside"] = {"base": beside.name, "commit": beside.commit, "twice": beside.twice}
         (own,) = plans
         others = [replace(recipe, other=True) for recipe in own.triangulators]
         plans = [replace(own, triangulators=(*own.triangulators, *others))]
@@ -194,7 +195,6 @@ def _measure(
         rounds = not (how.split or how.beside)
         try:
             with _stopped_in_order(bench, reporter):
-                how.meanwhile()
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
@@ -320,17 +320,10 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "plan": plan.to_json(),
         "scene": {
-            "name": scene.name,
             "hash": scene.content_hash,
             "polygons": len(scene.polygons),
-            "units": scene.units,
-            "description": scene.description,
-            "licence": scene.licence,
-            "credit": scene.credit,
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
-            "dropped": [list(note) for note in scene.dropped],
-            "repaired": [list(note) for note in scene.repaired],
-            "notes": list(scene.notes),
+            **{name: getattr(scene, name) for name in TOLD},
         },
         "environment": machine,
         "cpu": processor(),

@@ -44,7 +44,7 @@ class _View:
     """What a view's groups share: its frame, what triangulators made of it, what is known of it.
 
     made, triangles : by recipe; and what is drawn of each, (m, 3), by its name
-    limits : quads (p,) by name, see `lower_limits.Limits`; {} unless the baseline was triangulated
+    limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     """
 
     frame: Frame
@@ -82,8 +82,6 @@ class SceneRun:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
                 continue
-            # Drivers take a second to load; meanwhile another process can triangulate.
-            self.bench.open_soon(groups[0].backend)
             now = _View(frame_of(self.scene, view))
             self._tell_of_snapping(now.frame)
             self.keeper.framed(now.frame)
@@ -140,7 +138,7 @@ class SceneRun:
             if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
         self.bench.compile_ahead([*ours, lower_limits.FEWEST])
-        limits: lower_limits.Limits | None = None
+        limits: lower_limits.Begun = {}
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
                 result = (
@@ -152,16 +150,15 @@ class SceneRun:
                     now.made[recipe] = result
                     now.triangles[str(recipe)] = now.frame.join(result.parts)
                     if recipe == BASELINE:
-                        limits = lower_limits.Limits(now.frame, result.parts, self.bench)
+                        limits = lower_limits.begin(now.frame, result.parts, self.bench)
                 else:
                     for group in groups:
                         if recipe in group.cases:
                             self.keeper.finished(records.problem(group.cases[recipe], *result))
                 stage.advance()
         said = "looking for the fewest quads, by which regret is told ..."
-        if limits:
-            with self.reporter.if_long(said, SAID_AFTER_S):
-                now.limits = limits.collect()
+        with self.reporter.if_long(said, SAID_AFTER_S):
+            now.limits = lower_limits.collect(limits)
 
     def _prepare_one(
         self, now: _View, recipe: Recipe, tick: Callable[[float], None]
@@ -209,16 +206,17 @@ class SceneRun:
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
         """Run one triangulator over the frame, the scene not yet turned, or flat faces."""
+        before_turning = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
                 return original(frame)
             faces = frame.flat.polygons
-            done = self.bench.triangulate(recipe.before_turning, faces, tick)
+            done = self.bench.triangulate(before_turning, faces, tick)
             return in_views(frame, done, recipe)
         if not recipe.upright:
             return self.bench.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
-        before = self.bench.triangulate(recipe.before_turning, upright.polygons, tick)
+        before = self.bench.triangulate(before_turning, upright.polygons, tick)
         return carry_over(before, upright, frame)
 
     def _time_triangulating(self, now: _View) -> None:
@@ -333,6 +331,5 @@ def _columns(
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(now.frame.source) == 1:
         return None
-    columns = triangulation.predicted.columns
-    predicted = {f"predicted_{name}": column for name, column in columns.items()}
+    predicted = {f"predicted_{name}": each for name, each in triangulation.predicted.items()}
     return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

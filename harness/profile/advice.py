@@ -105,8 +105,7 @@ def terms_of(
     found, kept = {}, np.ones(len(shown), np.bool_)
     for name in triangulators:
         made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
-        columns = made.predicted.columns
-        found[name] = np.stack([columns[term] for term in COSTS[1:]], axis=1)
+        found[name] = np.stack([made.predicted[term] for term in COSTS[1:]], axis=1)
         kept &= np.array([part is not None for part in made.parts])
     return {name: rows[kept] for name, rows in found.items()} if kept.any() else None
 

@@ -265,7 +265,7 @@ def on_pixels(
     pieces: list[Any] = []
     source: list[int] = []
     for number in np.flatnonzero(~good).tolist():
-        found = snap(near[number]).pieces
+        found, _ = snap(near[number])
         pieces += found
         source += [number] * len(found)
     made = np.array([*grid[good], *pieces], dtype=object)

@@ -145,26 +145,26 @@ class Output:
     def __init__(self, target: Path, *, forced: bool = False) -> None:
         self.target = target
         self._forced = forced
-        self._stack = ExitStack()
+        self._streams = ExitStack()
         self._finished: list[tuple[Path, Path]] = []
-        self._open: list[IO[Any]] = []
 
     def __enter__(self) -> "Output":
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)
             prefix = f"{BEGUN}{self.target.stem[:40]}-"
-            folder = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
+            self._around = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
         except OSError as error:
             reason = error.strerror or error
             raise UsageError(
                 f"{parent.resolve()} cannot be written: {reason}; give another -o"
             ) from error
-        self._folder = Path(self._stack.enter_context(folder))
+        self._folder = Path(self._around.name)
         return self
 
-    def __exit__(self, kind: Any, value: Any, trace: Any) -> None:
-        self._stack.__exit__(kind, value, trace)
+    def __exit__(self, *_: object) -> None:
+        self._streams.close()
+        self._around.cleanup()
 
     def file(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
         """Open the file that becomes the target, its name with `suffix` added, on `publish`."""
@@ -185,17 +185,12 @@ class Output:
 
     def publish(self) -> list[Path]:
         """Close everything and move the results to where they belong; returns their paths."""
-        for stream in self._open:
-            stream.close()
+        self._streams.close()
         for made, final in self._finished:
             move(made, final, forced=self._forced)
         # the target itself first, then what lies beside it
         return sorted((final for _, final in self._finished), key=lambda path: len(path.name))
 
     def _opened(self, path: Path, mode: str) -> IO[Any]:
-        encoding = None if "b" in mode else "utf-8"
-        newline = None if "b" in mode else "\n"
-        stream = path.open(mode, encoding=encoding, newline=newline)
-        self._stack.callback(stream.close)
-        self._open.append(stream)
-        return stream
+        encoding, newline = (None, None) if "b" in mode else ("utf-8", "\n")
+        return self._streams.enter_context(path.open(mode, encoding=encoding, newline=newline))

@@ -8,13 +8,9 @@ import statistics
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from harness.settings import Fit
-
-SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside", "state", "written")
-LISTS = ("warnings", "frames", "resumed", "merged")
-"""Parts of run.json that are tables, and lists."""
 
 MOST = 2**63
 """No number of a record is as large: what reads them computes with 64 bits."""
@@ -120,6 +116,36 @@ class Record(_Part):
     time: Time | Cycles | None = None
 
 
+class Plan(_Part):
+    """What `harness.measuring.Plan.from_json` takes for granted; it checks the rest."""
+
+    triangulators: list[str] | None = None
+    seed: int = 0
+    calibration: dict[str, Number] | None = None
+
+
+class Environment(_Part):
+    """The machine that a run was made on."""
+
+    git: dict[str, Any] | None = None
+    project: dict[str, Any] | None = None
+    packages: dict[str, Any] | None = None
+    gpus: list[dict[str, Any]] | None = None
+
+
+_FACTS: dict[str, Any] = {
+    "plan": Plan,
+    "environment": Environment,
+    "devices": dict[str, dict[str, dict[str, Any] | None]],
+    "warnings": list[str],
+    **dict.fromkeys(("scene", "seconds", "beside", "state", "written"), dict[str, Any]),
+    **dict.fromkeys(("frames", "resumed", "merged"), list[Any]),
+}
+_FIELDS: Any = {name: (kind | None, None) for name, kind in _FACTS.items()}
+Facts = create_model("Facts", **_FIELDS)
+"""The content of run.json, as docs/reference/files.md has it."""
+
+
 USUAL_OPTIONS = Options().model_dump()
 
 
@@ -145,35 +171,18 @@ def completed(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
-    """Return the content of run.json with tables where tables are, all the way to a device's.
+    """Return the content of run.json, of which each part that is there is what readers rely on.
 
     problems : gets a line for each part that is left out
     """
-    good = dict(found)
-    for names, kind in ((SECTIONS, dict), (LISTS, list)):
-        for name in names:
-            if name in good and not isinstance(good[name], kind):
-                if good[name] is not None:
-                    problems.append(f"run.json: {name} is not usable; ignored")
-                del good[name]
-    good["devices"] = {
-        label: device
-        for label, device in good.get("devices", {}).items()
-        if isinstance(device, dict)
-        and all(isinstance(device.get(part) or {}, dict) for part in ("details", "timer"))
-    }
-    names = good.get("plan", {}).get("triangulators")
-    if isinstance(names, list) and not all(isinstance(each, str) for each in names):
-        problems.append("run.json: the plan's triangulators are not usable; ignored")
-        good["plan"] = {**good["plan"], "triangulators": []}
-    environment = dict(good.get("environment", {}))
-    for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):
-        if not isinstance(environment.get(name), kind):
-            environment.pop(name, None)
-    environment["gpus"] = [g for g in environment.get("gpus", []) if isinstance(g, dict)]
-    good["environment"] = environment
-    good["warnings"] = [line for line in good.get("warnings", []) if isinstance(line, str)]
-    return good
+    wrong = set()
+    try:
+        Facts.model_validate(found)
+    except ValidationError as error:
+        wrong = {str(each["loc"][0]) for each in error.errors(include_url=False)}
+        problems += [f"run.json: {name} is not usable; ignored" for name in sorted(wrong)]
+    good = {name: part for name, part in found.items() if name not in wrong and part is not None}
+    return {"environment": {}, "devices": {}, "warnings": [], **good}
 
 
 def flat(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:

@@ -13,8 +13,7 @@ import logging
 import os
 import sqlite3
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache as once
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -31,8 +30,6 @@ from harness.machine.environment import processor, source_hash
 from triangulators.polygon import rings_of
 
 SCHEMA = 1
-LIMIT_BYTES = 4 * 2**30
-"""Size of the file from which nothing more is kept, so that it cannot fill a disk unasked."""
 
 _BATCH = 500  # SQLite takes at least 999 parameters
 _WAIT_S = 30.0
@@ -45,16 +42,6 @@ class Timed(NamedTuple):
 
     triangles: NDArray[np.int32]
     seconds: float
-
-
-@dataclass(frozen=True)
-class DatabaseInfo:
-    """What `cache info` shows: entries and bytes of triangles for each triangulator."""
-
-    path: Path
-    entries: int
-    file_bytes: int
-    by_triangulator: dict[str, tuple[int, int]]
 
 
 def default_path() -> Path:
@@ -103,20 +90,13 @@ class ModelDatabase:
         nothing: dict[bytes, Timed] = {}
         return self._safely(lambda: self._read(keys), nothing)
 
-    def keep(self, triangulator: str, items: Iterable[tuple[bytes, Timed]]) -> None:
-        """Keep triangulations; what is there already under the same key is replaced."""
-        if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
-            size = f"{LIMIT_BYTES / 2**30:g} GiB"
-            self._say(
-                f"model database {self.path} is full ({size}), keeps no more; to empty it: "
-                "raster-harness cache clear"
-            )
-            return
-        rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
+    def keep(self, triangulator: str, key: bytes, model: Timed) -> None:
+        """Keep a triangulation; what is there already under the same key is replaced."""
 
         def write() -> None:
             with self._database:
-                self._database.executemany("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", rows)
+                row = (key, triangulator, _sealed(key, model))
+                self._database.execute("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", row)
 
         self._safely(write, None)
 
@@ -124,14 +104,12 @@ class ModelDatabase:
         """Forget everything; returns how many triangulations there were."""
         return self._safely(self._emptied, 0)
 
-    def info(self) -> DatabaseInfo:
-        """Count what is kept."""
+    def info(self) -> dict[str, tuple[int, int]]:
+        """Return for each triangulator how many of its triangulations are kept, and their bytes."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
         nothing: list[tuple[str, int, int]] = []
         rows = self._safely(lambda: self._database.execute(query).fetchall(), nothing)
-        kinds = {name: (count, size) for name, count, size in sorted(rows)}
-        entries = sum(count for count, _ in kinds.values())
-        return DatabaseInfo(self.path, entries, self.path.stat().st_size, kinds)
+        return {name: (count, size) for name, count, size in sorted(rows)}
 
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
         found: dict[bytes, Timed] = {}
@@ -166,33 +144,36 @@ class ModelDatabase:
             self._database = self._opened(error)
         return otherwise
 
-    def _opened(self, damage: Exception | None = None) -> sqlite3.Connection:
+    def _opened(self, damage: sqlite3.DatabaseError | None = None) -> sqlite3.Connection:
         """Open the file; a damaged one is deleted first, and what it held is computed again."""
         with self.path.with_name(self.path.name + ".lock").open("wb") as stream:
             # one process at a time: SQLite does not wait while another turns the log on
             system.lock(stream.fileno())
-            try:
-                # another process may have begun a damaged file anew already
-                return self._connected(looked_through=damage is not None)
-            except sqlite3.DatabaseError as error:
-                if damage is None and isinstance(error, sqlite3.OperationalError):
+            if damage is None or not self._is_the_same():  # else another has begun it anew already
+                try:
+                    return self._connected()
+                except sqlite3.OperationalError:
                     raise
-                damage = damage or error
+                except sqlite3.DatabaseError as error:
+                    damage = error
             for suffix in ("", "-wal", "-shm"):
                 self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
             self._say(f"model database {self.path} was damaged ({damage}) and is begun anew")
             return self._connected()
 
-    def _connected(self, *, looked_through: bool = False) -> sqlite3.Connection:
-        """Connect; raises sqlite3.DatabaseError for a damaged file, which a look at all finds."""
-        begun = looked_through and self.path.exists()
+    def _is_the_same(self) -> bool:
+        """Whether the file at the path is the one that was opened."""
+        return self.path.exists() and self.path.stat().st_ino == self._number
+
+    def _connected(self) -> sqlite3.Connection:
+        """Connect; raises sqlite3.DatabaseError for a file that is damaged at its beginning."""
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
         try:
             database.execute("PRAGMA journal_mode=WAL")
             # a crash may lose the last entries, which are computed again, but not the file
             database.execute("PRAGMA synchronous=NORMAL")
             (version,) = database.execute("PRAGMA user_version").fetchone()
-            if version != SCHEMA and (begun or version != 0):
+            if version not in (0, SCHEMA):
                 raise sqlite3.DatabaseError(f"its schema is {version}, not {SCHEMA}")
             with database:
                 database.execute(
@@ -201,12 +182,10 @@ class ModelDatabase:
                     "WITHOUT ROWID"
                 )
                 database.execute(f"PRAGMA user_version={SCHEMA}")
-            database.execute("SELECT key, triangulator, value FROM model LIMIT 1").fetchone()
-            if looked_through and database.execute("PRAGMA quick_check").fetchone()[0] != "ok":
-                raise sqlite3.DatabaseError("a look at all of it found damage")
         except BaseException:
             database.close()
             raise
+        self._number = self.path.stat().st_ino
         return database
 
 
@@ -269,9 +248,6 @@ Measured on city, Helsinki, counties and stress, microseconds a polygon: finding
 (optimum), of a county 190 (ear clipping), 630 (Delaunay), 740 (optimum), 3,700 (random).
 """
 
-WRITE_S = 2.0
-"""Seconds of computing after which what was computed is written, so that a kill loses no more."""
-
 
 class Lookup:
     """The model database for one triangulator; use as a context manager.
@@ -290,19 +266,21 @@ class Lookup:
         self._parameters = {**parameters, "cpu": processor()["name"]}
         self._database: ModelDatabase | None = None
         self._keys: list[bytes] = []
-        self._fresh: list[tuple[bytes, Timed]] = []
         if path is not None:
             try:
-                self._database = ModelDatabase(path, self.notes.append)
+                self._database = ModelDatabase(path, self._say)
             except UsageError as error:
-                self.notes.append(f"{error}; this run does without")
+                self._say(f"{error}; this run does without")
+
+    def _say(self, line: str) -> None:
+        if line not in self.notes:
+            self.notes.append(line)
 
     def __enter__(self) -> "Lookup":
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._database is not None:
-            self._write()
             self._database.close()
 
     def find(self, polygons: Sequence[Polygon]) -> list[Timed | None]:
@@ -318,13 +296,5 @@ class Lookup:
 
     def keep(self, number: int, triangles: NDArray[np.int32], seconds: float) -> None:
         """Keep the triangles of a polygon of `find`, if computing them took long enough."""
-        if self._database is None or seconds < KEEP_S:
-            return
-        self._fresh.append((self._keys[number], Timed(triangles, seconds)))
-        if sum(timed.seconds for _, timed in self._fresh) > WRITE_S:
-            self._write()
-
-    def _write(self) -> None:
-        if self._database is not None and self._fresh:
-            self._database.keep(self._name, self._fresh)
-            self._fresh = []
+        if self._database is not None and seconds >= KEEP_S:
+            self._database.keep(self._name, self._keys[number], Timed(triangles, seconds))

@@ -27,17 +27,7 @@ from triangulators.ragged import doubtful, ragged
 from triangulators.verify import verify
 
 Rows = NDArray[np.int32]
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Criteria of one triangulation of a frame: `columns` (p,) a polygon, `totals` of all.
-
-    Lengths are in px, areas in px^2.
-    """
-
-    columns: dict[str, NDArray[np.float64]]
-    totals: dict[str, float]
+Columns = dict[str, NDArray[np.float64]]
 
 
 @dataclass
@@ -54,7 +44,7 @@ class FrameTriangulation:
         what computing them took when they were
     gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
         least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
-    predicted : every criterion's sum over each polygon's triangles
+    predicted : (p,) every criterion's sum over each polygon's triangles; lengths in px, areas px^2
     notes : what the user should know of the model database
     trace : the traceback of the first error of a triangulator's code, "" where there was none
     """
@@ -67,7 +57,7 @@ class FrameTriangulation:
     t_junctions: list[int] = field(default_factory=list)
     cached: int = 0
     gaps: list[float] = field(default_factory=list)
-    predicted: Prediction = field(default_factory=lambda: Prediction({}, {}))
+    predicted: Columns = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     trace: str = ""
 
@@ -75,6 +65,13 @@ class FrameTriangulation:
     def conforming(self) -> bool:
         """True where no polygon's triangulation has a T-junction."""
         return not any(self.t_junctions)
+
+    def add(self, part: Rows | None, junctions: int = 0, problem: str = "") -> None:
+        """Add the triangles of the next polygon with their T-junctions, or what is wrong."""
+        if problem:
+            self.failed.append((len(self.parts), problem))
+        self.parts.append(None if problem else part)
+        self.t_junctions.append(junctions)
 
 
 def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> FrameTriangulation:
@@ -85,31 +82,26 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
     result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
-    for number, (polygon, source) in enumerate(
-        zip(turned.polygons, turned.source.tolist(), strict=True)
-    ):
+    for polygon, source in zip(turned.polygons, turned.source.tolist(), strict=True):
         origin = numbers.get(source, -1)
         part = before.parts[origin] if origin >= 0 else None
-        junctions, problem = 0, None
+        junctions, problem = 0, ""
         if part is None:
             problem = "not triangulated before turning"
         elif len(vertices(polygon)) != len(vertices(upright.polygons[origin])):
-            part, problem = None, "snapping changed its vertices as it was turned"
+            problem = "snapping changed its vertices as it was turned"
         elif not (checked := verify(polygon, part)).conforming:
             # A program would draw it all the same; the coverage error says what that costs.
             junctions = max(1, len(checked.t_junctions))
-        if problem:
-            result.failed.append((number, problem))
-        result.parts.append(part)
-        result.t_junctions.append(junctions)
+        result.add(part, junctions, problem)
     result.predicted = predict_polygons(turned.polygons, result.parts)
     return result
 
 
-def predict_polygons(polygons: Sequence[Polygon], parts: Sequence[Rows | None]) -> Prediction:
+def predict_polygons(polygons: Sequence[Polygon], parts: Sequence[Rows | None]) -> Columns:
     """Sum every criterion over each polygon's (m, 3) triangles; 0 where there are none."""
     if not polygons:
-        return Prediction({}, {})
+        return {}
     empty = np.empty((0, 3), np.int32)
     arrays = ragged(polygons)
     ends = arrays.ring_ends[arrays.polygon_ends - 1]
@@ -117,8 +109,7 @@ def predict_polygons(polygons: Sequence[Polygon], parts: Sequence[Rows | None]) 
         predict(points, empty if part is None else part)
         for points, part in zip(np.split(arrays.coordinates, ends[:-1]), parts, strict=True)
     ]
-    columns = {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
-    return Prediction(columns, {name: float(column.sum()) for name, column in columns.items()})
+    return {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
 
 
 def triangulate_polygons(
@@ -146,20 +137,18 @@ def triangulate_polygons(
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
             gap = recipe.gap_of_kept(polygon)
             junctions, problem = checked.get(number, (0, ""))
-            part: Rows | None
             if number in given and not problem:
-                part, seconds = given[number], 0.0 if timed is None else timed.seconds
+                result.seconds += 0.0 if timed is None else timed.seconds
                 result.cached += timed is not None
+                result.add(given[number], junctions)
             else:
-                part, junctions, seconds, found = _compute(recipe, polygon, number, result)
+                seconds, found = _compute(recipe, polygon, result)
+                part = result.parts[-1]
                 # Kept means proven, where that can be: what a search found is computed again.
                 if part is not None and found == gap:
                     kept.keep(number, part, seconds)
                 gap = found
-            result.seconds += seconds
-            result.parts.append(part)
-            result.t_junctions.append(junctions)
-            if part is not None and gap is not None:
+            if result.parts[-1] is not None and gap is not None:
                 result.gaps.append(gap)
     result.notes = kept.notes
     result.predicted = predict_polygons(polygons, result.parts)
@@ -183,16 +172,12 @@ def time_in_rounds(
             at_once = _batch(recipes[place], polygons, result)
             for number, polygon in enumerate(polygons):
                 if number not in at_once:
-                    result.seconds += _seconds_of(recipes[place], polygon)
+                    start = cpu_clock()
+                    with suppress(Exception, SystemExit, GeneratorExit):  # it was told before
+                        recipes[place].triangulate_with_gap(polygon)
+                    result.seconds += cpu_clock() - start
             found[place].append(result.seconds)
     return found
-
-
-def _seconds_of(recipe: Recipe, polygon: Polygon) -> float:
-    start = cpu_clock()
-    with suppress(Exception, SystemExit, GeneratorExit):  # it is told where triangles are kept
-        recipe.triangulate_with_gap(polygon)
-    return cpu_clock() - start
 
 
 def _batch(
@@ -216,28 +201,24 @@ def _batch(
 
 
 def _compute(
-    recipe: Recipe, polygon: Polygon, number: int, result: FrameTriangulation
-) -> tuple[Rows | None, int, float, float | None]:
-    """Run the triangulator; returns triangles, T-junctions, seconds and gap.
-
-    Without triangles `result` is told why.
-    """
-    part, junctions, gap = None, 0, None
+    recipe: Recipe, polygon: Polygon, result: FrameTriangulation
+) -> tuple[float, float | None]:
+    """Run the triangulator over the next polygon of `result`; returns seconds and gap."""
+    part, gap, junctions, problem = None, None, 0, ""
     start = cpu_clock()
     try:
         part, gap = recipe.triangulate_with_gap(polygon)
     except Skipped as reason:
-        result.skipped.append((number, shortened(str(reason))))
+        result.skipped.append((len(result.parts), shortened(str(reason))))
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
-        result.failed.append((number, told_of(error)))
+        problem = told_of(error)
         result.trace = result.trace or "".join(traceback.format_exception(error))[:MOST_TRACED]
     seconds = cpu_clock() - start
     if part is not None:
         junctions, problem = check(polygon, part)
-        if problem:
-            result.failed.append((number, problem))
-            part = None
-    return part, junctions, seconds, gap
+    result.add(part, junctions, problem)
+    result.seconds += seconds
+    return seconds, gap
 
 
 def warm_up(*recipes: Recipe) -> None:

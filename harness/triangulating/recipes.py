@@ -13,7 +13,7 @@ import importlib.util
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -92,11 +92,6 @@ class Recipe:
         if self.calibration is not None:
             return {"criterion": criteria.calibrated(dict(self._weights))}
         return self.parameters
-
-    @property
-    def before_turning(self) -> "Recipe":
-        """The recipe for the polygons at rotation 0."""
-        return replace(self, upright=False)
 
     def load(self) -> None:
         """Import what it needs; a third party's code runs.

@@ -107,7 +107,7 @@ def measure_one(polygon: str, frame: Frame) -> pd.DataFrame:
             print(f"{polygon} {frame.width} px: {recipe}: left out", file=sys.stderr)
             continue
         made[str(recipe)] = frame.join(found.parts)
-        criteria[str(recipe)] = found.predicted.totals
+        criteria[str(recipe)] = {name: each.sum() for name, each in found.predicted.items()}
     devices = ["skybox"]
     if frame.width == TURNED_AT:
         devices += [f"skybox:{each}" for each in PARAMETERS]

@@ -67,7 +67,7 @@ def row(key, gpu, frame, made, options):
     triangles = frame.join(made.parts)
     counted = gpu.count(frame, triangles, options)
     told = dict(zip(KEYS, key, strict=True), triangles=len(triangles))
-    told |= {name: made.predicted.totals[name] for name in PREDICTED}
+    told |= {name: made.predicted[name].sum().item() for name in PREDICTED}
     return told | {name: int(counted[name]) for name in COUNTED}
 
 

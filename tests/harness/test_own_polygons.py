@@ -110,7 +110,7 @@ def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the
     for line in named:
         name, reason = line.partition("dropped ")[2].split(": ")
         assert dropped.pop(name) == reason
-    assert "dropped 2 more: is a Point, not a polygon (2); a run's run.json names them" in err
+    assert "dropped 2 more; a run's run.json names them" in err
 
 
 def test_what_is_read_is_never_written_over(harness):

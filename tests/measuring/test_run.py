@@ -278,25 +278,25 @@ def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
 
 
 def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
-    opened: list[tuple[str, Inline]] = []
-    closed: list[Inline] = []
+    log: list[str] = []
 
     class Watched(Inline):
+        def __init__(self, name: str) -> None:
+            self._name = name
+            log.append(f"{name} begins")
+
         def close(self, *, at_once: bool = False) -> None:
-            closed.append(self)
+            log.append(f"{self._name} ends")
             super().close(at_once=at_once)
 
     def watched(name: str, environment: object, limits: object = None) -> Inline:
-        worker = Watched()
-        opened.append((name, worker))
-        return worker
+        return Watched(name)
 
     plan = plan_for(block, timing=replace(FAST, processes=3))
     assert measure(plan, tmp_path / "out", open_worker=watched).records
-    drawing = [worker for name, worker in opened if name == f"{MOCK} on scripted"]
-    assert len(drawing) == 2, "the first is the process that was asked what it can do"
-    assert closed[1] is drawing[0], "the next begins when the one before has ended"
-    assert closed[0] not in drawing
+    drawing = f"{MOCK} on scripted"
+    steps = [line.removeprefix(drawing) for line in log if line.startswith(drawing)]
+    assert steps == [" begins", " ends"] * 3
     for record in read_run(tmp_path / "out").records:
         times = record["time"]
         assert len(times["processes"]) == 3

@@ -131,7 +131,7 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
         scene = read(str(path), pixels=pixels)
         frame = frame_of(scene, view_of(scene))
         found = original(frame)
-        totals = found.predicted.totals
+        totals = {name: each.sum() for name, each in found.predicted.items()}
         counted = predict(frame.points, frame.join(found.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
     (part,) = [part for group in opened(before)[1] for part in group]

@@ -626,8 +626,6 @@ def test_a_file_without_such_options_is_read_as_before():
     heap = load(str(FILE))
     assert heap.tiling is None
     assert heap.units == "m"
-    with pytest.raises(UsageError, match="the view of map tiles is not for polygons"):
-        frame_of(heap, View(512, fit="tile"))
     with pytest.raises(UsageError, match="pixels= is the resolution of map tiles: leave --sizes"):
         frame_of(load("helsinki-tiles:tiles=1"), View(512))
 

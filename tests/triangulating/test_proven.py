@@ -15,6 +15,7 @@ from harness.triangulating.frames import FrameTriangulation, triangulate_polygon
 from harness.triangulating.recipes import Recipe, parse
 from tests.inline import Inline
 from tests.measuring.test_run import nothing_at_once
+from tests.mock import Clock
 from triangulators.certificate import proof
 from triangulators.methods import optimal
 
@@ -120,9 +121,17 @@ def test_each_round_has_every_triangulator_once_in_changing_order(calls):
 
 
 def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
-    seen = []
+    seen, clock = [], Clock()
+
+    def timed(_recipe, polygon):
+        seen.append(polygon)
+        clock.spend(0.5)
+        raise ValueError
+
+    monkeypatch.setattr(frames, "cpu_clock", clock)
+    monkeypatch.setattr(frames, "warm_up", lambda *_: None)
     monkeypatch.setattr(frames, "_batch", lambda recipe, polygons, result: {0: None})
-    monkeypatch.setattr(frames, "_seconds_of", lambda recipe, polygon: seen.append(polygon) or 0.5)
+    monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
     assert frames.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
     assert seen[:2] == POLYGONS[1:]
 
