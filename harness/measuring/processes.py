@@ -175,8 +175,7 @@ class Bench:
             said = (
                 f"compiling it took more than {timeout_s:g} s; close other programs, and --resume"
             )
-            with self.clocked("compile"), _remedied(recipe, said):
-                self.run(home_of(recipe), warm_up, recipe, timeout_s=timeout_s, tick=tick)
+            self._waited("compile", said, warm_up, recipe, timeout_s=timeout_s, tick=tick)
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
@@ -210,14 +209,29 @@ class Bench:
             f"triangulating took more than {self.timeout_s:g} s; give it longer with "
             "--timeout, or a smaller scene (limit=)"
         )
-        home = home_of(recipe)
-        with self.clocked("triangulate"), _remedied(recipe, said):
-            if recipe.other:
-                return self.run(
-                    home, triangulate_elsewhere, recipe, polygons, self.other, tick=tick
-                )
-            arguments = (recipe, polygons, self.database)
-            return self.run(home, triangulate_polygons, *arguments, tick=tick)
+        if recipe.other:
+            given = (triangulate_elsewhere, recipe, polygons, self.other)
+            return self._waited("triangulate", said, *given, tick=tick)
+        arguments = (triangulate_polygons, recipe, polygons, self.database)
+        return self._waited("triangulate", said, *arguments, tick=tick)
+
+    def _waited(
+        self,
+        stage: str,
+        said: str,
+        function: Callable[..., T],
+        recipe: Recipe,
+        *rest: Any,
+        **how: Any,
+    ) -> T:
+        """Run a function of a recipe in its process; `said` where ours ran past its time."""
+        try:
+            with self.clocked(stage):
+                return self.run(home_of(recipe), function, recipe, *rest, **how)
+        except TaskTimedOut as error:
+            if recipe.builtin:
+                raise TaskTimedOut(said) from error
+            raise
 
     def time_triangulating(
         self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int
@@ -303,6 +317,7 @@ class Bench:
         test = self.open(backend).timer
         timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
         parts: list[dict[str, Times]] = []
+        told: Callable[[float], None] = tick or (lambda _: None)
         began = time.perf_counter()
         try:
             with self.clocked("time"):
@@ -321,7 +336,7 @@ class Bench:
                             tasks.time_group,
                             *(*drawn, share, test, seed + number),
                             timeout_s=timeout_s,
-                            tick=tick and _after(tick, spent),
+                            tick=lambda waited, spent=spent: told(spent + waited),
                         )
                     )
         except TaskFailed as error:
@@ -381,24 +396,8 @@ class Bench:
             raise
 
 
-@contextmanager
-def _remedied(recipe: Recipe, said: str) -> Iterator[None]:
-    """Say what to do where a triangulator of ours ran past its time."""
-    try:
-        yield
-    except TaskTimedOut as error:
-        if recipe.builtin:
-            raise TaskTimedOut(said) from error
-        raise
-
-
 def result_of(future: Future[T]) -> T:
     """Wait for what was begun, and return it; a signal's handler may raise meanwhile."""
     while not wait([future], POLL_S).done:
         pass
     return future.result()
-
-
-def _after(tick: Callable[[float], None], seconds: float) -> Callable[[float], None]:
-    """Return `tick` for one who begins to wait when so many seconds have passed."""
-    return lambda waited: tick(seconds + waited)

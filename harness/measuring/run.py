@@ -116,15 +116,10 @@ def run(
         # Names first: a scene may take long.
         broken = find_broken(plan.triangulators, bench)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-        if not scene.polygons:
+        if all(shapely.get_num_coordinates(each) == _CLOSED_TRIANGLE for each in scene.polygons):
             raise NothingMeasured(
-                f"nothing to choose in {plan.scene}: no flat face is a polygon "
-                f"({'; '.join(scene.notes)}); raster-harness triangulate MODEL --check says what "
-                "turning its diagonals would save"
-            )
-        if (shapely.get_num_coordinates(scene.polygons) == _CLOSED_TRIANGLE).all():
-            raise NothingMeasured(
-                f"nothing to choose: every polygon of {plan.scene} is a triangle already"
+                f"nothing to choose: every polygon of {plan.scene} is a triangle already; of a "
+                "model, raster-harness triangulate MODEL --check says what turning diagonals saves"
             )
         if how.split is None:
             plan = _in_its_view(plan, scene)

@@ -227,7 +227,10 @@ def time_together(
     # full epochs would not fit before the limit, each has one round.
     round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
     slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
-    epochs = _Epochs(renew, settings.epochs, earliest, clock, 1 if slow else EPOCH_ROUNDS)
+    wanted, now = settings.epochs if renew else 1, clock()
+    epoch_s = max(0.0, earliest - now) / wanted
+    least = 1 if slow else EPOCH_ROUNDS
+    epochs = _Epochs(renew, wanted, least, epoch_s, now + epoch_s, clock)
     check_at = MIN_ROUNDS
     while True:
         if epochs.is_over():
@@ -271,47 +274,42 @@ def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
     return drawing.sample(repeats)
 
 
+@dataclass
 class _Epochs:
     """When drawings are prepared anew, and how many rounds there were in between.
 
+    wanted, least : epochs, and rounds of each
+    seconds : of an epoch, at least
+    until : when the present one may end
     rounds : of each epoch so far, the present one last
     """
 
-    def __init__(
-        self,
-        renew: Renew | None,
-        wanted: int,
-        earliest: float,
-        clock: Callable[[], float],
-        least: int,
-    ) -> None:
-        self.rounds = [0]
-        self._least = least
-        self._renew = renew
-        self._wanted = 1 if renew is None else wanted
-        self._clock = clock
-        now = clock()
-        self._seconds = max(0.0, earliest - now) / self._wanted
-        self._until = now + self._seconds
+    renew: Renew | None
+    wanted: int
+    least: int
+    seconds: float
+    until: float
+    clock: Callable[[], float]
+    rounds: list[int] = field(default_factory=lambda: [0])
 
     def is_over(self) -> bool:
         """Whether it is time for the next epoch."""
-        long_enough = self.rounds[-1] >= self._least and self._clock() >= self._until
-        return self._wanted > 1 and long_enough
+        long_enough = self.rounds[-1] >= self.least and self.clock() >= self.until
+        return self.wanted > 1 and long_enough
 
     def begin(self, order: Sequence[str]) -> Mapping[str, Drawing]:
         """Return the drawings of the next epoch, prepared in the given order."""
-        assert self._renew is not None
-        drawings = self._renew(order)
+        assert self.renew is not None
+        drawings = self.renew(order)
         for name in order:
             drawings[name].sample(1)  # what the first draw after that takes longer
         self.rounds.append(0)
-        self._until = max(self._until + self._seconds, self._clock())
+        self.until = max(self.until + self.seconds, self.clock())
         return drawings
 
     def are_few(self) -> bool:
         """Whether there must be more of them, or the present one must go on."""
-        return len(self.rounds) < self._wanted or self.rounds[-1] < self._least
+        return len(self.rounds) < self.wanted or self.rounds[-1] < self.least
 
 
 def _compared_precisely(

@@ -268,13 +268,9 @@ class Lookup:
         self._keys: list[bytes] = []
         if path is not None:
             try:
-                self._database = ModelDatabase(path, self._say)
+                self._database = ModelDatabase(path, self.notes.append)
             except UsageError as error:
-                self._say(f"{error}; this run does without")
-
-    def _say(self, line: str) -> None:
-        if line not in self.notes:
-            self.notes.append(line)
+                self.notes.append(f"{error}; this run does without")
 
     def __enter__(self) -> "Lookup":
         return self
