@@ -33,7 +33,14 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
     UsageError
         if it cannot be loaded, or is a third party's and ends its process
     """
-    scene = _load_apart(name, seed, open_worker) if _is_foreign(name) else _load(name, seed)
+    if _is_foreign(name):
+        with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
+            try:
+                scene = worker.call(_load, name, seed)
+            except TaskFailed as error:
+                raise UsageError(f"scene {name} cannot be loaded: {error}") from error
+    else:
+        scene = _load(name, seed)
     if scene.notes:
         reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
@@ -54,14 +61,6 @@ def _load(name: str, seed: int) -> Scene:
         return load(name, seed=seed, attributes=False)
     except SceneError as error:
         raise UsageError(str(error)) from error
-
-
-def _load_apart(name: str, seed: int, open_worker: OpenWorker) -> Scene:
-    with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
-        try:
-            return worker.call(_load, name, seed)
-        except TaskFailed as error:
-            raise UsageError(f"scene {name} cannot be loaded: {error}") from error
 
 
 def _is_foreign(name: str) -> bool:

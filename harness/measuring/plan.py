@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from harness.errors import UsageError
@@ -49,8 +49,8 @@ class Plan:
         """Return the plan as JSON-ready values: triangulators by name, calibration apart."""
         calibrations = [recipe.calibration for recipe in self.triangulators]
         calibration = next((terms for terms in calibrations if terms is not None), None)
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        timing = asdict(self.timing)
+        values = asdict(self)
+        timing = values["timing"]
         # What is as ever is not worth telling.
         if self.timing.processes == 1:
             del timing["processes"]
@@ -58,9 +58,6 @@ class Plan:
             del timing["limit_s"]
         values |= {
             "triangulators": [str(recipe) for recipe in self.triangulators],
-            "views": [asdict(view) for view in self.views],
-            "options": [asdict(options) for options in self.options],
-            "timing": timing,
             "calibration": None if calibration is None else dict(calibration),
         }
         return json.loads(json.dumps(values))
@@ -122,15 +119,5 @@ class Case:
 
     def identity(self) -> dict[str, Any]:
         """Return the fields a record of this case begins with."""
-        return {
-            "key": self.key,
-            "scene": self.scene,
-            "scene_hash": self.scene_hash,
-            "triangulator": self.triangulator,
-            "rasteriser": self.rasteriser,
-            "device": self.device,
-            "resolution": self.view.resolution,
-            "rotation": self.view.rotation,
-            "fit": self.view.fit,
-            "options": asdict(self.options),
-        }
+        content = asdict(self)
+        return {"key": self.key, **content.pop("view"), **content}

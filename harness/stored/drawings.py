@@ -40,18 +40,25 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
 
     Triangulations that the run kept before, of the same frame, stay.
     """
-    key = name_of(frame.view)
-    before = _read(Run(store.path, {}, []), key)
+    before = read(Run(store.path, {}, []), frame.view)
     if before is not None and np.array_equal(before.points, frame.points):
         triangles = {**before.triangles, **triangles}
     columns: dict[str, NDArray[Any]] = {name: getattr(frame, name) for name in _COLUMNS}
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
-    store.write_arrays(key, columns | named, FOLDER)
+    store.write_arrays(name_of(frame.view), columns | named, FOLDER)
 
 
 def read(run: Run, view: View) -> Geometry | None:
     """Return what was drawn in `view`, or None where the run did not keep it."""
-    return _read(run, name_of(view))
+    arrays = read_arrays(run, name_of(view), FOLDER)
+    if arrays is None or not {*_COLUMNS} <= set(arrays):
+        return None
+    triangles = {
+        name.removeprefix(_TRIANGLES): rows
+        for name, rows in arrays.items()
+        if name.startswith(_TRIANGLES)
+    }
+    return Geometry(**{name: arrays[name] for name in _COLUMNS}, triangles=triangles)
 
 
 def view_of(record: Record) -> View:
@@ -62,15 +69,3 @@ def view_of(record: Record) -> View:
 def name_of(view: View) -> str:
     """Return the name of a view's file: 1024px-30deg-box."""
     return f"{view.resolution}px-{view.rotation:g}deg-{view.fit}"
-
-
-def _read(run: Run, key: str) -> Geometry | None:
-    arrays = read_arrays(run, key, FOLDER)
-    if arrays is None or not {*_COLUMNS} <= set(arrays):
-        return None
-    triangles = {
-        name.removeprefix(_TRIANGLES): rows
-        for name, rows in arrays.items()
-        if name.startswith(_TRIANGLES)
-    }
-    return Geometry(**{name: arrays[name] for name in _COLUMNS}, triangles=triangles)
