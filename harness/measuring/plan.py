@@ -9,7 +9,7 @@ from typing import Any
 from harness.errors import UsageError
 from harness.frame import View
 from harness.rasterisers.base import Options
-from harness.settings import DEFAULT_TRIANGULATORS, MOST_S, MOST_SEED, TIMEOUT_S, TimingSettings
+from harness.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.triangulating.recipes import Recipe, parse_all
 
 
@@ -32,18 +32,6 @@ class Plan:
     options: tuple[Options, ...] = (Options(),)
     timing: TimingSettings = field(default_factory=TimingSettings)
     timeout_s: float = TIMEOUT_S
-
-    def __post_init__(self) -> None:
-        timing = self.timing
-        for what, value, most in (
-            ("seed", self.seed, MOST_SEED),
-            ("timeout", self.timeout_s, MOST_S),
-            ("budget", timing.budget_s, MOST_S),
-            ("warm-up", timing.warm_up_s, MOST_S),
-            ("precision", timing.precision, 1.0),
-        ):
-            if not (0 < value <= most or (value == 0 and what in ("seed", "warm-up"))):
-                raise UsageError(f"{what} {value} is outside 0..{most:g}")
 
     def to_json(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values: triangulators by name, calibration apart."""

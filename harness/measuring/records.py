@@ -118,14 +118,7 @@ def _in_short(record: Record) -> str:
     return f"{where} on {record['device']}: {record['status']}, {result}"
 
 
-def drawn_polygons(parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.bool_]:
-    """Return (p,) which polygons of a frame a triangulator gave triangles for."""
-    return np.array([part is not None for part in parts], np.bool_)
-
-
-def covered(
-    counters: Counters, parts: Sequence[NDArray[np.int32] | None]
-) -> NDArray[np.int64] | None:
+def covered(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
     """Return the fragments of each polygon that the baseline drew, (p,), -1 of the others.
 
     None where the device cannot say. However a polygon is triangulated, it covers as many.
@@ -133,7 +126,7 @@ def covered(
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
         return None
-    return np.where(drawn_polygons(parts), fragments, -1)
+    return np.where(drawn, fragments, -1)
 
 
 def problem(case: Case, status: str, reason: str) -> Record:
@@ -176,12 +169,12 @@ def measured(
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),
         "coverage_error": None,
-        OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
-        **_least_of(triangulation.parts, counters, limits.get(LEAST)),
+        OUTLINE: _outline_of(triangulation.drawn, limits.get(OUTLINE)),
+        **_least_of(triangulation.drawn, counters, limits.get(LEAST)),
         **_views_of(frame, counters),
     }
     if covered is not None and "fragments" in counters:
-        compared = drawn_polygons(triangulation.parts) & (covered >= 0)
+        compared = triangulation.drawn & (covered >= 0)
         if compared.any():
             wrong = np.abs(counters["fragments"] - covered)[compared]
             record["coverage_error"] = int(wrong.sum())
@@ -201,26 +194,21 @@ def _views_of(frame: Frame, counters: Counters) -> Record:
     return {VIEWS: {**names, **sums}}
 
 
-def _outline_of(
-    parts: Sequence[NDArray[np.int32] | None], outline: NDArray[np.int64] | None
-) -> int | None:
+def _outline_of(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
     """Return the quads of the outlines of what was drawn; None unless all of them are known."""
-    drawn = drawn_polygons(parts)
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
 
 
 def _least_of(
-    parts: Sequence[NDArray[np.int32] | None],
-    counters: Counters,
-    least: NDArray[np.int64] | None,
+    drawn: NDArray[np.bool_], counters: Counters, least: NDArray[np.int64] | None
 ) -> Record:
     """Return the fewest quads of what was drawn beside its own, where both are known."""
     quads, fragments = counters.get("quads"), counters.get("fragments")
     if least is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return {}
-    known = drawn_polygons(parts) & (least >= 0)
+    known = drawn & (least >= 0)
     named = {"quads": least, "shaded": quads, "fragments": fragments}
     sums = {name: int(values[known].sum()) for name, values in named.items()}
     return {LEAST: {"polygons": int(known.sum()), **sums}}

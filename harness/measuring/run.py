@@ -293,12 +293,12 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         for key, value in now["plan"].items()
         if plan.get(key) != value
     ]
-    if before.get("scene", {}).get("hash") != now["scene"]["hash"]:
-        differences.append("the scene's content")
-    if before.get("environment", {}).get("code") != now["environment"]["code"]:
-        differences.append("the code")
-    if before.get("beside") != now.get("beside"):
-        differences.append("what it is measured beside")
+    compared = {
+        "the scene's content": (before.get("scene", {}).get("hash"), now["scene"]["hash"]),
+        "the code": (before.get("environment", {}).get("code"), now["environment"]["code"]),
+        "what it is measured beside": (before.get("beside"), now.get("beside")),
+    }
+    differences += [what for what, (then, new) in compared.items() if then != new]
     if not same(label_of(before), label_of(now)):
         differences.append("the machine")
     if differences:

@@ -277,7 +277,7 @@ class SceneRun:
                         self.keeper.finished(records.problem(cases[recipe], "failed", str(error)))
                 else:
                     if recipe == BASELINE:
-                        covered = records.covered(counters, triangulation.parts)
+                        covered = records.covered(counters, triangulation.drawn)
                     if recipe in cases:
                         made = (frame, triangulation, counters, covered, limits)
                         record = records.measured(cases[recipe], *made)

@@ -66,6 +66,11 @@ class FrameTriangulation:
         """True where no polygon's triangulation has a T-junction."""
         return not any(self.t_junctions)
 
+    @property
+    def drawn(self) -> NDArray[np.bool_]:
+        """(p,) which polygons have triangles."""
+        return np.array([part is not None for part in self.parts], np.bool_)
+
     def add(self, part: Rows | None, junctions: int = 0, problem: str = "") -> None:
         """Add the triangles of the next polygon with their T-junctions, or what is wrong."""
         if problem:

@@ -83,14 +83,14 @@ def test_regret_is_helper_lanes_above_the_fewest():
 
 def test_a_record_compares_the_polygons_that_are_known():
     counters = {name: np.array(values) for name, values in COUNTED.items()}
-    parts = [np.zeros((1, 3), np.int32), None, np.zeros((1, 3), np.int32)]
+    drawn = np.array([True, False, True])
     least = np.array([9, 8, -1])
-    assert records._least_of(parts, counters, least) == {
+    assert records._least_of(drawn, counters, least) == {
         LEAST: {"polygons": 1, "quads": 9, "shaded": 10, "fragments": 30}
     }
-    assert records._least_of(parts, {"fragments": counters["fragments"]}, least) == {}
+    assert records._least_of(drawn, {"fragments": counters["fragments"]}, least) == {}
     totals = {name: values.sum() for name, values in counters.items()}
-    assert records._least_of(parts, totals, least) == {}
+    assert records._least_of(drawn, totals, least) == {}
 
 
 COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
