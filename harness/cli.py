@@ -1,7 +1,6 @@
 """The command line: `raster-harness`. Commands live in `harness.commands`, one file each."""
 
 import contextlib
-import errno
 import os
 import platform
 import signal
@@ -21,7 +20,6 @@ from harness.errors import (
     INTERRUPTED,
     REGRESSION,
     HarnessError,
-    ReaderGone,
     of_system,
 )
 from harness.machine import system
@@ -35,6 +33,9 @@ HELP = ("-h", "--help")
 COMPLETION = {"--show-completion", "--install-completion"}
 COMPLETES = "_RASTER_HARNESS_COMPLETE"
 """What a shell sets to be told how a word goes on."""
+
+REFUSED = {"SceneError", "UnknownName", "TriangulationError"}
+"""Errors of scenes and triangulators, which are loaded only where they are used, about input."""
 
 app = typer.Typer(
     name=PROGRAM,
@@ -83,11 +84,7 @@ def main() -> None:
 
         serving.start()  # it loads what takes long while this process does, too
     # Unless it was started to ignore a signal.
-    with (
-        system.stopped_by(_stop, lambda before: before != signal.SIG_IGN),
-        contextlib.redirect_stdout(_Output(sys.stdout)),
-        contextlib.redirect_stderr(_Output(sys.stderr)),
-    ):
+    with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN):
         try:
             _asked.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)
@@ -108,17 +105,16 @@ def _explain(error: BaseException) -> int | str | None:
     match error:
         case SystemExit() if COMPLETION & {*sys.argv} or COMPLETES in os.environ:
             return error.code  # typer ends so when its work is done
-        case SystemExit() if getattr(error.__context__, "errno", None) == errno.EPIPE:
+        # Typer and Rich end the program where nobody reads what it writes.
+        case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):
+            # What is left to write goes nowhere, or Python would complain as it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
         case SystemExit():
             what = f"something that was called ended the program (exit code {error.code})"
             return _say(f"error: {what}", BAD_INPUT)
         case KeyboardInterrupt():
             return _say("stopped", INTERRUPTED)
-        case ReaderGone():
-            # What is left to write goes nowhere, or Python would complain as it ends.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            return BROKEN_PIPE
         case HarnessError():
             return _say(f"error: {error}", error.exit_code)
         case ClickException():
@@ -127,22 +123,12 @@ def _explain(error: BaseException) -> int | str | None:
             return _say(f"error: {of_system(error)}", BAD_INPUT)
         case MemoryError():
             return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
-        case _ if _of_input(error):
+        case _ if REFUSED & {kind.__name__ for kind in type(error).__mro__}:
             return _say(f"error: {error}", BAD_INPUT)
         case _:
             traceback.print_exception(error)
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             return _say(f"error: a defect of raster-harness, please report it: {what}", DEFECT)
-
-
-def _of_input(error: BaseException) -> bool:
-    """Whether a scene or a triangulator refused what it was given; loads neither for that."""
-    known = {
-        "scenes.scene": ("SceneError",),
-        "triangulators.errors": ("UnknownName", "TriangulationError"),
-    }
-    loaded = {sys.modules[name]: kinds for name, kinds in known.items() if name in sys.modules}
-    return any(isinstance(error, getattr(m, kind)) for m, kinds in loaded.items() for kind in kinds)
 
 
 def _misused(error: ClickException) -> tuple[str, int]:
@@ -156,33 +142,11 @@ def _misused(error: ClickException) -> tuple[str, int]:
 
 
 def _say(line: str, code: int) -> int:
-    with contextlib.suppress(OSError, ReaderGone):  # a terminal that was closed reads nothing
+    with contextlib.suppress(OSError, SystemExit):  # a terminal that was closed reads nothing
         Console(stderr=True, highlight=False, emoji=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
         )
     return code
-
-
-class _Output:
-    """Standard output, or standard error, with `ReaderGone` for a broken pipe."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> Any:
-        try:
-            return self._stream.write(text)
-        except BrokenPipeError:
-            raise ReaderGone from None
-
-    def flush(self) -> None:
-        try:
-            self._stream.flush()
-        except BrokenPipeError:
-            raise ReaderGone from None
 
 
 _asked: list[int] = []

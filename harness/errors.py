@@ -49,14 +49,6 @@ class Inconclusive(HarnessError):  # noqa: N818 - says what came out
     exit_code = INCONCLUSIVE
 
 
-class ReaderGone(BaseException):
-    """Nobody reads what is written to standard output any more.
-
-    Neither OSError nor Exception, because libraries on the way take those for their own, and end
-    the process with 1.
-    """
-
-
 def of_system(error: OSError) -> str:
     """Return one line for what the system refused, with what to do."""
     where = f"{error.filename}: " if error.filename else ""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from harness.commands.options import Several, several
-from harness.errors import NothingMeasured, ReaderGone, UsageError
+from harness.errors import NothingMeasured, UsageError
 from harness.progress import Screen
 from harness.settings import HISTORY_METRICS
 
@@ -112,7 +112,7 @@ def compare(
     try:
         typer.echo(_text(found, output, grown), nl=False)
         sys.stdout.flush()
-    except (BrokenPipeError, ReaderGone):  # who stops reading early changes no exit code
+    except BrokenPipeError:  # who stops reading early changes no exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     for kind, file in {
         "markdown": markdown,

@@ -131,10 +131,10 @@ def triangulate(
 
     def counted(polygons: int) -> None:
         needless()
-        counting(polygons)
+        stage.complete(polygons)
 
     with (
-        reporter.counting(f"triangulating {file}") as counting,
+        reporter.stage(f"triangulating {file}") as stage,
         reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
     ):
         report = export_file(
@@ -213,10 +213,10 @@ def _in_place(
     from harness.models.views import VIEWS
 
     with (
-        reporter.counting(f"looking at {source}") as tick,
+        reporter.stage(f"looking at {source}") as stage,
         reporter.if_long(COMPILING, SAID_AFTER_S),
     ):
-        done = retriangulate(source, out, criterion or CRITERION, tick=tick)
+        done = retriangulate(source, out, criterion or CRITERION, tick=stage.complete)
     for reason, count in sorted(done.left.items()):
         typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
     share = done.flat_area / done.area if done.area else 0.0

@@ -1,7 +1,4 @@
-"""The commands by name. `--help` shows them from this table and imports none: a test compares both.
-
-The order is that of `--help`, in which the everyday ones come first.
-"""
+"""The commands by name, in the order of `--help`, in which the everyday ones come first."""
 
 from importlib import import_module
 from inspect import getdoc
@@ -21,13 +18,11 @@ class Entry(NamedTuple):
 
     panel : the heading under which `--help` lists it
     function : where it is, "module:function" in `harness.commands`
-    summary : the first paragraph of the function's docstring
     examples : shown by its `--help`; a test runs each of them
     """
 
     panel: str
     function: str
-    summary: str
     examples: tuple[str, ...]
 
 
@@ -38,7 +33,6 @@ COMMANDS = {
     "run": Entry(
         MEASURE,
         "run:run",
-        "Measure triangulators on a scene, with exact counters and repeated times; store it all.",
         (
             "run --scene city",
             "run --scene buildings.geojson --triangulators delaunay,optimal:half-perimeter",
@@ -48,85 +42,41 @@ COMMANDS = {
     "report": Entry(
         MEASURE,
         "page:report",
-        "Write the report of a run: one HTML file, which needs no network.",
-        (
-            f"report {RUN}",
-            f"report {RUN} --out city.html",
-        ),
+        (f"report {RUN}", f"report {RUN} --out city.html"),
     ),
-    "profile": Entry(
-        MEASURE,
-        "profile:profile",
-        "Say what a triangle, a pixel and a helper lane cost on a device; how to triangulate "
-        "there.",
-        ("profile --budget 0.05",),
-    ),
+    "profile": Entry(MEASURE, "profile:profile", ("profile --budget 0.05",)),
     "page": Entry(
-        MEASURE,
-        "page:page",
-        "Write a page that measures a run's triangulations in any browser that has WebGPU.",
-        (f"page {RUN} --out city.html", "page --profile --out triangle.html"),
+        MEASURE, "page:page", (f"page {RUN} --out city.html", "page --profile --out triangle.html")
     ),
     "import": Entry(
-        MEASURE,
-        "page:import_",
-        "Make a run folder, or a profile, of what a measuring page saved.",
-        ("import saved-by-the-page.json --out results/phone",),
+        MEASURE, "page:import_", ("import saved-by-the-page.json --out results/phone",)
     ),
     "merge": Entry(
-        MEASURE,
-        "page:merge",
-        "Merge runs into one, by case; the order in which they are given does not matter.",
-        (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
+        MEASURE, "page:merge", (f"merge {RUN} {LATER} --hosts first,second --out results/merged",)
     ),
     "compare": Entry(
         COMPARE,
         "compare:compare",
-        "Say what changed from BASE to HEAD; exit with 1 if something became slower or costs more.",
         (
             f"compare {RUN} {LATER}",
             f"compare {RUN} {LATER} --gate counters --html comparison.html",
             f"compare {RUN} {RUN} --repeat",
         ),
     ),
-    "history": Entry(
-        COMPARE,
-        "compare:history",
-        "Show what changed over runs, in the order they were made.",
-        ("history results",),
-    ),
-    "study validate": Entry(
-        STUDY,
-        "study:validate",
-        "Say how well each criterion predicts the measured cost, within single polygons.",
-        ("study validate --scene city --quick",),
-    ),
-    "study gains": Entry(
-        STUDY,
-        "study:gains",
-        "Compare each triangulator's time with the bases', in all views; say which one was faster.",
-        (f"study gains {RUN} --out results/gains",),
-    ),
+    "history": Entry(COMPARE, "compare:history", ("history results",)),
+    "study validate": Entry(STUDY, "study:validate", ("study validate --scene city --quick",)),
+    "study gains": Entry(STUDY, "study:gains", (f"study gains {RUN} --out results/gains",)),
     "study pareto": Entry(
         STUDY,
         "study:pareto",
-        "Measure the Pareto front of the paper's A and D, and the sweep of their weights.",
-        (
-            "study pareto --scene paper",
-            "study pareto --scene city --polygons 4 --budget 0.2",
-        ),
+        ("study pareto --scene paper", "study pareto --scene city --polygons 4 --budget 0.2"),
     ),
     "study all": Entry(
-        STUDY,
-        "study:study",
-        "Say which of our findings hold on your data: validation, gains, regret and rotation, "
-        "bundled.",
-        ("study all buildings.geojson --out results/study --quick",),
+        STUDY, "study:study", ("study all buildings.geojson --out results/study --quick",)
     ),
     "census": Entry(
         STUDY,
         "census:census",
-        "Say what each triangulator gains on every footprint of a data set, by exact counting.",
         (
             "census buildings.geojson --out results/census",
             "census berlin.pmtiles:zoom=14 --out results/map",
@@ -135,78 +85,50 @@ COMMANDS = {
     "triangulate": Entry(
         GEOMETRY,
         "export:triangulate",
-        "Triangulate a file of polygons and write the triangles.",
         (
             "triangulate buildings.geojson --criterion overdraw -o buildings.glb",
             "triangulate paper -o paper.glb --certify --evidence proofs.jsonl",
         ),
     ),
-    "check-evidence": Entry(
-        GEOMETRY,
-        "export:check_evidence",
-        "Check proofs that triangulations are optimal, in whole numbers; refuse what does not "
-        "hold.",
-        ("check-evidence proofs.jsonl",),
-    ),
+    "check-evidence": Entry(GEOMETRY, "export:check_evidence", ("check-evidence proofs.jsonl",)),
     "inspect": Entry(
         GEOMETRY,
         "inspect:inspect",
-        "Show where one polygon's triangulations cost, or whether the choice matters for a file.",
         (
             "inspect city --polygon 3 --out polygon-3.png",
             "inspect buildings.geojson --sizes 16-1024",
             "inspect paper --every paper",
         ),
     ),
-    "list": Entry(
-        MACHINE,
-        "catalogue:catalogue",
-        "List scenes, triangulators, rasterisers, criteria and metrics, or one kind of these.",
-        ("list", "list triangulators"),
-    ),
-    "doctor": Entry(
-        MACHINE,
-        "catalogue:doctor",
-        "Check devices, drivers, extensions and timers; say how to repair what does not work.",
-        ("doctor",),
-    ),
-    "cache": Entry(
-        MACHINE,
-        "export:cache",
-        "Show or empty the model database of triangulations.",
-        ("cache info",),
-    ),
+    "list": Entry(MACHINE, "catalogue:catalogue", ("list", "list triangulators")),
+    "doctor": Entry(MACHINE, "catalogue:doctor", ("doctor",)),
+    "cache": Entry(MACHINE, "export:cache", ("cache info",)),
 }
 
 GROUPS = {
-    "study": Entry(
-        STUDY,
-        "",
-        "Study criteria and choices: validate, gains and pareto; all of them on your data.",
-        (),
-    ),
+    "study": "Study criteria and choices: validate, gains and pareto; all of them on your data."
 }
-"""Commands that have commands of their own: in `COMMANDS`, their names come after this one."""
+"""What commands do that have commands of their own: in `COMMANDS`, theirs begin with this name."""
 
 
 def load(name: str) -> Any:
     """Import a command and return it as click has it, its examples below its help."""
     if name in GROUPS:
-        return CommandGroup(
-            before=f"{name} ", name=name, help=GROUPS[name].summary, no_args_is_help=True
-        )
-    module, _, attribute = COMMANDS[name].function.partition(":")
+        settings: Any = {"name": name, "help": GROUPS[name], "rich_help_panel": STUDY}
+        return CommandGroup(before=f"{name} ", no_args_is_help=True, **settings)
+    entry = COMMANDS[name]
+    module, _, attribute = entry.function.partition(":")
     function = getattr(import_module(f"harness.commands.{module}"), attribute)
     # Paragraphs wrap at any width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
-    lines = [f"{PROGRAM} {line}" for line in COMMANDS[name].examples]
     # In plain text: Rich's table of options would cut long defaults off.
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     alone.command(
         name.rpartition(" ")[2],
         cls=CheckedCommand,
         help="\n\n".join(paragraphs),
-        epilog="\n\n".join(["Examples:", *lines]),
+        epilog="\n\n".join(["Examples:", *(f"{PROGRAM} {line}" for line in entry.examples)]),
+        rich_help_panel=entry.panel,
     )(function)
     return typer.main.get_command(alone)
 
@@ -237,7 +159,7 @@ def _wrong(value: Any) -> str:
 
 
 class CommandGroup(typer.core.TyperGroup):
-    """A group of commands: each is imported when it is called, not when it is listed.
+    """A group of commands: each is imported when it is called or listed.
 
     before : what the names of its commands begin with in `COMMANDS`; "" for the group of all
     """
@@ -245,14 +167,9 @@ class CommandGroup(typer.core.TyperGroup):
     def __init__(self, before: str = "", **settings: Any) -> None:
         super().__init__(**settings)
         self._before = before
-        for name, entry in ({} if before else GROUPS | COMMANDS).items() or COMMANDS.items():
-            own = name.removeprefix(before)
-            if name.startswith(before) and " " not in own:
-                self.commands[own] = typer.core.TyperCommand(
-                    own, help=entry.summary, rich_help_panel=entry.panel
-                )
+        own = (name.removeprefix(before) for name in COMMANDS if name.startswith(before))
+        self.commands = dict.fromkeys((name.partition(" ")[0] for name in own), cast("Any", None))
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """Return what `args` call, imported."""
-        name, command, rest = super().resolve_command(ctx, args)
-        return name, load(self._before + name) if name and command else command, rest
+    def get_command(self, _ctx: Any, cmd_name: str) -> Any:
+        """Import a command; None where there is none of the name."""
+        return load(self._before + cmd_name) if cmd_name in self.commands else None

@@ -327,7 +327,7 @@ class Dataset:
         amount = 0
         try:
             if missing:
-                with reporter.parts(self.work.title, len(missing), total, unit) as show:
+                with reporter.stage(self.work.title, total, unit) as stage:
                     for key, answer in crew.answers(tasks):
                         if answer.failed:
                             aside[missing[key].label] = answer.failed
@@ -337,7 +337,7 @@ class Dataset:
                         amount += missing[key].size or 1
                         for note in answer.value.notes:
                             reporter.once(note)
-                        show(len(self.done) - before, amount)
+                        stage.complete(amount)
         finally:
             summary = self._summary(len(self.done) - before, aside, begun)
             try:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from harness.progress import SILENT_S, Due, Rate, Reporter, Screen
+from harness.progress import SILENT_S, Reporter, Screen
 from harness.style import plain_table
 from tests.conftest import assert_refused
 
@@ -37,29 +37,32 @@ def test_without_a_terminal_there_are_lines_now_and_then():
             stage.advance()
     assert said.lines[:3] == [
         "counting ...",
-        "counting: 5% after 3 s",
-        "counting: 10% after 6 s, about 54 s left",
+        "counting: 5% after 3 s, about 0:00:57 left",
+        "counting: 10% after 6 s, about 0:00:54 left",
     ]
-    assert said.lines[-1] == "counting: 95% after 57 s, about 3 s left"
+    assert said.lines[-1] == "counting: 95% after 57 s, about 0:00:03 left"
     assert len(said.lines) == 20
 
 
 def test_the_longer_a_stage_the_fewer_lines_but_never_long_silence():
-    seconds = iter(range(4000))
-    line = Due(lambda: next(seconds))
-    told = [second for second in range(1, 4000) if line.now()]
-    gaps = [later - sooner for sooner, later in pairwise([0, *told])]
+    said, told = Said(), [0]
+    with said.reporter.stage("counting", 4000) as stage:
+        for second in range(1, 4000):
+            said.now, before = float(second), len(said.lines)
+            stage.advance()
+            told += [second] * (len(said.lines) > before)
+    gaps = [later - sooner for sooner, later in pairwise(told)]
     assert (gaps[0], gaps[-1]) == SILENT_S
     assert gaps == sorted(gaps)
 
 
 def test_what_has_no_known_end_is_told_now_and_then_too():
     said = Said()
-    with said.reporter.counting("looking") as tell:
+    with said.reporter.stage("looking") as stage:
         for done in range(1, 31):
             said.now += 1.0
-            tell(done)
-    assert said.lines[:2] == ["looking ...", "looking: 3 done, 3 s ..."]
+            stage.complete(done)
+    assert said.lines[:2] == ["looking ...", "looking: 3 done after 3 s"]
     assert len(said.lines) == 11
 
 
@@ -127,45 +130,29 @@ def test_verbose_shows_each_case_and_where_a_plugin_went_wrong(harness, block, n
     assert ("ear-clipping, tests.mock:MockRasteriser on scripted: ok, " in err) == verbose
 
 
-def test_parts_say_their_rate_and_the_time_left():
+def test_the_rate_is_told_and_what_was_done_before_the_first_step_is_not_in_it():
     said = Said()
-    with said.reporter.parts("triangulating", 40, 1_000_000, "footprints") as show:
-        said.now += 30.0  # compiling, which is not the rate
+    with said.reporter.stage("triangulating", 1_000_000, "footprints") as stage:
+        said.now += 30.0  # compiling
         for part in range(1, 41):
             said.now += 2.0
-            show(part, 25_000 * part)
+            stage.complete(25_000 * part)
     assert said.lines[:3] == [
         "triangulating ...",
-        "triangulating: 1/40 parts",
-        "triangulating: 3/40 parts",
+        "triangulating: 2% after 32 s",
+        "triangulating: 8% after 36 s, 12,500 footprints/s, about 0:01:14 left",
     ]
 
 
-def test_on_a_terminal_there_is_a_bar_and_one_for_parts(monkeypatch):
+def test_on_a_terminal_there_is_a_bar(monkeypatch):
     monkeypatch.delenv("CI", raising=False)
     said = Said(terminal=True)
     with said.reporter.stage("counting", 2) as stage:
         stage.advance()
     assert "counting" in said.text
-    assert "100 %" in said.text
-    with said.reporter.parts("triangulating", 4, 4, "parts") as show:
+    assert "100%" in said.text
+    with said.reporter.stage("triangulating", 4, "parts") as stage:
         for part in range(1, 5):
             said.now += 6.0
-            show(part, part)
-    assert "4/4 parts, 0.17 parts/s, 0:00:00 left" in said.text
-
-
-def test_the_rate_is_that_of_late():
-    now = 0.0
-    rate = Rate(1000.0, lambda: now)
-    assert rate.left_s() is None
-    for amount in range(301):
-        now += 1.0
-        rate.add(float(amount))
-    assert rate.per_second() == 1.0
-    assert rate.left_s() == 700.0
-    for amount in range(302, 701, 2):
-        now += 1.0
-        rate.add(float(amount))
-    assert rate.per_second() == 2.0
-    assert rate.left_s() == 150.0
+            stage.complete(part)
+    assert "100%, 0.17 parts/s" in said.text
