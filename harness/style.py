@@ -1,7 +1,7 @@
 """How things look, the same in every plot, table and report: colours, symbols, numbers, files.
 
-A triangulator has one colour and one symbol wherever it is shown. Those that most runs have are
-fixed by name; others take what is left, in the order in which they appear.
+A triangulator has one colour and one symbol wherever it is shown. Those that most runs have come
+first; others take what is left, in the order in which they appear.
 """
 
 from __future__ import annotations
@@ -43,29 +43,21 @@ SYMBOLS = (
 )
 """The markers of the plots and, at the same places, the symbols of the report's charts."""
 
-FIXED = {
-    "optimal:half-perimeter": (0, 0),
-    "ear-clipping": (1, 1),
-    "delaunay": (2, 2),
-    "optimal:overdraw": (3, 3),
-    "fan": (4, 4),
-    "refined:half-perimeter": (5, 5),
-    "earcut-refine": (7, 1),
-    "flips:l1": (5, 0),
-    "flips:euclidean": (0, 2),
-    "greedy": (6, 6),
-    "random": (7, 0),
-    "optimal:expected-quads": (0, 7),
-    "optimal:calibrated": (6, 0),
-    "optimal:shape": (3, 5),
-    "optimal:edge-length": (5, 3),
-    "optimal:expected-blocks": (4, 2),
-    "sweep": (2, 6),
-    "manifold": (1, 5),
-    "strip": (4, 6),
-    "max-area": (6, 2),
-}
-"""Places of colour and symbol of the triangulators that most runs have."""
+KNOWN = (
+    "optimal:half-perimeter",
+    "ear-clipping",
+    "delaunay",
+    "optimal:overdraw",
+    "fan",
+    "refined:half-perimeter",
+    "greedy",
+    "random",
+    "earcut-refine",
+    "flips:l1",
+    "optimal:expected-quads",
+    "optimal:calibrated",
+)
+"""The triangulators that most runs have, in the order of their looks."""
 
 STYLE: Any = {
     "axes.grid": True,
@@ -97,36 +89,21 @@ class Look:
     symbol: str
 
 
-def look(colour: int, symbol: int) -> Look:
-    """Return the look at these places; they begin anew where they run out."""
-    colour %= len(COLOURS)
-    symbol %= len(MARKERS)
-    return Look(COLOURS[colour], IN_THE_DARK[colour], MARKERS[symbol], SYMBOLS[symbol])
-
-
 def look_of(index: int) -> Look:
-    """Return the look of series `index` of a plot whose series are no triangulators."""
-    return look(index, index + index // len(COLOURS))
+    """Return the look of series `index` of a plot; they begin anew after 64."""
+    colour = index % len(COLOURS)
+    symbol = (index + index // len(COLOURS)) % len(MARKERS)
+    return Look(COLOURS[colour], IN_THE_DARK[colour], MARKERS[symbol], SYMBOLS[symbol])
 
 
 def looks(triangulators: Sequence[str]) -> dict[str, Look]:
     """Return the look of each triangulator, in the given order.
 
-    A family of `FIXED` has its own everywhere; of the others each takes the next that is free.
+    A family that is `KNOWN` has its own everywhere; each of the others takes the next.
     """
-    free = [
-        (place % len(COLOURS), (place + shift) % len(MARKERS))
-        for shift in range(1, len(MARKERS) + 1)
-        for place in range(len(COLOURS))
-    ]
-    free = [each for each in free if each not in FIXED.values()]
-    rest = iter(free * (1 + len(triangulators) // len(free)))
-    families: dict[str, Look] = {}
-    for name in triangulators:
-        family = family_of(name)
-        if family not in families:
-            families[family] = look(*(FIXED.get(family) or next(rest)))
-    return {name: families[family_of(name)] for name in triangulators}
+    families = dict.fromkeys([*KNOWN, *map(family_of, triangulators)])
+    place = {family: look_of(index) for index, family in enumerate(families)}
+    return {name: place[family_of(name)] for name in triangulators}
 
 
 def family_of(triangulator: str) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.commands.options import Dask, Layer, Quiet, Several, Where, several
+from harness.commands.options import Dask, Layer, Quiet, Several, Where, refuse_given, several
 from harness.errors import (
     INTERRUPTED,
     Inconclusive,
@@ -290,10 +290,12 @@ def census(
         size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
         count(file, out, Census(names, scale, size, layer, where), dask, reporter)
         return
-    if any(given is not None for given in (units_per_pixel, cell, layer, where)):
-        raise UsageError(
-            f"{file} is map tiles: --units-per-pixel, --cell, --layer and --where are not for "
-            "these; write FILE:zoom=12-16,layers=building,pixels=512"
-        )
+    of_files: dict[str, object] = {
+        "--units-per-pixel": units_per_pixel,
+        "--cell": cell,
+        "--layer": layer,
+        "--where": where,
+    }
+    refuse_given(of_files, "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512")
     name, what = tiles
     count(name, out, TileCensus(names, what), dask, reporter)

@@ -2,12 +2,20 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from harness.commands.census import lines_of_notes, triangulate_many_files
-from harness.commands.options import Dask, Layer, Limit, Quiet, Where, refuse_own_source
+from harness.commands.options import (
+    Dask,
+    Layer,
+    Limit,
+    Quiet,
+    Where,
+    refuse_given,
+    refuse_own_source,
+)
 from harness.errors import Inconclusive, NothingMeasured, UsageError, refuse_failed
 from harness.progress import Reporter
 
@@ -89,37 +97,32 @@ def triangulate(
     """
     source = Path(file)
     refuse_own_source(file, out)
+    of_one: dict[str, object] = {"--limit": limit, "--device": device, "--evidence": evidence}
     if _stays_model(source, out, check):
-        of_polygons = {
+        of_polygons: dict[str, object] = {
             "--triangulator": triangulator,
             "--extrude": extrude,
             "--layer": layer,
             "--where": where,
-            "--limit": limit,
-            "--certify": certify or None,
-            "--evidence": evidence,
-            "--device": device,
+            "--certify": certify,
             "--dask": dask,
         }
-        _in_place(source, None if check else out, criterion, of_polygons, Reporter(quiet=quiet))
+        why = "is for polygons; for a 3D model choose --criterion only"
+        refuse_given(of_one | of_polygons, why)
+        _in_place(source, out, criterion, Reporter(quiet=quiet))
         return
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import chosen, export_file
     from scenes.spec import joined
+    from triangulators.devices import CPU
 
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
     name = chosen(triangulator, criterion)
     if dask or _many(file, out):
-        for option, given, instead in (
-            ("--limit", limit, "of many parts, choose by --where"),
-            ("--device", device, "parts are done by the workers' processors"),
-            ("--evidence", evidence, "give the parts one by one"),
-        ):
-            if given is not None:
-                raise UsageError(f"{option} is for one file; {instead}")
+        refuse_given(of_one, "is for one file, without --dask")
         from harness.export.geo import parquet_module
         from harness.scaling.triangulated import Triangulating
 
@@ -127,7 +130,6 @@ def triangulate(
         work = Triangulating(name, height, layer, where, certify)
         triangulate_many_files(file, out, work, dask, reporter)
         return
-    device = _opened(device, reporter)
 
     def counted(polygons: int) -> None:
         needless()
@@ -144,7 +146,7 @@ def triangulate(
             extrude=height,
             progress=counted,
             certify=evidence or certify,
-            device=device,
+            device=device or CPU,
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
@@ -161,35 +163,16 @@ def triangulate(
     refuse_failed(report.counts, out)
 
 
-def _opened(device: str | None, reporter: Reporter) -> str:
-    """Return the device that is named, opened; "cpu" where none is, or it fails."""
-    from triangulators.devices import CPU, check_name
-    from triangulators.gpu import engine
-    from triangulators.gpu.engine import DeviceFailed
-
-    if device in (None, CPU):
-        return CPU
-    check_name(device)
-    try:
-        engine.describe(device)
-    except DeviceFailed as error:
-        reporter.warn(f"{error}; the CPU does all")
-        return CPU
-    return device
-
-
 def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
     """Whether a 3D model is to be written as one, or only looked at."""
     from scenes.readers.reader import is_model
 
     if check and out is not None:
         raise UsageError("--check writes nothing: give -o or --check, not both")
-    if check:
-        return True
-    if out is None:
+    if not check and out is None:
         raise UsageError("say where to write: -o FILE")
-    if not is_model(source):
-        return False
+    if out is None or not is_model(source):
+        return out is None
     from harness.models.in_place import FORMATS
 
     return out.suffix.lower() in FORMATS
@@ -199,16 +182,12 @@ def _in_place(
     source: Path,
     out: Path | None,
     criterion: str | None,
-    of_polygons: dict[str, Any],
     reporter: Reporter,
 ) -> None:
     """Triangulate a model's flat faces again, and say what came of it.
 
-    out : None to say only what would; of_polygons : options that have to be None
+    out : None to say only what would
     """
-    for option, given in of_polygons.items():
-        if given is not None:
-            raise UsageError(f"{option} is for polygons; for a 3D model choose --criterion only")
     from harness.models.in_place import CRITERION, retriangulate
     from harness.models.views import VIEWS
 
@@ -260,9 +239,7 @@ def _height(text: str) -> str | float:
         height = float(text)
     except ValueError:
         return text
-    if not math.isfinite(height):
-        raise UsageError(f"--extrude {text}: give a height, or an attribute's name")
-    return height
+    return height if math.isfinite(height) else text
 
 
 def cache(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -113,8 +112,6 @@ def inspect(
     usual = SIDE_BY_SIDE if sizes is None else COMPARED
     recipes = parse_all(triangulator or usual, seed=seed)
     options.refuse_own_source(scene, out)
-    if out is not None and every is None:
-        _require_writable(out, (".png",) if sizes is None else (".png", ".svg"))
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
@@ -145,8 +142,7 @@ def _draw(
     if not frame.polygons:
         raise UsageError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
     frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
-    file = out or Path(f"{Path(scene.name).stem}-{polygon}.png")
-    _require_writable(file, (".png",))
+    file = _place(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
     drawn = {}
     for recipe in recipes:
         recipe.load()
@@ -159,10 +155,7 @@ def _draw(
             drawn[str(recipe)] = part
     if not drawn:
         raise UsageError(f"no triangulator given can do polygon {polygon} of {scene.name}")
-    try:
-        draw_heatmaps(frame, 0, drawn, file)
-    except OSError as error:
-        raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
+    draw_heatmaps(frame, 0, drawn, file)
     typer.echo(f"picture: {file}")
 
 
@@ -181,8 +174,7 @@ def _say_if_it_matters(
     law = sizes.read_law(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
         raise UsageError(f"{recipes[0]} alone has nothing to be compared with: name two or more")
-    file = out or Path(f"{Path(scene.name).stem}-sizes.svg")
-    _require_writable(file, (".png", ".svg"))
+    file = _place(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
     reporter = Reporter(quiet=as_json)
     for recipe in recipes:
         recipe.load()
@@ -198,10 +190,7 @@ def _say_if_it_matters(
             f"vanish on the grid or not all triangulators do them: {most.left_out:,}"
         )
     answer = sizes.Sizes(scene.name, law, tuple(found))
-    try:
-        sizes.draw_chart(answer, file)
-    except OSError as error:
-        raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
+    sizes.draw_chart(answer, file)
     if as_json:
         typer.echo(json.dumps(answer.to_json(), indent=2, allow_nan=False))
         return
@@ -210,17 +199,14 @@ def _say_if_it_matters(
     typer.echo(f"chart: {file}")
 
 
-def _require_writable(file: Path, endings: tuple[str, ...]) -> None:
-    """Refuse a place that cannot be written, before any work is done."""
-    folder = file.parent
-    if file.suffix.lower() not in endings:
+def _place(out: Path, *endings: str) -> Path:
+    """Return a file in a folder that is there; refuse what it cannot be, before any work."""
+    if out.suffix.lower() not in endings:
         raise UsageError(
-            f"cannot write {file}: give --out a name that ends in {' or '.join(endings)}"
+            f"cannot write {out}: give --out a name that ends in {' or '.join(endings)}"
         )
-    if not folder.is_dir():
-        raise UsageError(f"cannot write {file}: there is no folder {folder}")
-    if not os.access(file if file.exists() else folder, os.W_OK):
-        raise UsageError(f"cannot write {file}: Permission denied; give another --out")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    return out
 
 
 def _list_every(
@@ -240,8 +226,6 @@ def _list_every(
             enumeration.write(table, scene.polygons[polygon], made)
     except (Skipped, TriangulationError) as reason:
         raise UsageError(f"polygon {polygon} of {scene.name}: {reason}") from reason
-    except OSError as error:
-        raise UsageError(f"cannot use {folder}: {error.strerror or error}") from error
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
     shown = plain_table(None, *(f">{name}" for name in columns))
     for row in table.head(10)[list(columns)].itertuples(index=False):

@@ -3,9 +3,8 @@
 A value that cannot be is refused here, before anything is imported or made: one line, exit code 2.
 """
 
-import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +15,8 @@ from harness.settings import MOST_S, MOST_SEED, MOST_WORK, ORDERS, RESOLUTIONS, 
 
 PROFILES = Path("results") / "profiles"
 """Where `profile` writes unless told otherwise."""
+
+LEAST_S = 1e-9
 
 Read = Callable[[str], Any]
 
@@ -70,27 +71,6 @@ def one_of(*known: Any) -> Read:
     return read
 
 
-def _degrees(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise typer.BadParameter(f"{text!r} is not a number of degrees")
-    return value
-
-
-def _more_than_none(most: float) -> Callable[[Any], Any]:
-    """Return a check that a number is more than 0 and at most `most`."""
-
-    def check(value: Any) -> Any:
-        if value is not None and not 0 < value <= most:
-            raise typer.BadParameter(f"{value:g} is not more than 0 and at most {most:g}")
-        return value
-
-    return check
-
-
 SceneName = Annotated[str, typer.Option(help="A scene's name or a file.")]
 Seed = Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed for everything random.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
@@ -139,6 +119,7 @@ def study_folder(kind: str) -> Any:
 
 
 _SIZE = number(int, *RESOLUTIONS, " pixels")
+_DEGREES = number(float, -1e6, 1e6, " degrees")
 Triangulators = Annotated[
     Several, _written("NAME,...", str, "Triangulators, see: raster-harness list triangulators")
 ]
@@ -159,11 +140,11 @@ Resolution = Annotated[
     ),
 ]
 Rotations = Annotated[
-    Several, _written("DEGREES,...", _degrees, "Degrees by which it is turned, counter-clockwise")
+    Several, _written("DEGREES,...", _DEGREES, "Degrees by which it is turned, counter-clockwise")
 ]
 Rotation = Annotated[
     float,
-    typer.Option(parser=_degrees, metavar="DEGREES", help="Turned, counter-clockwise."),
+    typer.Option(parser=_DEGREES, metavar="DEGREES", help="Turned, counter-clockwise."),
 ]
 Samples = Annotated[Several, _written("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
 Works = Annotated[
@@ -182,7 +163,8 @@ Orders = Annotated[
 Budget = Annotated[
     float,
     typer.Option(
-        callback=_more_than_none(MOST_S),
+        min=LEAST_S,
+        max=MOST_S,
         metavar="SECONDS",
         help="Seconds of drawing per case, on average.",
     ),
@@ -190,7 +172,8 @@ Budget = Annotated[
 Timeout = Annotated[
     float | None,
     typer.Option(
-        callback=_more_than_none(MOST_S),
+        min=LEAST_S,
+        max=MOST_S,
         metavar="SECONDS",
         help="Seconds after which a triangulator or device is stopped; by default 600, or 60 with "
         "--quick.",
@@ -206,7 +189,8 @@ OneRasteriser = Annotated[
 Precision = Annotated[
     float,
     typer.Option(
-        callback=_more_than_none(1.0),
+        min=1e-9,
+        max=1.0,
         metavar="SHARE",
         help="Wanted half-width of the 95 % interval of a time, or of its ratio to the others.",
     ),
@@ -230,6 +214,13 @@ def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str,
 
     first = usual()
     return (first, *beside) if first == "opengl" else (first,)
+
+
+def refuse_given(given: Mapping[str, object], why: str) -> None:
+    """Raise UsageError for the first option that was given; `why` goes after its name."""
+    for option, value in given.items():
+        if value not in (None, False):
+            raise UsageError(f"{option} {why}")
 
 
 def refuse_own_source(source: str, out: Path | None) -> None:

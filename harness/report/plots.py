@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.counters import estimated, of_measure
+from harness.figures.counters import of_measure
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import (
     Columns,
@@ -20,8 +20,6 @@ from harness.figures.polygons import (
     ratios,
 )
 from harness.figures.registry import PREDICTED, find, measures, predictions
-from harness.report import matrix
-from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
 from harness.style import (
     COLOURS,
@@ -29,9 +27,9 @@ from harness.style import (
     TWO_COLUMNS,
     draw,
     grid,
+    legend_below,
     looks,
     scatter,
-    scatter_over_medians,
 )
 
 if TYPE_CHECKING:
@@ -63,17 +61,13 @@ def plot_run(run: Run) -> list[Path]:
 
 
 def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw how well criteria predict cost, within polygons where the run has their spread.
+    """Draw, for each polygon, what criteria and cost are against the base triangulator's.
 
-    Otherwise it draws, for each polygon, what criteria and cost are against the base
-    triangulator's. The paper's criterion and the one that ranks best have a panel each; the third
-    shows how well every criterion ranks. Dividing by the base's value on the same polygon takes
-    the polygon's size out, which would otherwise make every criterion look good. None where there
-    is nothing to draw.
+    Predictions in the unit of the cost have a panel each; where there are none or one, the paper's
+    criterion and the one that ranks best fill up. The last panel shows how well every criterion
+    ranks. Dividing by the base's value on the same polygon takes the polygon's size out, which
+    would otherwise make every criterion look good. None where there is nothing to draw.
     """
-    within = _within_polygons(run, members)
-    if within is not None:
-        return within
     columns = {
         record["triangulator"]: arrays
         for record in members
@@ -90,49 +84,27 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         for name in predictions()
         if (rank := rank_correlation(*ratio_pairs(columns, base, name, measure))) is not None
     }
-    where = members[0]
-    return _judged(
-        ranks,
-        measure,
-        lambda panel, criterion: _scatter(panel, columns, base, criterion, measure),
-        [name for name in of_measure(measure) if f"{PREDICTED}{name}" in columns[base]],
-        base,
-        f"Which criterion predicts {find(measure).label}? {where['scene']}, "
-        f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
-        "one mark per polygon and triangulator",
-        height=3.6,
-    )
-
-
-def _judged(
-    ranks: Mapping[str, float],
-    measure: str,
-    mark: Callable[[Axes, str], tuple[Marks, Marks]],
-    estimates: Sequence[str],
-    against: str,
-    title: str,
-    height: float,
-) -> Figure:
-    """Return predictions in the unit of a measure against it, and how well each criterion ranks.
-
-    mark : draws the marks of a prediction into a panel and returns them; estimates : names of
-    predictions in that unit; where there are none or one, the paper's criterion and the best one
-    fill up; against : what marks are in ratio to
-    """
-    panels = [*estimates, *(name for name in _panels(ranks) if name not in estimates)][:2]
-    figure, axes = grid((TWO_COLUMNS, height), columns=len(panels) + 1)
+    best = max((n for n in ranks if n != PAPER), key=ranks.__getitem__, default=PAPER)
+    estimates = [name for name in of_measure(measure) if PREDICTED + name in columns[base]]
+    panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
+    figure, axes = grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
-        x, y = mark(panel, criterion)
+        x, y = _scatter(panel, columns, base, criterion, measure)
         in_unit = criterion in estimates
         panel.set_title(_fit(x, y, in_unit=in_unit), fontsize=7)
         words = "predicted" if in_unit else "predicted by"
-        panel.set_xlabel(f"{words}\n{find(criterion).title},\nratio to {against}")
-    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {against}")
+        panel.set_xlabel(f"{words}\n{find(criterion).title},\nratio to {base}")
+    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {base}")
     _share_axes(axes[: len(panels)])
     _rank_bars(axes[-1], ranks, measure)
-    figure.suptitle(title, fontsize=9)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
+    where = members[0]
+    figure.suptitle(
+        f"Which criterion predicts {find(measure).label}? {where['scene']}, "
+        f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
+        "one mark per polygon and triangulator",
+        fontsize=9,
+    )
+    legend_below(figure, axes[:1], min(4, len(columns) - 1))
     return figure
 
 
@@ -140,46 +112,9 @@ def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
     """Say how well marks are ranked and, in one unit, by how many per cent they are off."""
     rank, error = rank_correlation(x, y), error_of(x, y)
     words = "" if rank is None else f"rank correlation {rank:.2f}"
-    return (
-        words
-        if not in_unit or error is None
-        else f"{words}, a polygon's ratio off by {100 * error:.1f} %"
-    )
-
-
-def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw triangulations of single polygons, each over its polygon's median; None without any."""
-    where = members[0]
-    good = [record for record in members if record["status"] == "ok"]
-    table = matrix.read(run, view_of(where))
-    measure = next(iter(measures(good[0]["counters"])), None) if good else None
-    if table is None or measure not in matrix.MEASURES:
-        return None
-    estimates = matrix.ranks(table, measure)
-    if not estimates:
-        return None
-    ranks = {name: each.value for name, each in estimates.items()}
-    table = table.assign(**estimated({str(name): table[name] for name in table}))
-    return _judged(
-        ranks,
-        measure,
-        lambda panel, criterion: scatter_over_medians(
-            panel, table, criterion, measure, ["polygon"]
-        ),
-        [name for name in of_measure(measure) if name in table],
-        "the polygon's median",
-        f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
-        f"{where['resolution']} px,\n{table['polygon'].nunique()} of its polygons, each "
-        "triangulated in many ways; one mark per triangulation",
-        height=3.8,
-    )
-
-
-def _panels(ranks: Mapping[str, float]) -> list[str]:
-    """Return the paper's criterion and, of the others, the one that ranks best."""
-    known = sorted(ranks, key=lambda name: ranks[name], reverse=True)
-    best = [name for name in known if name != PAPER] or [n for n in predictions() if n != PAPER]
-    return [PAPER, best[0]]
+    if not in_unit or error is None:
+        return words
+    return f"{words}, a polygon's ratio off by {100 * error:.1f} %"
 
 
 def _scatter(

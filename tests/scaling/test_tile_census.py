@@ -293,7 +293,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["FILE:pixels=7"], "pixels=7 is no even number"),
         (["FILE:layer=a"], "has no parameter 'layer'; did you mean layers?"),
         (["FILE:zoom=12,layers=wood"], "no layer 'wood'; it has: area, building"),
-        (["FILE", "--cell", "5"], "is map tiles: --units-per-pixel, --cell, --layer and"),
+        (["FILE", "--cell", "5"], "--cell is not for map tiles; write FILE:zoom=12-16"),
         (["FILE", "--triangulators", "fan"], "give two or more to compare"),
         (["no.pmtiles"], "there is no file no.pmtiles"),
         (["bad.pmtiles"], "is no PMTiles archive: give one, or write it again"),
