@@ -18,50 +18,40 @@ ones; llvmpipe does (`lp_setup_tri.c`)."""
 class Term(NamedTuple):
     """Something that a device may take time for.
 
-    a : what its cost is for, beside one of it: "/px" or nothing
-    sentence : what that cost is, with a place for it
+    sentence : what it costs, with a place for that
     noun : what it is called in a table
     """
 
-    a: str
     sentence: str
     noun: str
 
 
 TERMS = {
-    "draw": Term("", "A draw by itself costs {}.", "the draw itself"),
-    "triangles": Term("", "A triangle costs {}, however small it is.", "triangles"),
-    "set_up": Term(
-        "",
-        "A triangle whose box holds a pixel centre costs {} more.",
-        "triangles set up",
-    ),
+    "draw": Term("A draw by itself costs {}.", "the draw itself"),
+    "triangles": Term("A triangle costs {}, however small it is.", "triangles"),
+    "set_up": Term("A triangle whose box holds a pixel centre costs {} more.", "triangles set up"),
     "covering": Term(
-        "", "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
+        "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
     ),
-    "vertices": Term("", "A vertex costs {}.", "vertices"),
-    "fragments": Term("", "A pixel that a triangle covers costs {}.", "covered pixels"),
-    "helper_lanes": Term("", "A helper lane costs {}.", "helper lanes"),
-    "half_perimeter": Term(
-        "/px", "Each pixel of its box's width and height costs {}.", "half-perimeter"
-    ),
+    "vertices": Term("A vertex costs {}.", "vertices"),
+    "fragments": Term("A pixel that a triangle covers costs {}.", "covered pixels"),
+    "helper_lanes": Term("A helper lane costs {}.", "helper lanes"),
+    "half_perimeter": Term("Each pixel of its box's width and height costs {}.", "half-perimeter"),
     "near": Term(
-        "/px",
         f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
         f"half-perimeter up to {COARSE} px",
     ),
-    "rows": Term("", "Each row of pixels that it passes costs {}.", "rows of pixels"),
-    "blocks": Term("", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
+    "rows": Term("Each row of pixels that it passes costs {}.", "rows of pixels"),
+    "blocks": Term("Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
     "coarse_blocks": Term(
-        "",
         f"Where it is wider or higher than {COARSE} pixels, a block of 4x4 costs {{}} more.",
         f"4x4 blocks of triangles over {COARSE} px",
     ),
     "further_tiles": Term(
-        "", "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
+        "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
     ),
-    "bbox_tests": Term("", "A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
-    "work": Term("", "A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
+    "bbox_tests": Term("A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
+    "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
 """What a law may be made of, by the counter; half-perimeters are in px, all else is counted."""
 

@@ -20,7 +20,7 @@ language has made the same one if the checksums are equal.
 """
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from math import isqrt
@@ -38,6 +38,9 @@ DESIGN = 2
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
 AREAS = {8: 1500, 64: 800}
 """Areas in px^2 at which aspects differ, and triangles of a draw."""
+
+FEW = ((2048, 1), (2048, 16))
+"""Sizes in 1/256 px and numbers of triangles of draws that have next to nothing in them."""
 
 SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px."""
@@ -101,7 +104,14 @@ class Draw:
 
 def draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the table above."""
-    return [draw for kind in _KINDS for draw in kind(seed)]
+    kinds = (
+        _alike("few", 0, FEW, seed),
+        _aspects(seed),
+        _alike("size", 200, ((side, MOST) for side in SIZES), seed),
+        _alike("lanes", 300, EQUAL_LANES, seed),
+        *(kind(seed) for kind in (_places, _cuts, _strips, _thin, _vertices, _work, _twice)),
+    )
+    return [draw for kind in kinds for draw in kind]
 
 
 def snapped(draw: Draw, step: int) -> Draw:
@@ -145,12 +155,6 @@ def _apart(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Frame, NDArray[n
     return _framed(frame.points[triangles.ravel()]), alone
 
 
-def _few(seed: int) -> Iterator[Draw]:
-    for number, count in enumerate((1, 16)):
-        made = _scattered(2048, 2048, SLANTED, count, (seed, number))
-        yield Draw("few", f"{count} triangles of 8 px", "few", *made)
-
-
 def _aspects(seed: int) -> Iterator[Draw]:
     number = 100
     for area, count in AREAS.items():
@@ -162,16 +166,12 @@ def _aspects(seed: int) -> Iterator[Draw]:
                 yield Draw("aspect", name, f"aspect {area}", *made, aspect=aspect, area=area)
 
 
-def _sizes(seed: int) -> Iterator[Draw]:
-    for number, side in enumerate(SIZES):
-        made = _scattered(side, side, SLANTED, MOST, (seed, 200 + number))
-        yield Draw("size", f"{side / SUBPIXEL:g} px", "size", *made)
-
-
-def _lanes(seed: int) -> Iterator[Draw]:
-    for number, (side, count) in enumerate(EQUAL_LANES):
-        made = _scattered(side, side, SLANTED, count, (seed, 300 + number))
-        yield Draw("lanes", f"{count} triangles of {side // SUBPIXEL} px", "lanes", *made)
+def _alike(kind: str, first: int, shapes: Iterable[tuple[int, int]], seed: int) -> Iterator[Draw]:
+    """Yield triangles of one aspect; shapes : base and height in 1/256 px, and how many."""
+    for number, (side, count) in enumerate(shapes, first):
+        made = _scattered(side, side, SLANTED, count, (seed, number))
+        name = f"{side / SUBPIXEL:g} px"
+        yield Draw(kind, name if count == MOST else f"{count} triangles of {name}", kind, *made)
 
 
 def _places(seed: int) -> Iterator[Draw]:
@@ -287,9 +287,3 @@ def _twice(seed: int) -> Iterator[Draw]:
         for times in (1, 2):
             name = f"{side / SUBPIXEL:g} px, {times} times"
             yield Draw("twice", name, f"twice {side}", frame, np.tile(once, (times, 1)))
-
-
-_KINDS: tuple[Callable[[int], Iterator[Draw]], ...] = (
-    *(_few, _aspects, _sizes, _lanes, _places, _cuts),
-    *(_strips, _thin, _vertices, _work, _twice),
-)

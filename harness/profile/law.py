@@ -51,6 +51,7 @@ SHARE = 0.002
 """Of a draw's time: what takes less of every draw's time than this is nothing."""
 
 Seconds = NDArray[np.float64]
+Labels = Sequence[Any] | NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -191,19 +192,16 @@ def fewest(
         return squared
 
     kept = list(range(design.shape[1]))
-    way, found = [kept], [errors(kept)]
+    way = [(errors(kept), kept)]
     while len(kept) > 1:
         fewer = [[column for column in kept if column != left] for left in kept[1:]]
-        judged = [errors(columns) for columns in fewer]
-        best = int(np.argmin([each.mean() for each in judged]))
-        kept = fewer[best]
-        way.append(kept)
-        found.append(judged[best])
-    means = [each.mean() for each in found]
-    best = int(np.argmin(means))
-    enough = means[best] + max(float(sem(found[best])), 1e-12)
-    chosen = max(place for place, mean in enumerate(means) if mean <= enough)
-    return tuple(list(TERMS)[column] for column in way[chosen])
+        judged = [(errors(columns), columns) for columns in fewer]
+        way.append(min(judged, key=lambda each: each[0].mean()))
+        kept = way[-1][1]
+    least = min((found for found, _ in way), key=np.mean)
+    enough = least.mean() + max(float(sem(least)), 1e-12)
+    *_, chosen = (columns for found, columns in way if found.mean() <= enough)
+    return tuple(list(TERMS)[column] for column in chosen)
 
 
 COSTS = ("draw", *CALIBRATED)
@@ -222,27 +220,17 @@ FAR_OFF, CLOSE, MOST_TURNS = 2.0, 1e-4, 100
 """In which ratio to the measured time a fitted one may weigh; the fit ends when no fitted time
 changes by more than `CLOSE` of it, or after so many turns."""
 
-DesignMatrix = NDArray[np.float64]
 
-
-def costs_of(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> DesignMatrix:
+def costs_of(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> Design:
     """Return (k, 9) rows of `COSTS` of draws, from coordinates alone."""
     predicted = (predict(frame.points / SUBPIXEL, triangles) for frame, triangles in draws)
     return np.array([[1.0, *(each[name] for name in COSTS[1:])] for each in predicted])
 
 
-def solve(
-    design: DesignMatrix,
-    seconds: NDArray[np.float64],
-    groups: Sequence[Any] | NDArray[Any],
-    *,
-    signed: bool = False,
-) -> NDArray[np.float64]:
+def solve(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
     """Return the coefficients of (k, terms) columns: non-negative, with a soft L1 loss.
 
     groups : (k,) which draws have the same polygons, with different triangulations
-    signed : let coefficients be negative; what forbids it makes others too small on average, where
-        some cost nothing
 
     The draws of one set of polygons share a misfit that depends on the polygons' size and kind.
     It varies more than the differences within a set, but choosing a triangulation needs the
@@ -256,12 +244,12 @@ def solve(
     nothing gets exactly 0.
     """
     labels = np.unique(groups, return_inverse=True)[1]
-    return _fit(design, seconds, labels, np.linalg.lstsq if signed else nnls)[0]
+    return _fit(design, seconds, labels, nnls)[0]
 
 
 def _fit(
-    design: DesignMatrix, seconds: NDArray[np.float64], labels: NDArray[np.int64], least: Any
-) -> tuple[NDArray[np.float64], ...]:
+    design: Design, seconds: Seconds, labels: NDArray[np.int64], least: Any
+) -> tuple[Seconds, ...]:
     """Return the coefficients of `solve`, then what tells how errors move them.
 
     That is, of the last turn: the fitted times, (k,); the rows, weighed, in units of their columns;
@@ -274,7 +262,10 @@ def _fit(
         # group and the groups' means, which may miss by more.
         rows = stacked(np.column_stack([design, seconds]) / fitted[:, None], labels)
         if found.any():
-            trust = trust_in(rows[:, :-1] @ found - rows[:, -1])
+            # The soft L1 loss, 2 (sqrt(1 + e^2) - 1), has the weight (1 + e^2)^-1/2 for a squared
+            # error; rows are multiplied by its root.
+            errors = rows[:, :-1] @ found - rows[:, -1]
+            trust = (1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25
         scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
         columns = rows[:, :-1] / scale * trust[:, None]
         if np.allclose(fitted, before, CLOSE, atol=0.0):
@@ -285,7 +276,7 @@ def _fit(
     return found, fitted, columns, scale, trust
 
 
-def stacked(shares: DesignMatrix, labels: NDArray[np.int64]) -> DesignMatrix:
+def stacked(shares: Design, labels: NDArray[np.int64]) -> Design:
     """Return (k, c) rows as deviations from their group's mean, and below these the means, weighed.
 
     A group's mean counts `BETWEEN` times as much as its draws would.
@@ -295,31 +286,19 @@ def stacked(shares: DesignMatrix, labels: NDArray[np.int64]) -> DesignMatrix:
     return np.concatenate([shares - mean[labels], weight[:, None] * mean])
 
 
-def trust_in(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights of rows with these errors under the soft L1 loss."""
-    # The loss 2 (sqrt(1 + e^2) - 1) has the weight (1 + e^2)^-1/2 for a squared error; rows are
-    # multiplied by its root.
-    return np.asarray((1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25)
-
-
-def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
+def _means(values: Seconds, labels: NDArray[np.int64]) -> Seconds:
     """Return the mean of the (k,) values of each label."""
     return np.asarray(np.bincount(labels, values) / np.bincount(labels))
 
 
-def r_squared(measured: NDArray[np.float64], predicted: NDArray[np.float64]) -> float:
+def r_squared(measured: Seconds, predicted: Seconds) -> float:
     """Return the share of the measured variance that the prediction explains."""
     left = float(((measured - predicted) ** 2).sum())
     return 1.0 - left / float(((measured - measured.mean()) ** 2).sum())
 
 
-def r_squared_within(
-    measured: NDArray[np.float64],
-    predicted: NDArray[np.float64],
-    polygons: Sequence[Any] | NDArray[Any],
-) -> float:
+def r_squared_within(measured: Seconds, predicted: Seconds, polygons: Labels) -> float:
     """Return R2 after each polygon's own mean (of logs) is subtracted from both."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
-    logs = [np.log(measured), np.log(predicted)]
-    centred = [x - _means(x, labels)[labels] for x in logs]
-    return 1.0 - float(((centred[0] - centred[1]) ** 2).sum()) / float((centred[0] ** 2).sum())
+    logs = np.log(measured), np.log(predicted)
+    return r_squared(*(each - _means(each, labels)[labels] for each in logs))

@@ -83,7 +83,7 @@ LIMIT_S = 100.0
 """Seconds after which a slow device's rounds end, or twice the budget if that is more."""
 
 
-def settings(budget_s: float, draws: int = 0) -> TimingSettings:
+def settings(budget_s: float, draws: int) -> TimingSettings:
     """Return how a profile of so many draws is timed: `budget_s` a draw, in `EPOCHS` epochs."""
     return TimingSettings(
         precision=PRECISION,
@@ -129,13 +129,9 @@ def measure(
     times = next(iter(groups.values()))
     epochs = len(times[EMPTY].epochs)
     if epochs < FEWEST_EPOCHS:
-        longest = draws[int(np.argmax([times[name].median_s for name in names]))].name
         raise Inconclusive(
             f"{backend.label} is too slow: {timing.limit_s:g} s were over after {epochs} of "
-            f"{EPOCHS} parts, and {FEWEST_EPOCHS} tell a law; a draw of nothing took "
-            f"{times[EMPTY].median_s * 1e3:.3g} ms, all draws together "
-            f"{sum(times[name].median_s for name in names):.3g} s, most of all {longest}; draw "
-            "longer, e.g. --budget 4"
+            f"{EPOCHS} parts, and {FEWEST_EPOCHS} tell a law; draw longer, e.g. --budget 4"
         )
     found = of_times(times, names)
     state = judge(
@@ -156,9 +152,8 @@ def measure(
         for name, each in times.items()
         if name in names
     )
-    if state.is_quiet:
-        return found
-    return replace(found, disturbed=f"the times are {state.state}: {'; '.join(state.why)}")
+    why = f"the times are {state.state}: {'; '.join(state.why)}"
+    return replace(found, disturbed="" if state.is_quiet else why)
 
 
 def counted(
@@ -177,14 +172,14 @@ def counted(
         if the device cannot be opened, or fails under one of them
     """
     middle = draws[len(draws) // 2]
-    nothing = middle.triangles[:0]
+    nothing = replace(middle, triangles=middle.triangles[:0])
     cycles = []
-    for frame, triangles in [(middle.frame, nothing), *((d.frame, d.triangles) for d in draws)]:
-        cycles.append(int(bench.count(backend, frame, triangles, Options())[CYCLES].sum()))
+    for draw in (nothing, *draws, middle):
+        counts = bench.count(backend, draw.frame, draw.triangles, Options())
+        cycles.append(int(counts[CYCLES].sum()))
         if tick:
-            tick(len(cycles) / (len(draws) + 1))
-    again = bench.count(backend, middle.frame, middle.triangles, Options())[CYCLES].sum()
-    empty, *times = cycles
+            tick(len(cycles) / (len(draws) + 2))
+    empty, *times, again = cycles
     if again != times[len(draws) // 2]:
         raise Inconclusive(
             f"{backend.label}: {middle.name} took {times[len(draws) // 2]:,} cycles, and {again:,} "

@@ -16,9 +16,9 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.profile import law as laws
 from harness.profile.advice import aspects
-from harness.profile.counted import TERMS, design_of
+from harness.profile.counted import IN_PX, TERMS, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.law import COSTS, Law, costs_of, solve
+from harness.profile.law import COSTS, Law, Seconds, costs_of, solve
 from harness.profile.measured import Measured
 from harness.stored import atomic
 
@@ -50,7 +50,7 @@ def profile(
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
     predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
     coefficients = solve(predicted, measured.times[plain], [groups[n] for n in plain]).tolist()
-    good = law.r2_over >= LEAST_R2 and law.r2_within >= LEAST_R2
+    digits = 5 if measured.unit == "s" else 15
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -60,12 +60,18 @@ def profile(
         "seed": seed,
         "device": dict(device),
         "unit": measured.unit,
-        "terms": _terms(law, measured.unit),
-        "sums": _sums(law),
+        "terms": [
+            {"name": name, "unit": f"{measured.unit}{'/px' * (name in IN_PX)}", **_told(law, one)}
+            for name, one in zip(TERMS, np.eye(len(TERMS)), strict=True)
+        ],
+        "sums": [
+            {"name": name} | _told(law, np.array([parts.get(term, 0.0) for term in TERMS]))
+            for name, parts in laws.SUMS.items()
+        ],
         "fewest": list(laws.fewest(design[fitted], measured.times[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
-        "refused": not good,
+        "refused": not min(law.r2_over, law.r2_within) >= LEAST_R2,
         "aspects": aspects(draws, design, measured, law),
         "second_filling": _second_filling(draws, measured),
         "coefficients": dict(zip(COSTS, coefficients, strict=True)),
@@ -74,7 +80,13 @@ def profile(
         "rounds": measured.rounds,
         "empty": measured.empty,
         "times": [
-            _time(draw, counts, epochs, 5 if measured.unit == "s" else 15)
+            {
+                **{name: getattr(draw, name) for name in ("kind", "name", "group")},
+                "rounds_of_work": draw.work,
+                "checksum": draw.checksum,
+                "counters": dict(counts),
+                "epochs": [float(f"{each:.{digits}g}") for each in epochs],
+            }
             for draw, counts, epochs in zip(draws, counted, measured.epochs.T, strict=True)
         ],
     }
@@ -132,38 +144,10 @@ def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     return fitted, [n for n in fitted if draws[n].work == 0]
 
 
-def _terms(law: Law, unit: str) -> list[dict[str, Any]]:
-    ends, shown = law.intervals.tolist(), law.shown.tolist()
-    return [
-        {"name": name, "unit": unit + TERMS[name].a, "cost": cost}
-        | {"low": low, "high": high, "shown": known}
-        for name, cost, (low, high), known in zip(
-            TERMS, law.costs.tolist(), ends, shown, strict=True
-        )
-    ]
-
-
-def _sums(law: Law) -> list[dict[str, Any]]:
-    """Return what is known of terms together that may not be told apart."""
-    found = []
-    for name, parts in laws.SUMS.items():
-        weights = np.array([parts.get(term, 0.0) for term in TERMS])
-        value, low, high = law.sum_of(weights, laws.CONFIDENCE)
-        shown = law.is_shown(weights)
-        found.append({"name": name, "cost": value, "low": low, "high": high, "shown": shown})
-    return found
-
-
-def _time(draw: Draw, counted: Mapping[str, int], epochs: Any, digits: int) -> dict[str, Any]:
-    return {
-        "kind": draw.kind,
-        "name": draw.name,
-        "group": draw.group,
-        "rounds_of_work": draw.work,
-        "checksum": draw.checksum,
-        "counters": dict(counted),
-        "epochs": [float(f"{each:.{digits}g}") for each in epochs],
-    }
+def _told(law: Law, weights: Seconds) -> dict[str, Any]:
+    """Return what is known of a weighed sum of terms; some may not be told apart."""
+    cost, low, high = law.sum_of(weights, laws.CONFIDENCE)
+    return {"cost": cost, "low": low, "high": high, "shown": law.is_shown(weights)}
 
 
 def _second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:

@@ -125,7 +125,7 @@ def go(of: Design, seed: int, budget_s: float = 0.3) -> Go:
     def prepare(order: Sequence[str]) -> dict[str, Drawing]:
         return {name: Drawing(seconds[name], clock, random) for name in order}
 
-    timing = measured.settings(budget_s)
+    timing = measured.settings(budget_s, 0)
     parts = []
     speeds: list[float] = []
     for number in range(timing.processes):

@@ -109,13 +109,11 @@ def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
 def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatch):
     settings = measured.settings
     monkeypatch.setattr(measured, "settings", lambda *given: replace(settings(*given), limit_s=0))
-    err = assert_refused(
+    assert_refused(
         profiled(harness, "Charging"),
         "is too slow: 0 s were over after 1 of 6 parts",
         code=INCONCLUSIVE,
     )
-    assert "a draw of nothing took 0.02 ms" in err
-    assert "most of all" in err
     assert not list(Path().iterdir())
 
 

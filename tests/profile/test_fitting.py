@@ -50,11 +50,10 @@ def test_what_a_group_has_in_common_bends_the_fit_little(designed):
     assert r2 > 0.9999
 
 
-@pytest.mark.parametrize("signed", [False, True])
-def test_terms_may_be_of_any_size(signed):
+def test_terms_may_be_of_any_size():
     size = np.array([1e9, 1e-30])
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    found = law.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1], signed=signed)
+    found = law.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
     assert found * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
