@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from harness import __version__
 from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
-from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
 from harness.frame import OWN_VIEWS
 from harness.measuring.processes import Bench
@@ -113,8 +112,7 @@ def content_of(run: Run) -> Content:
     for fit, name in OWN_VIEWS.items():
         if any(record.get("fit") == fit for record in run.records):
             raise UsageError(f"{run.path} is of {name}, which a page cannot cut: give another run")
-    found = [_view(run, records) for records in _kept(run).values()]
-    views = [view for view in found if view is not None]
+    views = [view for records in _kept(run) if (view := _view(run, records))]
     if not views:
         raise UsageError(
             f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
@@ -134,7 +132,7 @@ def content_of(run: Run) -> Content:
     }
 
 
-def _kept(run: Run) -> dict[str, list[Record]]:
+def _kept(run: Run) -> list[list[Record]]:
     """Return the records that can be drawn again, by view: of each triangulator the first.
 
     One sample a pixel, no work and the triangulator's own order, on whichever device.
@@ -146,11 +144,8 @@ def _kept(run: Run) -> dict[str, list[Record]]:
         if record["status"] != "ok" or not plain:
             continue
         view = found.setdefault(drawings.name_of(view_of(record)), {})
-        # One that counted its polygons is better than one that did not.
-        known = view.get(record["triangulator"])
-        if known is None or _counts(run, known) is None:
-            view[record["triangulator"]] = record
-    return {name: list(records.values()) for name, records in found.items()}
+        view.setdefault(record["triangulator"], record)
+    return [list(records.values()) for records in found.values()]
 
 
 def _view(run: Run, records: Sequence[Record]) -> Content | None:
@@ -160,7 +155,7 @@ def _view(run: Run, records: Sequence[Record]) -> Content | None:
     if kept is None:
         return None
     cases = {
-        record["triangulator"]: _case(run, record, kept)
+        record["triangulator"]: _case(record, kept)
         for record in records
         if record["triangulator"] in kept.triangles
     }
@@ -175,12 +170,10 @@ def _view(run: Run, records: Sequence[Record]) -> Content | None:
     }
 
 
-def _case(run: Run, record: Record, kept: Geometry) -> Content:
+def _case(record: Record, kept: Geometry) -> Content:
     """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
     rows = kept.triangles[record["triangulator"]]
-    counted = _counts(run, record)
-    if counted is None:
-        counted = counted_exactly(kept, rows)
+    counted = counted_exactly(kept, rows)
     return {
         "rows": encoded(rows.astype("<u4")),
         **{name: encoded(each.astype("<u4")) for name, each in zip(TOLD, counted, strict=True)},
@@ -194,14 +187,6 @@ def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int6
     owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
     size = len(kept.offsets) - 1
     return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
-
-
-def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
-    """Return the same as the run counted it, None if it did not."""
-    columns = columns_of(run, record)
-    if columns is None or not {*TOLD} <= set(columns):
-        return None
-    return tuple(np.rint(columns[name]).astype(np.int64) for name in TOLD)
 
 
 PROFILE_FORMAT = "raster-harness profile page"

@@ -86,25 +86,27 @@ class _Case(Part):
     counters: _Counters
     differing: Whole
 
-
-def _contradiction(record: _Record, counted: _Counters) -> str | None:
-    """Say what in a case cannot be true, whatever the polygons are; None if nothing."""
-    fragments, quads, partial = (np.array(values) for _, values in counted)
-    left_out = record.polygons_skipped + record.polygons_failed
-    if record.polygons + left_out != len(quads):
-        return f"{record.polygons + left_out} polygons and counters of {len(quads)}"
-    if ((quads > fragments) | (4 * quads < fragments)).any():
-        return "quads of fewer than one pixel, or more than four"
-    lanes = 4 * quads - fragments
-    if ((partial > lanes) | (lanes > 3 * partial) | (partial > quads)).any():
-        return "partial quads without a helper lane, or with more than three"
-    if len(quads) and not fragments.any():
-        return "nothing was drawn: all counters are zero"
-    if record.proven is not None and record.proven > record.polygons:
-        return f"{record.proven} of {record.polygons} polygons proven"
-    if record.triangles < record.polygons or record.vertices < 3 * record.polygons:
-        return f"{record.triangles} triangles, {record.vertices} vertices: too few for its polygons"
-    return None
+    @validator(mode="after")
+    def _possible(self) -> Self:
+        """Whether it can be true, whatever the polygons are."""
+        record = self.record
+        polygons = record.polygons + record.polygons_skipped + record.polygons_failed
+        for _, values in self.counters:
+            if len(values) != polygons:
+                raise ValueError(f"{polygons} polygons and counters of {len(values)}")
+        fragments, quads, partial = (np.array(values) for _, values in self.counters)
+        if ((quads > fragments) | (4 * quads < fragments)).any():
+            raise ValueError("quads of fewer than one pixel, or more than four")
+        lanes = 4 * quads - fragments
+        if ((partial > lanes) | (lanes > 3 * partial) | (partial > quads)).any():
+            raise ValueError("partial quads without a helper lane, or with more than three")
+        if polygons and not fragments.any():
+            raise ValueError("nothing was drawn: all counters are zero")
+        if (record.proven or 0) > record.polygons:
+            raise ValueError(f"{record.proven} of {record.polygons} polygons proven")
+        if record.triangles < record.polygons or record.vertices < 3 * record.polygons:
+            raise ValueError("triangles or vertices too few for its polygons")
+        return self
 
 
 class _View(Part):
@@ -119,26 +121,22 @@ class _View(Part):
     @validator(mode="after")
     def _agrees(self) -> Self:
         """Whether its cases are of one frame and its times of the same rounds."""
-        sizes = set()
         for name, case in self.cases.items():
-            counted, record = case.counters, case.record
-            sizes |= {len(values) for _, values in counted}
-            places = [(e.resolution, e.rotation, e.fit, e.scene) for e in (record, self)]
-            if name != record.triangulator or places[0] != places[1]:
+            told = case.record
+            if name != told.triangulator or _place(told) != _place(self):
                 raise ValueError(f"the record of {name} is of another case")
-            if len({len(values) for _, values in counted}) > 1:
-                raise ValueError(f"{name} has different numbers of polygons")
-            if (wrong := _contradiction(record, counted)) is not None:
-                raise ValueError(f"{name}: {wrong}")
-        if len(sizes) > 1:
-            raise ValueError("its cases have different numbers of polygons")
-        if len({case.record.scene_hash for case in self.cases.values()}) > 1:
-            raise ValueError("its cases are of different scenes")
+        cases = self.cases.values()
+        if len({(case.record.scene_hash, len(case.counters.quads)) for case in cases}) > 1:
+            raise ValueError("its cases are of different scenes or numbers of polygons")
         times = self.times or {}
         if not set(times) <= {*self.cases, *BESIDE}:
             raise ValueError("something was timed that was not counted")
         check_rounds(times, self.epochs)
         return self
+
+
+def _place(of: _Record | _View) -> tuple[Any, ...]:
+    return of.scene, of.resolution, of.rotation, of.fit
 
 
 class Result(Measured):
@@ -151,8 +149,7 @@ class Result(Measured):
     @validator(mode="after")
     def _once(self) -> Self:
         """Whether each view is there once."""
-        places = [(each.scene, each.resolution, each.rotation, each.fit) for each in self.views]
-        if len(set(places)) < len(places):
+        if len(set(map(_place, self.views))) < len(self.views):
             raise ValueError("one view is there twice")
         return self
 
@@ -169,25 +166,16 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     UsageError
         if the folder holds a run already, or `run` is of other polygons or says otherwise of them
     """
-    facts = _facts(result, device)
-    made = [
-        record for view in result.views for record in _records(view, device, result) if view.cases
-    ]
-    if run is not None:
-        known = {str(record.get("scene_hash")) for record in run.records}
-        for record, _ in made:
-            if record["scene_hash"] not in known:
-                where = f"{run.path} is of other polygons than the page's"
-                raise UsageError(f"{where} {record['scene']}")
-        for view in result.views:
-            for case in view.cases.values():
-                _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
+    for case in (case for view in result.views for case in view.cases.values()):
+        if run is not None:
+            _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
     with Store.create(folder) as store:
-        store.write_facts(facts)
-        for record, counters in made:
-            if run is not None:
-                _add_polygons(store, run, record, counters)
-            store.append(record)
+        store.write_facts(_facts(result, device))
+        for view in result.views:
+            for record, counters in _records(view, device, result):
+                if run is not None:
+                    _add_polygons(store, run, record, counters)
+                store.append(record)
     return folder
 
 
@@ -280,7 +268,9 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     alike = (r for r in run.records if all(r.get(name) == same[name] for name in same))
     known = next((record for record in alike if view_of(record) == view), None)
     if known is None:
-        raise UsageError(f"{run.path} has no {own.triangulator} at {own.resolution} px")
+        raise UsageError(
+            f"{run.path} has no {own.triangulator} of the page's polygons at {own.resolution} px"
+        )
     told = own.model_dump(exclude_unset=True)
     wrong = [name for name in KEPT if name in known and name in told and known[name] != told[name]]
     if wrong:

@@ -4,7 +4,6 @@ The files come from anywhere, so nothing in them is believed before it is checke
 """
 
 import hashlib
-import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -98,6 +97,15 @@ class Measured(Part):
     hidden: bool
 
 
+class _File(BaseModel):
+    """What a page saves: a result as text, and the digest of that."""
+
+    format: str
+    version: int
+    sha256: str = ""
+    result: str = ""
+
+
 def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
     """Return which of `formats` a file that a page saved has, and the result as JSON.
 
@@ -107,28 +115,21 @@ def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
         if it cannot be read, is damaged, or is not what a page saves
     """
     try:
-        size = file.stat().st_size
-        if not file.is_file():
-            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
-        if size > MOST_BYTES:
+        if file.stat().st_size > MOST_BYTES:
             raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
-        outer = json.loads(file.read_bytes())
+        outer = _File.model_validate_json(file.read_bytes())
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{file}: not a file that a measuring page saved (no JSON)") from error
-    if not isinstance(outer, dict) or outer.get("format") not in formats:
+    except ValidationError as error:
+        raise UsageError(f"{file}: not a file that a measuring page saved") from error
+    if outer.format not in formats:
         raise UsageError(f"{file}: not a file that a measuring page saved")
-    if outer.get("version") != VERSION:
+    if outer.version != VERSION:
         raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
-    text = outer.get("result")
-    try:
-        content = text.encode() if isinstance(text, str) else b""
-    except UnicodeEncodeError:
-        content = b""
-    if hashlib.sha256(content).hexdigest() != outer.get("sha256"):
+    content = outer.result.encode()
+    if hashlib.sha256(content).hexdigest() != outer.sha256:
         raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
-    return outer["format"], content
+    return outer.format, content
 
 
 Model = TypeVar("Model", bound=Part)

@@ -37,12 +37,6 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
             assert case["record"]["triangles"] == len(rows)
 
 
-def test_what_the_run_did_not_count_is_counted(small_run, monkeypatch):
-    with_columns = content_of(small_run)
-    monkeypatch.setattr("harness.page.page_data.columns_of", lambda run, record: None)
-    assert content_of(small_run) == with_columns
-
-
 def test_one_triangulation_is_nothing_to_compare(small_run, tmp_path):
     alone = replace(small_run, records=small_run.records[:1])
     with pytest.raises(UsageError, match="nothing to draw"):

@@ -148,7 +148,7 @@ def test_what_contradicts_itself_is_refused_in_one_line(harness, saved, name):
     ("change", "message"),
     [
         (lambda text: text.replace("0.0", "0.1", 1), "damaged since the page saved it"),
-        (lambda text: text[: len(text) // 2], "no JSON"),
+        (lambda text: text[: len(text) // 2], "not a file that a"),
         (lambda text: text.replace("device profile", "device story", 1), "not a file that a"),
     ],
 )

@@ -77,21 +77,21 @@ def test_another_scenes_run_is_refused(harness, saved, small_run):
                 case["record"]["scene_hash"] = "0" * 64
 
     arguments = ("import", str(saved(change)), "--out", "phone", "--run", str(small_run.path))
-    assert_refused(harness(*arguments), "is of other polygons than the page's city:buildings=20")
+    assert_refused(harness(*arguments), "of the page's polygons at 128 px")
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "no JSON"),
-        (b"\xff\xfe", "no JSON"),
-        (b"[" * 100_000, "no JSON"),
+        (b"", "not a file that a measuring page saved"),
+        (b"\xff\xfe", "not a file that a measuring page saved"),
+        (b"[" * 100_000, "not a file that a measuring page saved"),
         (b"[]", "not a file that a measuring page saved"),
         (b'{"format": "raster-harness device result", "version": 2}', "another version"),
         (b'{"format": "raster-harness device result", "version": 1}', "damaged"),
         (
             b'{"format": "raster-harness device result", "version": 1, "result": "\\ud800"}',
-            "damaged",
+            "not a file that a measuring page saved",
         ),
     ],
 )
@@ -208,7 +208,7 @@ def a_partial_quad_without_a_helper(result):
 
 
 MADE_UP = [
-    (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "of polygons"),
+    (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "counters of 19"),
     (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
     (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
     (lambda r: r["views"][0].update(resolution=256), "of another case"),
