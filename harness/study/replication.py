@@ -7,9 +7,9 @@ the tables of one data set's studies for the same figure, with its interval.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -44,20 +44,18 @@ H_TURNED = "0.92 at the worst angle (city, 512 px)"
 A_TURNED = "0.99 at the worst angle (city, 512 px)"
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Tables of one data set's studies, each empty where there is none.
+Evidence = dict[str, pd.DataFrame]
+"""Tables of one data set's studies, by their names in `TABLES`; left out where there is none."""
 
-    correlations, compared, regret : of `validate`; choice, walked, turned : `gains` of runs in the
-    order in which triangulators give triangles, in walk order, and turned
-    """
-
-    correlations: pd.DataFrame = field(default_factory=pd.DataFrame)
-    compared: pd.DataFrame = field(default_factory=pd.DataFrame)
-    regret: pd.DataFrame = field(default_factory=pd.DataFrame)
-    choice: pd.DataFrame = field(default_factory=pd.DataFrame)
-    walked: pd.DataFrame = field(default_factory=pd.DataFrame)
-    turned: pd.DataFrame = field(default_factory=pd.DataFrame)
+TABLES = {
+    "correlations": "validate/correlations.csv",
+    "compared": "validate/criteria_compared.csv",
+    "regret": "validate/regret.csv",
+    "choice": "choice/gains.csv",
+    "walked": "walked/gains.csv",
+    "turned": "turned/gains.csv",
+}
+"""Where a study keeps them: `gains` of triangles as they are given, in walk order, and turned."""
 
 
 @dataclass(frozen=True)
@@ -90,26 +88,26 @@ class Figure:
         return (value if point else f"{value} ({low} to {high})") + self.beside
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(NamedTuple):
     """One sentence of our findings.
 
-    ours : the figure that docs/findings.md gives; check : evidence -> the same figure here, None
-    where the studies do not tell; holds : whether that figure bears the claim out
+    ours : the figure that docs/findings.md gives; check : evidence -> the same figure here, and
+        whether it bears the claim out; None where the studies do not tell
     """
 
     sentence: str
     ours: str
     check: Callable[[Evidence], Figure | None]
-    holds: Callable[[Figure], bool] = lambda figure: figure.holds
 
 
-def _row(table: pd.DataFrame, *, walker: bool = False, **where: str) -> pd.Series[Any] | None:
+def _row(
+    table: pd.DataFrame | None, *, walker: bool = False, **where: str
+) -> pd.Series[Any] | None:
     """Return the row with these values, of the largest view, on OpenGL or the walker of boxes.
 
     The CPU reference counts what OpenGL counts, and stands in where there is none.
     """
-    if table.empty:
+    if table is None:
         return None
     for name, value in where.items():
         table = table[table[name] == value]
@@ -130,37 +128,32 @@ def _figure(row: pd.Series[Any] | None, *names: str, **more: Any) -> Figure | No
 
 
 def _correlation(
-    evidence: Evidence, criterion: str, measure: str, *, walker: bool = False
+    evidence: Evidence, criterion: str, measure: str, least: float = -1.0, *, walker: bool = False
 ) -> Figure | None:
-    """Return a rank correlation within polygons."""
-    table = evidence.correlations
-    if not table.empty:
+    """Check that a rank correlation within polygons is no less than `least`."""
+    table = evidence.get("correlations")
+    if table is not None:
         table = table[(table["statistic"] == "spearman_within") & table["value"].notna()]
     row = _row(table, walker=walker, criterion=criterion, measure=measure)
-    return _figure(row, "value", "ci_low", "ci_high")
+    found = _figure(row, "value", "ci_low", "ci_high")
+    return found and replace(found, holds=found.value >= least)
 
 
-def _ahead(evidence: Evidence, criterion: str, other: str, measure: str) -> Figure | None:
-    """Check that a criterion ranks better than another, by differences within each polygon."""
-    one, two = (_correlation(evidence, name, measure) for name in (criterion, other))
+def _h_ahead(evidence: Evidence, measure: str) -> Figure | None:
+    """Check that H ranks better than A, by differences within each polygon."""
+    h, a = "half-perimeter", "overdraw"
+    one, two = (_correlation(evidence, name, measure) for name in (h, a))
     if one is None or two is None:
         return None
-    beside = f", {find(other).symbol} {two.written}"
-    found = _difference(evidence.compared, criterion, other, measure)
+    beside = f", A {two.written}"
+    # The table has what A is better by.
+    row = _row(evidence.get("compared"), measure=measure, criterion=a, other=h)
+    found = _figure(row, "difference", "ci_high", "ci_low")
     if found is None:
         return replace(one, beside=beside, few=True)
+    found = replace(found, value=-found.value, low=-found.low, high=-found.high)
     beside += f", difference {found.written}"
     return replace(one, holds=found.low > 0, few=found.few, beside=beside)
-
-
-def _difference(table: pd.DataFrame, criterion: str, other: str, measure: str) -> Figure | None:
-    """Return how much better a criterion ranks than another, of the pair as either is named."""
-    names = ("difference", "ci_low", "ci_high")
-    found = _figure(_row(table, measure=measure, criterion=criterion, other=other), *names)
-    if found is not None:
-        return found
-    turned = _figure(_row(table, measure=measure, criterion=other, other=criterion), *names)
-    return turned and replace(turned, value=-turned.value, low=-turned.high, high=-turned.low)
 
 
 def _shape_is_last(evidence: Evidence) -> Figure | None:
@@ -172,15 +165,16 @@ def _shape_is_last(evidence: Evidence) -> Figure | None:
     return replace(shape, holds=min(values, key=values.__getitem__) == "shape")
 
 
-def _time_ratio(table: pd.DataFrame, base: str) -> Figure | None:
-    """Return the time of the best for H in ratio to that of `base`, in the largest view."""
+def _faster(table: pd.DataFrame | None, base: str) -> Figure | None:
+    """Check that the best for H takes less time than `base`, in the largest view."""
     row = _row(table, triangulator=BEST, base=base)
-    return _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
+    found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
+    return found and replace(found, holds=found.high < 1)
 
 
 def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Figure | None:
     """Check that trusting a criterion costs at most a share `most`, in the largest view."""
-    row = _row(evidence.regret, kind="criterion", name=criterion, measure=measure)
+    row = _row(evidence.get("regret"), kind="criterion", name=criterion, measure=measure)
     found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
     if found is None or row is None:
         return None
@@ -189,39 +183,39 @@ def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Fi
     return replace(found, holds=least_known <= most)
 
 
-def _at_worst(table: pd.DataFrame, triangulator: str) -> Figure | None:
-    """Return the helper lanes of what was triangulated once, over ear clipping's, at the worst."""
-    if table.empty:
+def _kept(evidence: Evidence, triangulator: str, *, keeps: bool) -> Figure | None:
+    """Check whether what is turned keeps helper lanes at 0.95 of ear clipping's at the worst."""
+    table = evidence.get("turned")
+    if table is None:
         return None
     rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
     rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
     ratio = "helper_lanes_ratio"
-    rows = rows.dropna(subset=ratio).sort_values(ratio)
-    return None if rows.empty else _figure(rows.iloc[-1], ratio, ratio, ratio)
+    worst = rows.nlargest(1, ratio)
+    found = None if worst.empty else _figure(worst.iloc[0], ratio, ratio, ratio)
+    return found and replace(found, holds=(found.value <= 0.95) == keeps)
 
 
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
         Q_RANKS_LANES,
-        lambda e: _correlation(e, "expected-quads", "helper_lanes"),
-        lambda found: found.value >= 0.95,
+        lambda e: _correlation(e, "expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
         H_BEFORE_A_BY_LANES,
-        lambda e: _ahead(e, "half-perimeter", "overdraw", "helper_lanes"),
+        lambda e: _h_ahead(e, "helper_lanes"),
     ),
     Claim(
         "H predicts the draw time better than the paper's A, polygon by polygon",
         H_BEFORE_A_BY_TIME,
-        lambda e: _ahead(e, "half-perimeter", "overdraw", f"{TIME}0"),
+        lambda e: _h_ahead(e, f"{TIME}0"),
     ),
     Claim(
         "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
         A_RANKS_TESTS,
-        lambda e: _correlation(e, "overdraw", "bbox_tests", walker=True),
-        lambda found: found.value >= 0.999,
+        lambda e: _correlation(e, "overdraw", "bbox_tests", 0.999, walker=True),
     ),
     Claim(
         "D, the shape, predicts helper lanes worst of the criteria that can rank",
@@ -231,20 +225,17 @@ CLAIMS = (
     Claim(
         "The best for H is drawn faster than ear clipping's triangles",
         H_AGAINST_EAR_CLIPPING,
-        lambda e: _time_ratio(e.choice, USUAL),
-        lambda found: found.high < 1,
+        lambda e: _faster(e.get("choice"), USUAL),
     ),
     Claim(
         "The best for H is drawn faster than Delaunay's triangles",
         H_AGAINST_DELAUNAY,
-        lambda e: _time_ratio(e.choice, DELAUNAY),
-        lambda found: found.high < 1,
+        lambda e: _faster(e.get("choice"), DELAUNAY),
     ),
     Claim(
         "It is so in the same order of triangles, too: the gain is one of diagonals",
         H_AGAINST_DELAUNAY_WALKED,
-        lambda e: _time_ratio(e.walked, DELAUNAY),
-        lambda found: found.high < 1,
+        lambda e: _faster(e.get("walked"), DELAUNAY),
     ),
     Claim(
         "Trusting Q costs at most 1 % more quads than the fewest there are",
@@ -255,39 +246,25 @@ CLAIMS = (
         "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
         " or less",
         H_TURNED,
-        lambda e: _at_worst(e.turned, BEST),
-        lambda found: found.value <= 0.95,
+        lambda e: _kept(e, BEST, keeps=True),
     ),
     Claim(
         "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
         A_TURNED,
-        lambda e: _at_worst(e.turned, "optimal:overdraw"),
-        lambda found: found.value > 0.95,
+        lambda e: _kept(e, "optimal:overdraw", keeps=False),
     ),
 )
 
 
 def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:
     """Return each claim with what the evidence says of it."""
-    found = [(claim, claim.check(evidence)) for claim in CLAIMS]
-    return [(c, figure and replace(figure, holds=c.holds(figure))) for c, figure in found]
+    return [(claim, claim.check(evidence)) for claim in CLAIMS]
 
 
 def read(folder: Path) -> Evidence:
-    """Return the tables that a study left in its folder; a table that is not there is empty."""
-
-    def table(*parts: str) -> pd.DataFrame:
-        file = folder.joinpath(*parts)
-        return pd.read_csv(file) if file.is_file() else pd.DataFrame()
-
-    return Evidence(
-        correlations=table("validate", "correlations.csv"),
-        compared=table("validate", "criteria_compared.csv"),
-        regret=table("validate", "regret.csv"),
-        choice=table("choice", "gains.csv"),
-        walked=table("walked", "gains.csv"),
-        turned=table("turned", "gains.csv"),
-    )
+    """Return the tables that a study left in its folder."""
+    files = {name: folder / file for name, file in TABLES.items()}
+    return {name: pd.read_csv(file) for name, file in files.items() if file.is_file()}
 
 
 def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
@@ -308,7 +285,5 @@ def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
             here = "" if figure is None else figure.written
             verdict = "not told" if figure is None else figure.verdict
             lines.append(f"| {claim.sentence} | {claim.ours} | {here} | {verdict} |")
-    letters = ", ".join(
-        f"{find(name).symbol}: {find(name).label}" for name in RANKED if find(name).symbol
-    )
+    letters = ", ".join(f"{find(name).symbol}: {find(name).label}" for name in RANKED)
     return "\n".join([*lines, "", f"{letters}.", ""])
