@@ -16,7 +16,7 @@ from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.apart import triangulate_many
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
-from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writer
+from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
 from harness.stored.atomic import Output
 from scenes import load
 from scenes.cleaning.clean import Cleaned, Noted
@@ -33,6 +33,9 @@ from triangulators.ragged import Triangulations, ragged
 CHUNK = 20_000
 """Polygons that are in memory at a time."""
 
+
+Writer = GltfWriter | ObjWriter | NpzWriter | GeoJsonWriter | GeoParquetWriter
+"""Takes the meshes of an export one after another (`add`), then ends the file (`finish`)."""
 
 FORMATS: dict[str, Callable[[Output, About], Writer]] = {
     ".glb": partial(GltfWriter, binary=True),

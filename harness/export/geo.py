@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
@@ -19,9 +19,6 @@ from harness.export.writers import About, plain
 from harness.stored.atomic import Output
 from scenes.cleaning.projection import system
 from scenes.spec import install
-
-_MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
-_MOST_BYTES = 2**31 - 1  # that offsets of 32 bits reach
 
 
 class GeoJsonWriter:
@@ -45,8 +42,7 @@ class GeoJsonWriter:
 
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
-        corners = self._about.in_source(mesh.vertices)[mesh.triangles]
-        closed = np.concatenate([corners, corners[:, :1]], axis=1)
+        closed = _closed(mesh, self._about)
         starts = mesh.triangle_starts.tolist()
         columns = [str(name) for name in mesh.attributes]
         rows = mesh.attributes.itertuples(index=False, name=None)
@@ -100,7 +96,7 @@ class GeoParquetWriter:
             if pa.types.is_null(kind):  # nothing but missing values in this batch
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
-        geometry = _binary(*_wkb(mesh, self._about), pa)
+        geometry = pa.array(_wkb(mesh, self._about), pa.binary())
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
@@ -145,60 +141,19 @@ def _fitted(table: Any, schema: Any, pa: Any) -> Any:
         raise UsageError(f"the attributes change their type within the source: {error}") from error
 
 
-def _binary(starts: NDArray[np.int64], data: NDArray[np.uint8], pa: Any) -> Any:
-    """Return a chunked array of `data[starts[i]:starts[i + 1]]`; 32 bits count each chunk."""
-    chunks: list[Any] = []
-    first, rows = 0, len(starts) - 1
-    while first < rows or not chunks:
-        last = int(np.searchsorted(starts, starts[first] + _MOST_BYTES, side="right")) - 1
-        last = min(max(last, first + 1), rows)
-        if starts[last] - starts[first] > _MOST_BYTES:
-            raise UsageError("a polygon's triangles take more than 2 GiB: write another format")
-        offsets = (starts[first : last + 1] - starts[first]).astype(np.int32)
-        part = data[starts[first] : starts[last]]
-        buffers = [None, pa.py_buffer(offsets), pa.py_buffer(part)]
-        chunks.append(pa.Array.from_buffers(pa.binary(), last - first, buffers))
-        first = last
-    return pa.chunked_array(chunks, pa.binary())
+def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:
+    """Return (m, 4, 2 or 3), each triangle as a ring in the source's coordinates."""
+    corners = about.in_source(mesh.vertices)[mesh.triangles]
+    return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _wkb(mesh: Mesh, about: About) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Each polygon's triangles as a little-endian WKB multi-polygon.
-
-    Returns (starts, data): polygon i is `data[starts[i]:starts[i + 1]]`.
-    """
-    vertices: NDArray[np.float64] = about.in_source(mesh.vertices)
-    dimensions = vertices.shape[1]
-    extra = _WITH_Z if dimensions == 3 else 0
-    record = np.dtype(
-        [
-            ("order", "u1"),
-            ("type", "<u4"),
-            ("rings", "<u4"),
-            ("points", "<u4"),
-            ("xyz", "<f8", (4, dimensions)),
-        ]
+def _wkb(mesh: Mesh, about: About) -> NDArray[np.object_]:
+    """Return (p,) each polygon's triangles as a little-endian WKB multi-polygon."""
+    rings = _closed(mesh, about)
+    count = np.arange(len(rings) + 1)
+    shapes = shapely.from_ragged_array(
+        shapely.GeometryType.MULTIPOLYGON,
+        rings.reshape(-1, rings.shape[2]),
+        (4 * count, count, mesh.triangle_starts),
     )
-    corners = vertices[mesh.triangles]
-    triangles = np.empty(len(corners), record)
-    triangles["order"], triangles["type"], triangles["rings"] = 1, _POLYGON + extra, 1
-    triangles["points"] = 4
-    triangles["xyz"][:, :3] = corners
-    triangles["xyz"][:, 3] = corners[:, 0]
-    head = np.empty(mesh.polygons, np.dtype([("order", "u1"), ("type", "<u4"), ("parts", "<u4")]))
-    head["order"], head["type"] = 1, _MULTIPOLYGON + extra
-    head["parts"] = np.diff(mesh.triangle_starts)
-    rows = np.arange(mesh.polygons + 1)
-    starts = mesh.triangle_starts * np.int64(record.itemsize) + rows * head.itemsize
-    data = np.empty(starts[-1], np.uint8)
-    data[starts[:-1, np.newaxis] + np.arange(head.itemsize)] = _bytes(head)
-    # A triangle's bytes are a window of the data, after one head more than polygons before it.
-    heads = np.repeat(rows[1:], np.diff(mesh.triangle_starts))
-    first = np.arange(len(triangles)) * record.itemsize + heads * head.itemsize
-    if len(first):
-        sliding_window_view(data, record.itemsize, writeable=True)[first] = _bytes(triangles)
-    return starts, data
-
-
-def _bytes(records: NDArray[Any]) -> NDArray[np.uint8]:
-    return records.view(np.uint8).reshape(len(records), records.itemsize)
+    return np.asarray(shapely.to_wkb(shapes, byte_order=1, flavor="iso"), object)

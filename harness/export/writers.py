@@ -5,7 +5,7 @@ import shutil
 import struct
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import IO, Any, Protocol
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -38,22 +38,6 @@ class About:
         # eleven decimals are a micrometre, and give most sources back the very numbers they had
         degrees = np.round(self.projection.inverse(vertices[:, :2]), 11)
         return np.column_stack([degrees, vertices[:, 2:]])
-
-
-class Writer(Protocol):
-    """Takes the meshes of one export after another, then finishes the file."""
-
-    def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
-
-    def finish(self) -> None:
-        """Write what only the end knows; nothing is added after that."""
-
-
-def append(target: IO[bytes], spool: IO[bytes]) -> None:
-    """Copy a spooled part to the end of a file."""
-    spool.seek(0)
-    shutil.copyfileobj(spool, target, 1 << 20)
 
 
 def plain(value: Any) -> Any:
@@ -221,15 +205,11 @@ class GltfWriter:
             "POSITION": self._accessor(grid.astype("<f4")),
             "_FEATURE_ID_0": self._accessor(feature),
         }
-        indices = mesh.triangles.astype("<u4").ravel()
-        primitive = {
-            "attributes": attributes,
-            "indices": self._accessor(indices),
-        }
+        indices = self._accessor(mesh.triangles.astype("<u4").ravel())
         matrix = np.diag([*step, 1.0])
         matrix[:3, 3] = middle - self._origin
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
-        made: dict[str, Any] = {"primitives": [primitive]}
+        made: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
         if mesh.attributes.shape[1]:
             columns = {str(c): plain(mesh.attributes[c].tolist()) for c in mesh.attributes}
             made["extras"] = {"attributes": columns}
@@ -290,7 +270,8 @@ class GltfWriter:
         stream.write(struct.pack("<I4s", len(payload), b"JSON") + payload)
         if length:
             stream.write(struct.pack("<I4s", length, b"BIN\0"))
-            append(stream, self._data)
+            self._data.seek(0)
+            shutil.copyfileobj(self._data, stream, 1 << 20)
 
     def _accessor(self, values: NDArray[Any]) -> int:
         """Add an accessor of indices, or of numbers or positions of vertices."""

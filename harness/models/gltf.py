@@ -24,17 +24,17 @@ _WHOLE = 1e-4
 _FULL = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 
 
-class GltfModel:
+class GltfModel(GltfFile):
     """A glTF model; `groups` yields the parts of each mesh, `replace` and `write` change them."""
 
     def __init__(self, path: Path) -> None:
-        self._file = GltfFile(path)
+        super().__init__(path)
         self.left: Counter[str] = Counter()
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield the parts of each mesh."""
         seen: set[str] = set()
-        meshes = self._file.json.get("meshes", [])
+        meshes = self.json.get("meshes", [])
         alike: dict[str, list[dict[str, Any]]] = {}
         places: dict[str, tuple[NDArray[np.float64], ...]] = {}
         left: dict[str, str] = {}
@@ -53,15 +53,11 @@ class GltfModel:
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
-        self._file.replace(part.source, triangles.reshape(-1))
-
-    def write(self, out: Path) -> list[Path]:
-        """Write the model; returns the files."""
-        return self._file.write(out)
+        self.refer(part.source, triangles.reshape(-1))
 
     def _placements(self, count: int) -> list[tuple[NDArray[np.float64], ...]]:
         """Return for each mesh where the scene's nodes place it; as it is, if there is no scene."""
-        told = self._file.json
+        told = self.json
         scenes = told.get("scenes")
         if not scenes:
             return [(np.eye(4),)] * count
@@ -87,7 +83,7 @@ class GltfModel:
         strange = [name for name in (*mesh.get("extensions", {}), *own) if name not in HARMLESS]
         if strange:
             return f"extension {strange[0]}"
-        materials = self._file.json.get("materials", [])
+        materials = self.json.get("materials", [])
         for each in (primitive, *own.get(_VARIANTS, {}).get("mappings", [])):
             if (
                 "material" in each
@@ -154,13 +150,12 @@ class GltfModel:
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
-        return self._file.array(accessor), bool(
-            self._file.json["accessors"][index(accessor)].get("normalized")
-        )
+        about = self.json["accessors"][index(accessor)]
+        return self.array(accessor), bool(about.get("normalized"))
 
     def _triangles(self, primitive: dict[str, Any], mode: int, count: int) -> NDArray[np.int64]:
         if "indices" in primitive:
-            corner = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
+            corner = self.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corner = np.arange(count)
         if len(corner) and not 0 <= corner.min() <= corner.max() < count:

@@ -128,33 +128,28 @@ class GltfFile:
         buffer = self.buffers[index(view["buffer"])]
         return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
 
-    def replace(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
-        """Give primitives, which have one accessor of indices, others in its place, (k,)."""
+    def refer(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
+        """Let primitives, which have one accessor of indices, draw triangles by others, (k,)."""
         number = primitives[0].get("indices")
-        if number is None:  # a strip or fan of vertices in their order
-            kind = 5125 if int(indices.max()) > 0xFFFE else 5123
-            self._refer(primitives, self._append(indices, {"componentType": kind}))
-            return
-        about = self.json["accessors"][number]
-        every = [each for mesh in self.json["meshes"] for each in mesh["primitives"]]
-        using = sum(1 for each in every if each.get("indices") == number)
-        if (
-            about["count"] == len(indices)
-            and "sparse" not in about
-            and primitives[0].get("mode", TRIANGLES) == TRIANGLES
-            and using == len(primitives)
-            and self._alone(number)
-        ):
-            self._view(about, _kind(about), 1, len(indices))[:, 0] = indices
-            self._changed.add(self.json["bufferViews"][about["bufferView"]]["buffer"])
-            return
-        self._refer(primitives, self._append(indices, about))
-
-    @staticmethod
-    def _refer(primitives: list[dict[str, Any]], accessor: int) -> None:
-        """Let primitives draw triangles by an accessor of indices."""
+        # a strip or fan may be of vertices in their order
+        about = {"componentType": 5125 if int(indices.max()) > 0xFFFE else 5123}
+        if number is not None:
+            about = self.json["accessors"][number]
+            every = [each for mesh in self.json["meshes"] for each in mesh["primitives"]]
+            using = sum(1 for each in every if each.get("indices") == number)
+            if (
+                about["count"] == len(indices)
+                and "sparse" not in about
+                and primitives[0].get("mode", TRIANGLES) == TRIANGLES
+                and using == len(primitives)
+                and self._alone(number)
+            ):
+                self._view(about, _kind(about), 1, len(indices))[:, 0] = indices
+                self._changed.add(self.json["bufferViews"][about["bufferView"]]["buffer"])
+                return
+        number = self._append(indices, about)
         for primitive in primitives:
-            primitive["indices"] = accessor
+            primitive["indices"] = number
             if primitive.get("mode", TRIANGLES) != TRIANGLES:
                 primitive["mode"] = TRIANGLES
 

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow
 import pyogrio
 import pytest
 import shapely
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from harness.errors import UsageError
-from harness.export import check_evidence, geo
+from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
 from harness.export.mesh import heights
 from scenes import SceneError, load
@@ -329,18 +328,6 @@ def test_glb_keeps_areas_wherever_the_polygons_lie(tmp_path, offset, size, seed)
     # what the polygon's own coordinates cannot tell, no file can
     lost = 10 * np.spacing(offset) / size
     assert read_model(tmp_path / "a.glb").area == pytest.approx(polygon.area, rel=1e-6 + lost)
-
-
-def test_geometry_beyond_what_offsets_count_is_cut_into_chunks(monkeypatch):
-    starts, data = np.array([0, 3, 3, 7, 12]), np.arange(12, dtype=np.uint8)
-    for most in (5, 7, 2**31 - 1):
-        monkeypatch.setattr(geo, "_MOST_BYTES", most)
-        found = geo._binary(starts, data, pyarrow)
-        assert found.to_pylist() == [b"\0\1\2", b"", b"\3\4\5\6", bytes(range(7, 12))]
-        assert found.type == pyarrow.binary()
-    monkeypatch.setattr(geo, "_MOST_BYTES", 4)
-    with pytest.raises(UsageError, match="2 GiB"):
-        geo._binary(starts, data, pyarrow)
 
 
 def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
