@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.stored import atomic
 
 if TYPE_CHECKING:
@@ -46,21 +45,12 @@ def is_stream(file: Path) -> bool:
 
 
 def write_whole(file: Path, text: str) -> None:
-    """Write `file` whole or not at all; a pipe and standard output are written into.
-
-    Raises
-    ------
-    UsageError
-        if it cannot be written
-    """
-    try:
-        if is_stream(file):
-            file.write_bytes(text.encode())
-            return
-        file.parent.mkdir(parents=True, exist_ok=True)
-        atomic.write(file, text.encode())
-    except OSError as error:
-        raise UsageError(f"cannot write {file}: {error.strerror}; give another --out") from error
+    """Write `file` whole or not at all; a pipe and standard output are written into."""
+    if is_stream(file):
+        file.write_bytes(text.encode())
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    atomic.write(file, text.encode())
 
 
 @cache

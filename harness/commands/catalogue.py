@@ -1,12 +1,11 @@
 """`harness list` and `doctor`: the names that commands take, and what works on this machine."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 from rich.text import Text
 
 from harness.commands.options import Json
@@ -79,15 +78,6 @@ KINDS: dict[str, Callable[[], Iterator[Row]]] = {
 }
 
 
-def _table(rows: Sequence[Row]) -> Table:
-    from harness.style import plain_table
-
-    table = plain_table(None, *rows[0])
-    for row in rows:
-        table.add_row(*map(_cell, row.values()))
-    return table
-
-
 def _cell(value: object) -> str:
     if value is None:
         return ""
@@ -107,6 +97,8 @@ def catalogue(
     as_json: Json = False,
 ) -> None:
     """List scenes, triangulators, rasterisers, criteria and metrics, or one kind of these."""
+    from harness.style import plain_table
+
     if kind is not None and kind not in KINDS:
         raise unknown("kind of thing to list", kind, KINDS)
     found = {name: list(KINDS[name]()) for name in ([kind] if kind else KINDS)}
@@ -116,7 +108,10 @@ def catalogue(
         return
     for name, rows in found.items():
         Screen().print(f"{name}\n" if kind is None else "", end="", style="bold")
-        Screen().print(_table(rows))
+        table = plain_table(None, *rows[0])
+        for row in rows:
+            table.add_row(*map(_cell, row.values()))
+        Screen().print(table)
         Screen().print("\n" if kind is None else "", end="")
 
 

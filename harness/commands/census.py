@@ -6,6 +6,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -114,8 +115,7 @@ def count(
     counted = summary.polygons
     if not counted:
         if summary.set_aside and not summary.parts_done and where is None:
-            first, *rest = summary.set_aside.values()
-            raise UsageError(first + (f" (and {len(rest):,} more)" if rest else ""))
+            raise UsageError(next(iter(summary.set_aside.values())))
         _warn(summary, dataset.out, reporter)
         asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
         if missing := [name for name in asked if found.known and name not in found.known]:
@@ -209,10 +209,7 @@ def _warn(summary: Summary, folder: Path, reporter: Reporter) -> None:
         reporter.say(f"each that was left out: {os.path.relpath(folder / LEFT_OUT)}")
     if summary.pruned:
         reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
-    for number, (which, reason) in enumerate(summary.set_aside.items()):
-        if number == NAMED:
-            reporter.warn(f"and {len(summary.set_aside) - NAMED:,} more parts, all in the manifest")
-            break
+    for which, reason in islice(summary.set_aside.items(), NAMED):
         reporter.warn(f"set aside {which}: {reason}")
 
 

@@ -213,13 +213,13 @@ def _list_every(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
-    from harness.commands.running import default_folder
+    from harness.commands.running import folder_for
     from harness.stored import atomic
     from harness.study import enumeration
     from harness.style import plain_table
     from triangulators import Skipped, TriangulationError
 
-    folder = out or default_folder(scene.name, before="every-")
+    folder = folder_for(scene.name, out, before="every-")
     try:
         table = enumeration.triangulation_table(scene.polygons[polygon], mode)
         with atomic.folder(folder, added=True) as made:

@@ -35,7 +35,8 @@ def several(read: Read = str) -> Callable[[Any], Several]:
     def parse(value: Any) -> Several:
         if isinstance(value, Several):  # a default
             return value
-        parts = split_names(value)
+        # Not at the commas within a name's parameters (`name:a=1,b=2`).
+        parts = [each.strip() for each in re.split(r",(?![a-z_]+=)", value) if each.strip()]
         if not parts:
             raise typer.BadParameter("give one or more, with commas between them")
         return Several(map(read, parts))
@@ -84,6 +85,14 @@ Resume = Annotated[
     Path | None,
     typer.Option(help="Continue what is in this folder; failed cases are tried again."),
 ]
+StudyFolder = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the study; results/<study>-<scene>-<time> if absent."),
+]
+Quick = Annotated[
+    bool,
+    typer.Option("--quick", help="Short times, few polygons in a study: a look, not a result."),
+]
 Base = Annotated[
     str | None,
     typer.Option(
@@ -111,11 +120,6 @@ Dask = Annotated[
 
 def _written(metavar: str, read: Read, text: str) -> Any:
     return typer.Option(parser=several(read), metavar=metavar, help=f"{text}; comma-separated.")
-
-
-def study_folder(kind: str) -> Any:
-    """Return --out of a study."""
-    return typer.Option(help=f"Folder for the study; results/{kind}-<scene>-<time> if absent.")
 
 
 _SIZE = number(int, *RESOLUTIONS, " pixels")
@@ -195,12 +199,6 @@ Precision = Annotated[
         help="Wanted half-width of the 95 % interval of a time, or of its ratio to the others.",
     ),
 ]
-
-
-def split_names(text: str) -> tuple[str, ...]:
-    """Split a text at its commas, but for those within a name's parameters (`name:a=1,b=2`)."""
-    pieces = re.split(r",(?![a-z_]+=)", str(text))
-    return tuple(part for part in (piece.strip() for piece in pieces) if part)
 
 
 def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str, ...]:

@@ -80,10 +80,8 @@ def page(
             file = write_profile_page(bench, out)
     else:
         file = write_page(latest(read_run(run)), out)
-    streamed = is_stream(file)
-    size = "" if streamed else f" ({file.stat().st_size / 1e6:.1f} MB)"
-    said = f"page: {os.path.relpath(file)}{size}; open it in a browser with WebGPU"
-    typer.echo(said, err=streamed)
+    said = f"page: {os.path.relpath(file)}; open it in a browser with WebGPU"
+    typer.echo(said, err=is_stream(file))
 
 
 def import_(
@@ -149,7 +147,7 @@ def import_(
     result = checked(Result, content, file)
     name = file_stem(device) or device_name(result)
     origin = latest(read_run(run)) if run else None
-    folder = folder_for(name, out, None)
+    folder = folder_for(name, out)
     stored = _made(folder, lambda made: import_result(result, made, name, origin), quiet=quiet)
     for warning in stored.facts["warnings"]:
         typer.echo(f"warning: {warning}", err=True)

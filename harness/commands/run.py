@@ -95,10 +95,7 @@ def run(
         bool,
         typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
-    quick: Annotated[
-        bool,
-        typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
-    ] = False,
+    quick: options.Quick = False,
     base: options.Base = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,

@@ -28,8 +28,8 @@ from scenes.registry import is_seen, is_tiled
 from scenes.spec import label
 
 
-def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = "") -> Path:
-    """Return the folder that --out or --resume names, or else a new one.
+def folder_for(scene: str, out: Path | None, resume: Path | None = None, before: str = "") -> Path:
+    """Return the folder that --out or --resume names, or else a new one under results/.
 
     before : what the new one's name begins with; the scene's follows
 
@@ -40,17 +40,12 @@ def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = 
     """
     if out and resume:
         raise UsageError("--out and --resume name two folders; --resume writes to its own")
-    return resume or out or default_folder(scene, before)
-
-
-def default_folder(scene: str, before: str = "") -> Path:
-    """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
     name = before + file_stem(Path(label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    folder, number = first, 2
-    while folder.exists():  # two short runs may begin within a second
-        folder, number = first.with_name(f"{first.name}-{number}"), number + 1
-    return folder
+    new, number = first, 2
+    while new.exists():  # two short runs may begin within a second
+        new, number = first.with_name(f"{first.name}-{number}"), number + 1
+    return resume or out or new
 
 
 def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> None:
@@ -222,8 +217,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     covered = [(record.get("counters") or {}).get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
         raise NothingMeasured(
-            "no pixel is covered in any case: every polygon is smaller than the pixels lie apart. "
-            "One may lie far away from the others, and the view holds all; leave it out by "
-            "--where or --limit, or give a larger --resolution"
+            "no pixel is covered in any case: if a polygon lies far away, leave it out by --where"
+            " or --limit, or give a larger --resolution"
         )
     require_all(outcome)

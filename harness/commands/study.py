@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
 
-ENOUGH = 12
-"""Polygons below which a study says that it is a look and no result."""
-
 QUICK = StudySize(polygons=6, random=10, most_vertices=60)
 QUICK_S = 0.02
 """Seconds of drawing each triangulation, and of its first draws."""
@@ -48,12 +45,10 @@ def validate(
     ] = StudySize.random,
     seed: options.Seed = 0,
     budget: options.Budget = 0.1,
-    out: Annotated[Path | None, options.study_folder("validate")] = None,
+    out: options.StudyFolder = None,
     resume: options.Resume = None,
     force: options.Force = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Six polygons, short times: a look, not a result.")
-    ] = False,
+    quick: options.Quick = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -104,8 +99,6 @@ def validate(
         write_report(run)
     correlations.print_matrix(ranked, Screen())
     regret.print_regret(lost, Screen())
-    if (few := table["polygon"].nunique()) < ENOUGH:
-        typer.echo(f"{few} polygons say little; by default a study has {StudySize.polygons}")
     _end(run)
 
 
@@ -164,8 +157,6 @@ def gains(
         typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
     for line in disturbed:
         typer.echo(f"left out: {line}")
-    if orders:
-        _say_orders(orders[0])
     for name in wanted:
         _say_how_it_did(best(table, name), name)
     typer.echo(f"{len(table)} ratios in {out}/gains.csv, {len(files)} plots")
@@ -176,12 +167,10 @@ def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
     if views.empty:
         return
     beaten = views[views["faster"] != ""]
-    several = len(views[["rasteriser", "device"]].drop_duplicates()) > 1
     kept = len(views) - len(beaten)
     typer.echo(f"{name}: no other was shown to be faster in {kept} of {len(views)} views")
     for row in beaten.head(MOST_SAID).to_dict("records"):
-        view = f"{row['scene']} {row['resolution']} px"
-        view += f", {row['rasteriser']} on {row['device']}" if several else ""
+        view = f"{row['scene']} {row['resolution']} px, {row['rasteriser']} on {row['device']}"
         usual_of = (("rotation", "turned", 0), ("work", "work", 0), ("samples", "samples", 1))
         for key, word, usual in usual_of:
             if row[key] != usual:
@@ -190,26 +179,6 @@ def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
         typer.echo(f"  {view}: {row['faster']} faster")
     if len(beaten) > MOST_SAID:
         typer.echo(f"  and {len(beaten) - MOST_SAID} more views")
-
-
-def _say_orders(found: pd.DataFrame) -> None:
-    """Print the times in ratio to the first base's, in own orders and both in a common one."""
-    from harness.rasterisers.base import ORDERS
-    from harness.style import plain_table
-
-    orders = [name for name in found.columns if name in ORDERS]
-    for (scene, _, device, resolution), part in found.groupby(
-        ["scene", "rasteriser", "device", "resolution"], sort=False
-    ):
-        base = part["base"].iloc[0]
-        title = f"{scene} {resolution} px, {device}: time vs {base}"
-        headings = (">own order", *(f">both in {name}" for name in orders))
-        table = plain_table(title, "triangulator", *headings)
-        for row in part.to_dict("records"):
-            shown = (row[name] for name in ("own", *orders))
-            cells = ["" if value != value else f"{value:.3f}" for value in shown]
-            table.add_row(row["triangulator"], *cells)
-        Screen().print(table)
 
 
 def pareto(
@@ -222,7 +191,7 @@ def pareto(
     resolution: options.Resolution = 512,
     seed: options.Seed = 0,
     budget: options.Budget = 0.4,
-    out: Annotated[Path | None, options.study_folder("pareto")] = None,
+    out: options.StudyFolder = None,
     resume: options.Resume = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
@@ -285,9 +254,7 @@ def study(
         int, typer.Option(min=1, help="Polygons to validate with.")
     ] = StudySize.polygons,
     seed: options.Seed = 0,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Few polygons, short times: a look, not a result.")
-    ] = False,
+    quick: options.Quick = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Say which of our findings hold on your data: validation, gains, regret and rotation, bundled.

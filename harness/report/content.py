@@ -29,7 +29,6 @@ from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
 from harness.stored.schema import FITS, USUAL_OPTIONS, flat
-from harness.study.correlations import Estimate
 from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
@@ -109,7 +108,7 @@ class _Polygons:
     """Per-polygon columns of the run's cases, and the views that are drawn from them."""
 
     def __init__(self, run: Run, found: Sequence[Sequence[Record]]) -> None:
-        self._run = run
+        self.run = run
         self.views: dict[str, Content] = {}
         kept = [r for members in found for r in members if r["status"] == "ok"]
         share = MOST_VALUES // max(1, 8 * len(kept))  # a case holds some eight columns
@@ -119,7 +118,7 @@ class _Polygons:
 
     def read(self, record: Record) -> Columns | None:
         """Return a case's columns; its view gets its drawings and predictions on the way."""
-        columns = columns_of(self._run, record) if record["status"] == "ok" else None
+        columns = columns_of(self.run, record) if record["status"] == "ok" else None
         if columns is None:
             return None
         key = drawings.name_of(view_of(record))
@@ -127,8 +126,9 @@ class _Polygons:
             self._add_view(key, record, len(columns[f"{PREDICTED}triangles"]))
         predicted = self.views[key]["predicted"]
         if record["triangulator"] not in predicted:
+            chosen = self._chosen[key]
             predicted[record["triangulator"]] = {
-                name.removeprefix(PREDICTED): _short(column[self._chosen[key]])
+                name.removeprefix(PREDICTED): list(map(_rounded, column[chosen].tolist()))
                 for name, column in columns.items()
                 if name.startswith(PREDICTED)
             }
@@ -137,20 +137,13 @@ class _Polygons:
     def _add_view(self, key: str, record: Record, polygons: int) -> None:
         chosen = self._chosen[key] = choose(polygons, self._most)
         view = {"polygons": polygons, "chosen": chosen.tolist(), "predicted": {}, "drawing": None}
-        kept = drawings.read(self._run, view_of(record))
+        kept = drawings.read(self.run, view_of(record))
         if kept is not None and len(kept.offsets) == polygons + 1:
             share = len(chosen) / max(1, polygons)
             triangles = sum(len(rows) for rows in kept.triangles.values())
             if triangles * share <= MOST_TRIANGLES / (1 + len(self.views)):
                 view["drawing"] = pack(kept, chosen)
         self.views[key] = view
-
-    def within(self, record: Record, measure: str | None) -> dict[str, Estimate]:
-        """Return how well criteria rank a measure within polygons, where the run's spread says."""
-        table = matrix.read(self._run, view_of(record))
-        if table is None or measure not in matrix.MEASURES:
-            return {}
-        return matrix.ranks(table, measure)
 
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""
@@ -185,6 +178,7 @@ def _group(
     totals = measures((base or first).get("counters") or ())
     main = next(iter([*counted, *totals]), None)
     options = first.get("options") or {}
+    spread = matrix.read(polygons.run, view_of(first)) if main in matrix.MEASURES else None
     return {
         "scene": first["scene"],
         "rasteriser": first["rasteriser"],
@@ -202,7 +196,7 @@ def _group(
             for pairs in [ratio_pairs(columns, base_name, name, each.measure)]
         },
         "answer": advice(decision),
-        "judged": criteria_of(main, correlations, polygons.within(first, main)),
+        "judged": criteria_of(main, correlations, spread),
         "explained": explained(decision) if decision else None,
         "views": views.said(members),
     }, correlations
@@ -266,10 +260,6 @@ def _triangulators(run: Run) -> list[str]:
     return [name for name in planned if name in seen] + [n for n in seen if n not in planned]
 
 
-def _short(column: Any) -> list[float]:
-    return [float(f"{value:.6g}") for value in column.tolist()]
-
-
 def _rounded(value: Any) -> Any:
     """Return a value with at most 7 significant digits; what JSON cannot hold becomes None."""
     if isinstance(value, float):
@@ -279,9 +269,7 @@ def _rounded(value: Any) -> Any:
 
 def choose(polygons: int, most: int) -> NDArray[np.int64]:
     """Return the numbers, in order, of at most `most` polygons: all, or a fixed random sample."""
-    if polygons <= most:
-        return np.arange(polygons, dtype=np.int64)
-    chosen = np.random.default_rng(0).choice(polygons, size=most, replace=False)
+    chosen = np.random.default_rng(0).choice(polygons, min(polygons, most), replace=False)
     return np.sort(chosen).astype(np.int64)
 
 
@@ -359,14 +347,5 @@ def key_rows(run: Run) -> list[tuple[str, str]]:
 
 
 def _text(value: Any) -> str:
-    if value is None:
-        return "not known"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, str):
-        return value
-    if isinstance(value, list) and all(isinstance(each, str) for each in value):
-        return " ".join(value) or "none"
-    return json.dumps(value, ensure_ascii=False)
+    """Return a text as it is, and anything else as run.json has it."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -117,13 +117,14 @@ Correlations = Mapping[str, Mapping[str, float | None]]
 def criteria_of(
     measure: str | None,
     correlations: Correlations,
-    within: Mapping[str, Estimate] | None = None,
+    spread: pd.DataFrame | None = None,
 ) -> str:
     """Return one sentence about which criterion to use, "" where none was judged.
 
     measure : the group's main counter, None if nothing was counted a polygon
-    within : criterion -> rank correlation with it within single polygons, where that is known
+    spread : what `read` gives of the group's view
     """
+    within = {} if spread is None or measure is None else ranks(spread, measure)
     if within:
         values = {name: each.value for name, each in within.items()}
     else:

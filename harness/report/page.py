@@ -39,7 +39,7 @@ def write_report(run: Run, file: Path | None = None) -> Path:
     Raises
     ------
     UsageError
-        if the run holds nothing to show, or the file cannot be written
+        if the run holds nothing to show
     """
     content = content_of(run)
     if not content["cases"] and not content["matrices"]:

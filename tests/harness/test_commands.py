@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from harness.commands.export import COMPILING
-from harness.commands.running import default_folder
+from harness.commands.running import folder_for
 from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
@@ -70,7 +70,7 @@ def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, ar
 def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache.sqlite"))
     with ModelDatabase() as database:
-        database.keep("delaunay", [(b"key", Timed(np.zeros((1, 3), np.int32), 1.0))])
+        database.keep("delaunay", b"key", Timed(np.zeros((1, 3), np.int32), 1.0))
     out, _ = ends_well(harness("cache", "info"))
     assert "cache.sqlite" in out
     assert "delaunay" in out
@@ -242,7 +242,7 @@ def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
     folders = []
     for _ in range(3):
-        folders.append(default_folder("city"))
+        folders.append(folder_for("city", None))
         folders[-1].mkdir(parents=True)
     stamp = "city-20260101-120000"
     assert [folder.name for folder in folders] == [stamp, f"{stamp}-2", f"{stamp}-3"]
