@@ -1,7 +1,7 @@
 """Change lines at random, run the tests that belong to them, and list the changes no test notices.
 
     .venv/bin/python scripts/mutate.py --minutes 60 --seed 1 --out FILE
-    .venv/bin/python scripts/mutate.py --only harness/compare/html.py:50-64
+    .venv/bin/python scripts/mutate.py --only harness/compare/wording.py:50-64
 
 Each change is one token of code within a function: a comparison, a sign, a number, `and`, `not`,
 `min`. It is made in a copy of the checkout. The tests of a module are the files that `TESTS` names

@@ -154,9 +154,7 @@ def _text(found: Comparison, kind: str, grown: Sequence[Grown]) -> str:
             outputs.print_comparison(found, console)
         return shown.get()
     if kind == "html":
-        from harness.compare.html import to_html
-
-        return to_html(found, grown)
+        return outputs.to_html(found, grown)
     if kind == "json":
         told = json.dumps(outputs.to_json(found), indent=2, ensure_ascii=False, allow_nan=False)
         return told + "\n"

@@ -1,25 +1,23 @@
 """Puts a comparison together: matches cases, judges counters and times, reaches a verdict."""
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
+from itertools import chain
 
 from harness.compare import times
 from harness.compare.matching import (
     Match,
-    environment_changes,
+    changes,
     latest,
     machine,
+    machines_differ,
     match,
     missing_from,
     other_hardware,
-    plan_changes,
     printable,
 )
-from harness.compare.matching import machines_differ as differ
 from harness.compare.model import (
     CaseChange,
     Comparison,
@@ -59,20 +57,20 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
     elsewhere = _across(matches) or bool(other_hardware(base, head))
-    machines_differ = elsewhere or differ(base.facts, head.facts)
-    cases = [_counted(found, settings, missing=missing_from(head, found.name)) for found in matches]
-    cases, drifts = _timed(matches, cases, settings, machines_differ)
+    differ = elsewhere or machines_differ(base.facts, head.facts)
+    cases = [_counted(each, head, settings) for each in matches]
+    cases, drifts = _timed(matches, cases, settings, differ)
     found = Comparison(
         verdict="good",
         base=_facts(base),
         head=_facts(head),
         settings=settings,
-        machines_differ=machines_differ,
+        machines_differ=differ,
         cases=tuple(cases),
         totals=totals([case.counters for case in cases if case.status == "compared"]),
         drifts=tuple(drifts),
-        notes=(*_notes(base, head, machines_differ), *_pairs_left(matches)),
-        changes=(*plan_changes(base, head), *environment_changes(base.facts, head.facts)),
+        notes=tuple(_notes(base, head, differ)),
+        changes=tuple(changes(base, head)),
     )
     return replace(found, verdict=_verdict(found))
 
@@ -93,39 +91,39 @@ def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
 
 def _across(matches: Sequence[Match]) -> bool:
     """Whether any case ran on another device in BASE."""
-    devices = [(m.base.get("device"), m.head.get("device")) for m in matches if m.base and m.head]
-    return any(before != after for before, after in devices)
+    return any(m.base["device"] != m.head["device"] for m in matches if m.base and m.head)
 
 
-def _counted(found: Match, settings: Settings, *, missing: str | None) -> CaseChange:
+def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
     """Return the case with its status and, where it can be compared, its counters.
 
-    missing : why HEAD should have the case, None where it need not
+    run : HEAD, which tells what it was to do
     """
     base, head = found.base, found.head
-    status, reason = _status(base, head)
-    if head is None and base is not None and base.get("status") == "ok" and missing is not None:
-        status, reason = "not-done", missing
+    status, reason = _status(found, run)
     if base is None or head is None or status != "compared":
         return CaseChange(found.name, status, reason)
     before, after = exact_figures(base), exact_figures(head)
     changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
-    counted = head.get("counters") or {}
-    lost = [counter_name(n) for n in base.get("counters") or {} if n not in counted]
+    lost = [counter_name(n) for n in base["counters"] if n not in head["counters"]]
     # Of gated counters that BASE has and HEAD does not, nothing can be said.
     gated = (name for name in lost if settings.threshold(name) is not None)
     return CaseChange(found.name, status, reason, tuple(changes), tuple(gated))
 
 
-def _status(base: Record | None, head: Record | None) -> tuple[Status, str]:
-    """Say whether two records can be compared, and the reason their runs give if not."""
+def _status(found: Match, run: Run) -> tuple[Status, str]:
+    """Say whether a case's records can be compared, and the reason their runs give if not."""
+    base, head = found.base, found.head
     if base is None or head is None:
         record = head or base or {}
-        measured = "" if record.get("status") == "ok" else f"{record.get('status')}: "
-        return ("only-head" if base is None else "only-base"), measured + _reason(record)
-    good = base.get("status") == "ok", head.get("status") == "ok"
+        missing = missing_from(run, found.name) if head is None else None
+        if missing and record["status"] == "ok":
+            return "not-done", missing
+        told = "" if record["status"] == "ok" else f"{record['status']}: {_reason(record)}"
+        return ("only-head" if base is None else "only-base"), told
+    good = base["status"] == "ok", head["status"] == "ok"
     if good == (True, False):
-        return ("now-failing" if head.get("status") == "failed" else "now-skipped"), _reason(head)
+        return ("now-failing" if head["status"] == "failed" else "now-skipped"), _reason(head)
     if good == (False, True):
         return "now-measured", f"BASE: {_reason(base)}"
     if good == (False, False):
@@ -185,48 +183,25 @@ def _facts(run: Run) -> RunFacts:
     )
 
 
-def _notes(base: Run, head: Run, machines_differ: bool) -> list[str]:
-    notes = [f"BASE: {problem}" for problem in base.problems]
-    notes += [f"HEAD: {problem}" for problem in head.problems]
+def _notes(base: Run, head: Run, differ: bool) -> list[str]:
+    notes = []
     for name, run in (("BASE", base), ("HEAD", head)):
-        if not run.records:
-            notes.append(f"{name} holds no cases")
-        if run.facts.get("interrupted"):
-            notes.append(f"{name} was stopped before its end")
-        notes += [f"{name}: {warning}" for warning in run.facts.get("warnings") or []]
-    if machines_differ:
+        told = [*run.problems, *(run.facts.get("warnings") or [])]
+        told += state_of(run.facts, run.records).words
+        told += ["it holds no cases"] * (not run.records)
+        told += ["it was stopped before its end"] * bool(run.facts.get("interrupted"))
+        notes += [f"{name}: {line}" for line in told]
+    if differ:
         notes.append(
             "the runs are of different machines: times are relative to the other cases, or to the "
             "reference draw, of their own run"
         )
-    for device, kinds in groups.several_processors([base, head]).items():
+    if mixed := groups.several_processors([base, head]):
         notes.append(
-            f"{device} draws on the processor, and the runs are of different ones "
-            f"({', '.join(kinds)}): ratios of times differ between them by some per cent"
+            f"ratios of times of what draws on the processor differ between processors by some per "
+            f"cent: {groups.processor_words(mixed)}"
         )
-    notes += [
-        f"{name}: {line}"
-        for name, run in (("BASE", base), ("HEAD", head))
-        for line in state_of(run.facts, run.records).words
-    ]
     return notes
-
-
-def _pairs_left(matches: Sequence[Match]) -> list[str]:
-    """Say how many pairs a comparison of the same rounds rests on, where it is not all."""
-    masks = [
-        pair.kept
-        for found in matches
-        if found.base and found.head
-        for pair in [times.read_pair(found.base, found.head, same_work=False)]
-        if isinstance(pair, times.Pair) and pair.kept is not None
-    ]
-    count, left = (sum(map(size, masks)) for size in (len, np.count_nonzero))
-    if left == count:
-        return []
-    return [
-        f"{left} of {count} pairs of samples are compared: in the others a draw waited for a core"
-    ]
 
 
 def _verdict(found: Comparison) -> Verdict:
@@ -269,34 +244,30 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
     whole = float(base).is_integer() and float(head).is_integer()
     # Sums of square roots may differ in their last digits.
     if base != head and (whole or not math.isclose(base, head, rel_tol=1e-12)):
-        worse_up = {"lower": True, "higher": False}.get(find(name).better)
-        exact = (
-            "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
-        )
+        less, better = head < base, find(name).better
+        exact = "better" if less == (better == "lower") else "worse"
+        exact = "changed" if better == "none" else exact
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
     wrong = exact == "worse" or (exact == "changed" and find(name).is_shared)
-    change = relative(base, head)
-    return CounterChange(name, base, head, change, exact, threshold, beyond and wrong)
+    growth = relative(base, head)
+    return CounterChange(name, base, head, growth, exact, threshold, beyond and wrong)
 
 
 def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     """Sum each figure over the compared cases; ratios, which have no sum, are left out."""
     columns = defaultdict(list)
-    for changes in cases:
-        for change in changes:
-            if find(change.metric).adds_up:
-                columns[change.metric].append(change)
-    return tuple(_total(name, changes) for name, changes in columns.items())
-
-
-def _total(name: str, changes: Sequence[CounterChange]) -> Total:
-    base, head = sum(c.base for c in changes), sum(c.head for c in changes)
-    kinds = [change.exact for change in changes]
-    better, worse, equal = (kinds.count(kind) for kind in ("better", "worse", "equal"))
-    cases = len(changes)
-    change = relative(base, head)
-    return Total(name, find(name).unit, cases, cases - equal, better, worse, base, head, change)
+    for change in chain.from_iterable(cases):
+        if find(change.metric).adds_up:
+            columns[change.metric].append(change)
+    found = []
+    for name, column in columns.items():
+        base, head = sum(each.base for each in column), sum(each.head for each in column)
+        kinds = Counter(each.exact for each in column)
+        affected = len(column) - kinds["equal"]
+        told = (len(column), affected, kinds["better"], kinds["worse"])
+        found.append(Total(name, find(name).unit, *told, base, head, relative(base, head)))
+    return tuple(found)
 
 
 def relative(base: float, head: float) -> float | None:

@@ -18,9 +18,9 @@ from harness.figures.groups import group_of, groups, time_ratio, without_twins
 from harness.figures.intervals import UNDECIDED
 from harness.machine.environment import label_of, same
 from harness.stored.folder import Record, Run
-from harness.stored.schema import USUAL_OPTIONS, flat
+from harness.stored.schema import flat
 
-ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governor")
+ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
 """What of a run's environment is compared."""
 
 
@@ -34,17 +34,13 @@ class Match:
 
 
 def case_name(record: Record) -> CaseName:
-    """Return what the record's case means; fields that older runs lack get their usual value."""
-    options = {**USUAL_OPTIONS, **(record.get("options") or {})}
+    """Return what the record's case means."""
+    names = ("scene", "triangulator", "rasteriser", "device", "fit")
     return CaseName(
-        scene=printable(record.get("scene", "?")),
-        triangulator=printable(record.get("triangulator", "?")),
-        rasteriser=printable(record.get("rasteriser", "?")),
-        device=printable(record.get("device", "?")),
-        resolution=int(record.get("resolution") or 0),
-        rotation=float(record.get("rotation") or 0.0),
-        fit=str(record.get("fit") or "box"),
-        options=tuple(sorted(options.items())),
+        **{name: printable(record[name]) for name in names},
+        resolution=int(record["resolution"]),
+        rotation=float(record["rotation"]),
+        options=tuple(sorted(record["options"].items())),
     )
 
 
@@ -58,7 +54,7 @@ def latest(run: Run) -> Run:
     for record in run.records:
         name = case_name(record)
         if name in found:
-            problems.append(f"{name.triangulator}, {name.where}: measured twice; the later counts")
+            problems.append(f"{name}: measured twice; the later counts")
             del found[name]
         found[name] = record
     return replace(run, records=list(found.values()), problems=problems)
@@ -80,11 +76,7 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     UsageError
         if the runs are of different devices and that was not asked for, or cannot be paired
     """
-    if across_devices:
-        renamed = _renamed(base, head)
-    else:
-        _refuse_other_devices(base, head)
-        renamed = {}
+    renamed = _renamed(base, head, across_devices=across_devices)
     before: dict[CaseName, Record] = {}
     for record in base.records:
         name = case_name(record)
@@ -98,65 +90,56 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
 def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
     found = defaultdict(set)
     for record in records:
-        found[str(record.get("rasteriser", "?"))].add(str(record.get("device", "?")))
+        found[record["rasteriser"]].add(record["device"])
     return found
 
 
-def _renamed(base: Run, head: Run) -> dict[tuple[str, str], str]:
-    """Return (rasteriser, device in BASE) -> device in HEAD."""
+def _renamed(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
+    """Return (rasteriser, device in BASE) -> device in HEAD, where these are to be paired."""
     before, after = _devices(base.records), _devices(head.records)
-    renamed = {}
-    for rasteriser in before.keys() & after.keys():
-        if before[rasteriser] == after[rasteriser]:
-            continue
-        if len(before[rasteriser]) > 1 or len(after[rasteriser]) > 1:
-            raise UsageError(
-                f"{rasteriser} ran on several devices, so it is not clear which to compare "
-                "across; give runs of one device each"
-            )
-        renamed[rasteriser, next(iter(before[rasteriser]))] = next(iter(after[rasteriser]))
-    return renamed
-
-
-def _refuse_other_devices(base: Run, head: Run) -> None:
-    before, after = _devices(base.records), _devices(head.records)
-    shared = before.keys() & after.keys()
-    if shared and not any(before[name] & after[name] for name in shared):
+    both = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
+    if across_devices:
+        others = {name: devices for name, devices in both.items() if devices[0] != devices[1]}
+        for name, devices in others.items():
+            if max(map(len, devices)) > 1:
+                raise UsageError(
+                    f"{name} ran on several devices, so it is not clear which to compare "
+                    "across; give runs of one device each"
+                )
+        return {(name, min(then)): min(now) for name, (then, now) in others.items()}
+    if both and not any(then & now for then, now in both.values()):
+        ran = (", ".join(sorted(set().union(*sides))) for sides in zip(*both.values(), strict=True))
         raise UsageError(
-            f"BASE ran on {_listed(before, shared)} and HEAD on {_listed(after, shared)}: "
-            "their figures differ without any change; add --across-devices to compare them"
+            "BASE ran on {} and HEAD on {}: their figures differ without any change; "
+            "add --across-devices to compare them".format(*ran)
         )
     for label, (then, now) in other_hardware(base, head).items():
         raise UsageError(
             f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
             "add --across-devices to compare them"
         )
+    return {}
 
 
 def other_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
-    """Return the devices that have one name in both runs and are not the same, with renderers."""
-    labels = (base.facts.get("devices") or {}).keys() & (head.facts.get("devices") or {}).keys()
-    names = {label: (renderer(base.facts, label), renderer(head.facts, label)) for label in labels}
+    """Return the devices that have one name in both runs and are not the same, with renderers.
+
+    Versions of the driver, which a renderer's name has in brackets, may change.
+    """
+    then, now = _renderers(base), _renderers(head)
+    both = {label: (then[label], now[label]) for label in sorted(then.keys() & now.keys())}
     return {
-        label: (then, now)
-        for label, (then, now) in sorted(names.items())
-        if then and now and hardware(then) != hardware(now)
+        label: names
+        for label, names in both.items()
+        if len({name.partition("(")[0].strip() for name in names}) > 1
     }
 
 
-def _listed(devices: dict[str, set[str]], rasterisers: set[str]) -> str:
-    return ", ".join(sorted(set().union(*(devices[name] for name in rasterisers))))
-
-
-def renderer(facts: dict[str, Any], label: str) -> str:
-    """Return what the driver calls the device `label` of a run, "" if the run does not say."""
-    details = ((facts.get("devices") or {}).get(label) or {}).get("details") or {}
-    return str(details.get("renderer") or "")
-
-
-def hardware(name: str) -> str:
-    """Return a renderer's name without the versions of its driver, which may change."""
-    return name.partition("(")[0].strip()
+def _renderers(run: Run) -> dict[str, str]:
+    """Return what the driver calls each device of a run, where it says so."""
+    devices = run.facts.get("devices") or {}
+    names = {label: (each.get("details") or {}).get("renderer") for label, each in devices.items()}
+    return {label: str(name) for label, name in names.items() if name}
 
 
 def missing_from(head: Run, case: CaseName) -> str | None:
@@ -177,26 +160,22 @@ def missing_from(head: Run, case: CaseName) -> str | None:
 
 def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
     """Whether the plan names the case; a part that it lacks names everything."""
-    view = {"resolution": case.resolution, "rotation": case.rotation, "fit": case.fit}
-    parts: tuple[tuple[str, Any, dict[str, Any]], ...] = (
-        ("triangulators", case.triangulator, {}),
-        ("rasterisers", case.rasteriser, {}),
-        ("views", view, {"rotation": 0.0, "fit": "box"}),
-        ("options", dict(case.options), USUAL_OPTIONS),
-    )
-    for name, wanted, usual in parts:
-        named = plan.get(name)
-        if isinstance(named, list) and wanted not in [
-            {**usual, **each} if isinstance(each, Mapping) else each for each in named
-        ]:
+    parts: dict[str, Any] = {
+        "triangulators": case.triangulator,
+        "rasterisers": case.rasteriser,
+        "views": {"resolution": case.resolution, "rotation": case.rotation, "fit": case.fit},
+        "options": dict(case.options),
+    }
+    for name, wanted in parts.items():
+        if isinstance(plan.get(name), list) and wanted not in plan[name]:
             return False
-    scenes = {str(record.get("scene")) for record in head.records}
-    if case.scene not in scenes and case.scene != Path(str(plan.get("scene", case.scene))).name:
-        return False
+    # The scene of a file that was moved has another path in the plan, and its name in the records.
+    scenes = {Path(str(plan.get("scene", case.scene))).name, *(r["scene"] for r in head.records)}
     # Where no device is named, HEAD's records tell which was chosen.
     devices = plan.get("devices")
-    used = [r.get("device") for r in head.records if r.get("rasteriser") == case.rasteriser]
-    return not used or case.device in (*used, *(devices if isinstance(devices, list) else ()))
+    used = [r["device"] for r in head.records if r["rasteriser"] == case.rasteriser]
+    named = (*used, *(devices if isinstance(devices, list) else ()))
+    return case.scene in scenes and (not used or case.device in named)
 
 
 def machine(facts: Mapping[str, Any]) -> str:
@@ -211,50 +190,37 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Whether both runs say what machine they are of, and it is not the same."""
-    known = machine(before) and machine(after)
     alike = same(label_of(before), label_of(after))
-    rest = [machine(facts).removeprefix(label_of(facts)) for facts in (before, after)]
-    return bool(known) and not (alike and rest[0] == rest[1])
+    then, now = (machine(facts).removeprefix(label_of(facts)) for facts in (before, after))
+    return bool(machine(before) and machine(after)) and not (alike and then == now)
 
 
-def plan_changes(base: Run, head: Run) -> list[str]:
-    """Return one line for each part of the plan that differs."""
-    before, after = base.facts.get("plan") or {}, head.facts.get("plan") or {}
-    if not before or not after:
-        return []
-    return _changes("plan", flat(before), flat(after))
+def changes(base: Run, head: Run) -> list[str]:
+    """Return one line for each part of plan, software and machine that both tell and that differs.
 
-
-def environment_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """Return one line for each known fact about software or machine that differs."""
-    return _changes("environment", _facts(before), _facts(after))
-
-
-def _facts(facts: Mapping[str, Any]) -> dict[str, Any]:
-    environment = facts.get("environment") or {}
-    found = {name: environment.get(name) for name in ENVIRONMENT}
-    found |= environment.get("packages") or {}
-    for label, device in (facts.get("devices") or {}).items():
-        details = (device or {}).get("details") or {}
-        found |= {f"{label}: {key}": details.get(key) for key in ("renderer", "version")}
-    return {name: value for name, value in found.items() if value is not None}
-
-
-def _changes(kind: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """Compare what both know: what an older run does not say has not changed."""
+    What an older run does not say has not changed.
+    """
+    before, after = _told(base.facts), _told(head.facts)
     return [
-        f"{kind}: {name} was {_short(before[name])}, is {_short(after[name])}"
-        for name in after
-        if name in before and before[name] != after[name]
+        f"{name} was {_words(before[name])}, is {_words(value)}"
+        for name, value in after.items()
+        if None not in (value, before.get(name)) and value != before[name]
     ]
 
 
-def _short(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(_short(item) for item in value) or "none"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}={_short(item)}" for key, item in value.items()) + "}"
-    return str(value)
+def _words(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _told(facts: Mapping[str, Any]) -> dict[str, Any]:
+    environment = facts.get("environment") or {}
+    machine = {name: environment.get(name) for name in ENVIRONMENT}
+    devices = {
+        label: {name: (device.get("details") or {}).get(name) for name in ("renderer", "version")}
+        for label, device in (facts.get("devices") or {}).items()
+    }
+    told = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
+    return flat(told, ": ")
 
 
 def repeat(
@@ -272,26 +238,24 @@ def repeat(
     others = {record["key"]: record for record in second if record["status"] == "ok"}
     common = [r for r in first if r["status"] == "ok" and r["key"] in others]
     unequal = [r["key"] for r in common if r["counters"] != others[r["key"]]["counters"]]
+    one, other = _verdicts(common), _verdicts([others[record["key"]] for record in common])
     found = {}
-    for place in dict.fromkeys((r["rasteriser"], r["device"]) for r in common):
-        here = [r for r in common if (r["rasteriser"], r["device"]) == place]
-        one, other = _verdicts(here), _verdicts([others[record["key"]] for record in here])
-        if pairs := one.keys() & other.keys():
-            decided = [pair for pair in pairs if UNDECIDED not in (one[pair], other[pair])]
-            same, agreeing = (
-                sum(one[pair] == other[pair] for pair in some) for some in (pairs, decided)
-            )
-            found[place] = (len(pairs), same, len(decided), agreeing)
+    for place, verdicts in one.items():
+        pairs = verdicts.keys() & other[place].keys()
+        decided = [n for n in pairs if UNDECIDED not in (verdicts[n], other[place][n])]
+        alike = {pair for pair in pairs if verdicts[pair] == other[place][pair]}
+        if pairs:
+            found[place] = (len(pairs), len(alike), len(decided), len(alike.intersection(decided)))
     return len(common), unequal, found
 
 
-def _verdicts(records: Sequence[Record]) -> dict[tuple[object, ...], str]:
-    found: dict[tuple[object, ...], str] = {}
+def _verdicts(records: Sequence[Record]) -> dict[tuple[str, str], dict[tuple[object, ...], str]]:
+    """Return (rasteriser, device) -> pair -> verdict, of what was timed together."""
+    found: dict[tuple[str, str], dict[tuple[object, ...], str]] = defaultdict(dict)
     for members in groups(records):
         ordered = sorted(members, key=lambda record: str(record["triangulator"]))
         for one, other in combinations(without_twins(ordered), 2):
-            ratio = time_ratio(one, other)
-            if ratio is not None:
-                names = (one["triangulator"], other["triangulator"])
-                found[(*group_of(one), *names)] = ratio.verdict
+            if ratio := time_ratio(one, other):
+                pair = (*group_of(one), one["triangulator"], other["triangulator"])
+                found[one["rasteriser"], one["device"]][pair] = ratio.verdict
     return found

@@ -2,10 +2,10 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from harness import errors
 from harness.errors import UsageError, unknown
@@ -40,26 +40,23 @@ Status = Literal[
 ]
 """Whether a case could be compared, and if not, why; see `STATUS_TEXT`."""
 
-STATUS_TEXT: dict[Status, tuple[str, str]] = {
-    "compared": ("measured in both runs", ""),
-    "not-done": ("measured in BASE, missing from HEAD", "missing from HEAD"),
-    "only-base": ("not in HEAD's plan", "not in HEAD's plan"),
-    "now-skipped": ("measured in BASE, skipped in HEAD", "now skipped"),
-    "content-changed": ("the scene's content changed", "of changed content"),
-    "only-head": ("new in HEAD", "new"),
-    "now-measured": ("not measured in BASE, measured in HEAD", "newly measured"),
-    "more-polygons": ("HEAD did more polygons than BASE", "with more polygons"),
-    "not-measured": ("measured in neither run", "measured in neither run"),
-    "fewer-polygons": ("HEAD did fewer polygons than BASE", ""),
-    "now-failing": ("measured in BASE, failed in HEAD", ""),
+STATUS_TEXT: dict[Status, str] = {
+    "compared": "measured in both runs",
+    "not-done": "measured in BASE, missing from HEAD",
+    "only-base": "not in HEAD's plan",
+    "now-skipped": "measured in BASE, skipped in HEAD",
+    "now-failing": "measured in BASE, failed in HEAD",
+    "content-changed": "of changed content",
+    "only-head": "new in HEAD",
+    "now-measured": "not measured in BASE, measured in HEAD",
+    "fewer-polygons": "with fewer polygons in HEAD",
+    "more-polygons": "with more polygons in HEAD",
+    "not-measured": "measured in neither run",
 }
-"""What is said of a case, and of several where a headline counts those that are left out."""
+"""What is said of a case, and of several that are counted."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
 """What BASE did and HEAD was to do and did not: a regression, whatever the gates."""
-
-MISSING: tuple[Status, ...] = ("only-base",)
-"""What HEAD was not to do: a regression only where asked."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -88,9 +85,13 @@ class CaseName:
     fit: str
     options: tuple[tuple[str, Any], ...]
 
+    def __str__(self) -> str:
+        """Name the case for people: `fan, city 1024 px, opengl on llvmpipe`."""
+        return f"{self.triangulator}, {self.where}"
+
     @property
     def where(self) -> str:
-        """The case without its triangulator, for people: `city 1024 px, opengl on llvmpipe`."""
+        """The case without its triangulator."""
         text = f"{self.scene} {self.resolution} px"
         if self.rotation:
             text += f" turned {self.rotation:g}°"
@@ -270,7 +271,7 @@ class Comparison:
 
     def is_regressed(self, case: CaseChange) -> bool:
         """Whether `case` makes the gate fail."""
-        if case.status in BROKEN or (self.settings.require_all and case.status in MISSING):
+        if case.status in BROKEN or (self.settings.require_all and case.status == "only-base"):
             return True
         slower = case.time is not None and case.time.outcome == "regressed"
         return bool(case.regressions() or case.lost) or (slower and self.settings.gates_time)
@@ -278,8 +279,9 @@ class Comparison:
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
-NORMALISE: tuple[Normalise, ...] = get_args(Normalise)
 TABLE = "raster-harness"
+KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
+"""Where a project has its settings, and what it may set."""
 
 TIME_THRESHOLD = 0.05
 """Growth of a time that is let pass unless told otherwise; see docs/how-to/ci.md."""
@@ -338,13 +340,10 @@ def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
     UsageError
         if a name is unknown or there is none
     """
-    parts = text.split(",") if isinstance(text, str) else list(text)
-    gates = tuple(dict.fromkeys(part.strip() for part in parts if part.strip()))
-    for gate in gates:
-        if gate not in GATES:
-            raise unknown("gate", gate, GATES)
-    if not gates:
-        raise UsageError(f"no gate is named; give --gate {','.join(GATES)}")
+    parts = text.split(",") if isinstance(text, str) else map(str, text)
+    gates = tuple(dict.fromkeys(part.strip() for part in parts))
+    if not gates or not set(gates) <= {*GATES}:
+        raise UsageError(f"gate '{text}': give {' or '.join(GATES)}, or both")
     return gates
 
 
@@ -396,36 +395,21 @@ def from_project(folder: Path) -> Settings:
         return Settings()
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8")).get("tool", {}).get(TABLE, {})
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{file} cannot be read: {error}") from error
-    try:
-        return _from_table(table)
-    except UsageError as error:
+        return Settings(**dict(_setting(key, value) for key, value in table.items()))
+    except (OSError, ValueError, UsageError) as error:
         raise UsageError(f"{file}, [tool.{TABLE}]: {error}") from error
 
 
-def _from_table(table: Mapping[str, Any]) -> Settings:
-    readers: dict[str, tuple[str, type | tuple[type, ...], Callable[[Any], Any]]] = {
-        "gate": ("gates", (str, list), parse_gates),
-        "threshold": (
-            "thresholds",
-            dict,
-            _parse_thresholds,
-        ),
-        "normalise": ("normalise", str, str),
-        "require-all": ("require_all", bool, bool),
-        "allow-inconclusive": ("allow_inconclusive", bool, bool),
-    }
-    found: dict[str, Any] = {}
-    for key, value in table.items():
-        if key not in readers:
-            raise unknown("setting", key, readers)
-        name, kind, read = readers[key]
-        if not isinstance(value, kind) or (key == "normalise" and value not in NORMALISE):
-            raise UsageError(f"{key} = {value!r} cannot be used")
-        found[name] = read(value)
-    return Settings(**found)
-
-
-def _parse_thresholds(table: Mapping[str, Any]) -> dict[str, float]:
-    return dict(parse_threshold(f"{name}={text}") for name, text in table.items())
+def _setting(key: str, value: Any) -> tuple[str, Any]:
+    """Return the name of a field of `Settings` and its value, of an entry of the table."""
+    match key, value:
+        case "gate", str() | list():
+            return "gates", parse_gates(value)
+        case "threshold", dict():
+            texts = (f"{name}={text}" for name, text in value.items())
+            return "thresholds", dict(map(parse_threshold, texts))
+        case "normalise", "auto" | "reference" | "none":
+            return key, value
+        case (("require-all" | "allow-inconclusive"), bool()):
+            return key.replace("-", "_"), value
+    raise UsageError(f"{key} = {value!r} cannot be used; the settings are {', '.join(KEYS)}")

@@ -1,36 +1,37 @@
-"""A comparison as it is written: for a terminal, as Markdown, as JUnit XML and as JSON."""
+"""A comparison as it is written: for a terminal, as Markdown, JUnit XML, JSON and HTML."""
 
 from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from harness.compare.matching import printable
-from harness.compare.model import BROKEN, STATUS_TEXT, CaseChange, Comparison, Drift, TimeChange
+from harness.compare.model import BROKEN, CaseChange, Comparison, Drift, TimeChange
 from harness.compare.wording import (
     NOT_GATED,
     TOTALS_HEADING,
     Group,
     Row,
-    affected_totals,
     counter_text,
     groups,
     grown_text,
     headline,
+    judged,
     run_lines,
     time_text,
-    total_cells,
+    totals,
     within,
 )
-from harness.style import count
+from harness.style import count, plain_table
+from harness.webpages import template
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from harness.compare.polygons import Grown
 
@@ -61,42 +62,27 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
     """Print the verdict, the totals of counters, a table of each group, and what else differs."""
     from rich.text import Text
 
-    style = VERDICT_STYLES.get(comparison.verdict, "bold yellow")
-    console.print(Text(headline(comparison), style=style), soft_wrap=True)
-    for line in run_lines(comparison):
-        console.print(Text(line, style="dim"), soft_wrap=True)
-    differing = affected_totals(comparison, counted=True)
-    if differing:
-        table = _rich_table("counters that differ", TOTALS_HEADING, words=(0,))
-        for total in differing:
-            table.add_row(*total_cells(total))
-        console.print(table)
+    def line(text: str, style: str = "dim") -> None:
+        console.print(Text(text, style=style), soft_wrap=True)
+
+    def table(title: str, heading: Sequence[str], rows: Iterable[tuple[Any, str]]) -> None:
+        first, *numbers, last = heading
+        shown = plain_table(Text(title), first, *(f">{name}" for name in numbers), last)
+        for cells, style in rows:
+            shown.add_row(*map(Text, cells), style=style)
+        console.print(shown)
+
+    line(headline(comparison), VERDICT_STYLES.get(comparison.verdict, "bold yellow"))
+    for text in run_lines(comparison):
+        line(text)
+    if differing := totals(comparison, counted=True):
+        table("counters that differ", TOTALS_HEADING, ((cells, "") for cells in differing))
     for group in groups(comparison, counters=1):
-        _print_group(group, console)
-    for line in (*comparison.changes, *comparison.notes):
-        console.print(Text(line, style="dim"), soft_wrap=True)
-
-
-def _print_group(group: Group, console: Console) -> None:
-    from rich.text import Text
-
-    last = len(group.heading) - 1
-    table = _rich_table(group.title, group.heading, words=(0, last))
-    for row in group.rows:
-        table.add_row(*(Text(cell) for cell in row.cells), style=STYLES[row.kind])
-    console.print(table)
-    if group.drift:
-        style = "red" if group.drifted else "dim"
-        console.print(Text(group.drift, style=style), soft_wrap=True)
-
-
-def _rich_table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) -> Table:
-    from rich.text import Text
-
-    from harness.style import plain_table
-
-    names = (name if number in words else f">{name}" for number, name in enumerate(heading))
-    return plain_table(Text(title), *names)
+        table(group.title, group.heading, ((row.cells, STYLES[row.kind]) for row in group.rows))
+        if group.drift:
+            line(group.drift, "red" if group.drifted else "dim")
+    for text in (*comparison.changes, *comparison.notes):
+        line(text)
 
 
 LIMIT = 60_000
@@ -144,9 +130,8 @@ def _quiet(text: str) -> str:
 
 
 def _totals(comparison: Comparison, *, counted: bool) -> str:
-    totals = affected_totals(comparison, counted=counted)
-    rows = (map(escape, total_cells(total)) for total in totals)
-    return _rows(TOTALS_HEADING, (0,), rows) if totals else ""
+    rows = totals(comparison, counted=counted)
+    return _rows(TOTALS_HEADING, [map(escape, cells) for cells in rows]) if rows else ""
 
 
 def _affected(group: Group) -> str:
@@ -160,15 +145,14 @@ def _table(group: Group, rows: Sequence[Row]) -> str:
     for row in rows:
         *others, verdict = map(escape, row.cells)
         cells.append([*others, f"**{verdict}**" if row.kind == "bad" else verdict])
-    text = _rows(group.heading, (0, len(group.heading) - 1), cells)
+    text = _rows(group.heading, cells)
     return f"{text}\n{escape(group.drift)}\n" if group.drift else text
 
 
-def _rows(heading: Sequence[str], words: Sequence[int], rows: Iterable[Iterable[str]]) -> str:
-    """Write a table, columns `words` aligned left; cells in `rows` are escaped already."""
-    rule = ["---" if n in words else "--:" for n in range(len(heading))]
-    lines = [heading, rule, *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+def _rows(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """Write a table of cells that are escaped already, numbers between two columns of words."""
+    rule = ["---", *["--:"] * (len(heading) - 2), "---"]
+    return "".join(f"| {' | '.join(line)} |\n" for line in (heading, rule, *rows))
 
 
 def _folded(summary: str, content: str) -> str:
@@ -185,6 +169,12 @@ def _facts(comparison: Comparison) -> str:
     return "".join(f"- {escape(line)}\n" for line in lines)
 
 
+Outcome = Literal["failure", "error", "skipped", "system-out"]
+"""What became of a test, by the names of JUnit's elements; the last is of one that passed."""
+
+COUNTED: dict[Outcome, str] = {"failure": "failures", "error": "errors", "skipped": "skipped"}
+"""The attributes of a suite that count its tests."""
+
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold."""
 
@@ -198,90 +188,82 @@ def to_junit(comparison: Comparison) -> str:
     """
     suites = Element("testsuites", name="raster-harness compare")
     titles = dict.fromkeys(case.name.where for case in comparison.cases)
-    for title in titles:
-        cases = [case for case in comparison.cases if case.name.where == title]
-        suites.append(_suite(comparison, title, cases))
-    if not titles:
-        suite = SubElement(suites, "testsuite", name="comparison")
-        _note(_test(suite, "comparison", "cases"), "skipped", headline(comparison))
-        _count_tests(suite)
+    for title in titles or ("comparison",):
+        tests = list(_tests(comparison, title)) or [("cases", "skipped", headline(comparison))]
+        numbers = Counter(outcome for _, outcome, _ in tests)
+        counts = {name: str(numbers[outcome]) for outcome, name in COUNTED.items()}
+        attributes = {"name": title, "tests": str(len(tests)), **counts}
+        suite = SubElement(suites, "testsuite", attributes)
+        for name, outcome, message in tests:
+            test = SubElement(suite, "testcase", classname=title, name=name)
+            if outcome == "system-out":
+                SubElement(test, outcome).text = message
+            else:
+                SubElement(test, outcome, message=message)
     indent(suites)
-    text = tostring(suites, encoding="unicode")
+    text = FORBIDDEN.sub("\ufffd", tostring(suites, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _suite(comparison: Comparison, title: str, cases: Sequence[CaseChange]) -> Element:
-    suite = Element("testsuite", name=_clean(title))
-    for case in cases:
+def _tests(comparison: Comparison, title: str) -> Iterator[tuple[str, Outcome, str]]:
+    """Yield the tests of a group: name, what became of it, and why or what was found."""
+    gated = comparison.settings.gates_time
+    for case in comparison.cases:
         name = case.name.triangulator
-        if case.status != "compared":
-            _uncompared(comparison, case, _test(suite, title, f"{name}: measured"))
-            continue
-        _counters(case, _test(suite, title, f"{name}: counters"))
-        if (time := case.time) is not None:
-            message = f"time {time_text(time)}" if time.ratio is not None else "time"
-            test = _test(suite, title, f"{name}: time", time.head_median_s)
-            _time(test, message, time, gated=comparison.settings.gates_time)
+        if case.name.where == title and case.status != "compared":
+            wrong: Outcome = "error" if case.status in BROKEN else "failure"
+            outcome = wrong if comparison.is_regressed(case) else "skipped"
+            yield f"{name}: measured", outcome, judged(comparison, case)[1]
+        elif case.name.where == title:
+            yield f"{name}: counters", *_of_counters(case)
+            if case.time is not None:
+                yield f"{name}: time", *_of_time(case.time, gated=gated)
     for drift in comparison.drifts:
         if drift.where == title:
-            message = f"time {drift.ratio:.3f} ({drift.low:.3f}-{drift.high:.3f})"
-            test = _test(suite, title, "all cases together: time")
-            _time(test, message, drift, gated=drift.gated and comparison.settings.gates_time)
-    _count_tests(suite)
-    return suite
+            yield "all cases together: time", *_of_time(drift, gated=drift.gated and gated)
 
 
-def _test(suite: Element, group: str, name: str, seconds: float | None = None) -> Element:
-    test = SubElement(suite, "testcase", classname=_clean(group), name=_clean(name))
-    if seconds is not None:
-        test.set("time", f"{seconds:.9f}")
-    return test
+def _of_counters(case: CaseChange) -> tuple[Outcome, str]:
+    lines = [f"{name} no longer counted" for name in case.lost]
+    changed = (change for change in case.counters if change.exact != "equal")
+    lines += [f"{each.metric}: {each.exact}, {counter_text(each)}" for each in changed]
+    wrong = case.lost or case.regressions()
+    return "failure" if wrong else "system-out", "\n".join(lines) or "equal"
 
 
-def _note(test: Element, tag: str, message: str, **kind: str) -> None:
-    """Say what became of a test: `failure`, `error` or `skipped`, or else what it printed."""
-    if tag == "system-out":
-        SubElement(test, tag).text = _clean(message)
-    else:
-        SubElement(test, tag, {**kind, "message": _clean(message)})
-
-
-def _uncompared(comparison: Comparison, case: CaseChange, test: Element) -> None:
-    message = ": ".join(part for part in (STATUS_TEXT[case.status][0], case.reason) if part)
-    wrong = "error" if case.status in BROKEN else "failure"
-    if comparison.is_regressed(case):
-        _note(test, wrong, message, type=case.status)
-    else:
-        _note(test, "skipped", message)
-
-
-def _counters(case: CaseChange, test: Element) -> None:
-    wrong = [f"{change.metric} {counter_text(change)}" for change in case.regressions()]
-    wrong += [f"{name} no longer counted" for name in case.lost]
-    if wrong:
-        _note(test, "failure", "; ".join(wrong), type="counters")
-    changed = [change for change in case.counters if change.exact != "equal"]
-    if changed:
-        lines = [f"{change.metric}: {change.exact}, {counter_text(change)}" for change in changed]
-        _note(test, "system-out", "\n".join(lines))
-
-
-def _time(test: Element, message: str, found: TimeChange | Drift, *, gated: bool) -> None:
+def _of_time(found: TimeChange | Drift, *, gated: bool) -> tuple[Outcome, str]:
+    message = f"time {time_text(found)}".rstrip()
     if not gated:
-        _note(test, "skipped", f"{NOT_GATED}: {message}")
-    elif found.outcome == "regressed":
-        _note(test, "failure", message, type="time")
-    elif found.outcome == "inconclusive":
-        _note(test, "skipped", f"inconclusive, {message}: {found.reason}")
-    else:
-        _note(test, "system-out", f"{found.outcome}: {message}")
+        return "skipped", f"{NOT_GATED}: {message}"
+    if found.outcome == "regressed":
+        return "failure", message
+    told = f"{found.outcome}: {message}"
+    if found.outcome == "inconclusive":
+        return "skipped", f"{told}: {found.reason}"
+    return "system-out", told
 
 
-def _count_tests(suite: Element) -> None:
-    suite.set("tests", str(len(suite.findall("testcase"))))
-    for attribute, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-        suite.set(attribute, str(len(suite.findall(f"testcase/{tag}"))))
+TOTALS = (
+    ("Counters over all compared cases", True),
+    ("Predictions and a driver's own counts", False),
+)
 
 
-def _clean(text: str) -> str:
-    return FORBIDDEN.sub("\ufffd", text)
+def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
+    """Return a page with verdict and tables, times drawn; no script, no font, no address.
+
+    grown : polygons that grew most, whose heatmaps are shown
+    """
+    times = [case.time for case in comparison.cases if case.time and case.time.ratio]
+    ends = [abs(float(end or 1.0) - 1.0) for each in times for end in (each.low, each.high)]
+    return template("harness.compare", "compare.html.j2").render(
+        comparison=comparison,
+        reach=max([0.01, *ends, *(each.threshold or 0.0 for each in times)]),
+        headline=headline(comparison),
+        grown=grown,
+        grown_text=grown_text,
+        runs=run_lines(comparison),
+        groups=groups(comparison),
+        totals_heading=TOTALS_HEADING,
+        totals=[(title, totals(comparison, counted=counted)) for title, counted in TOTALS],
+    )

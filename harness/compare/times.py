@@ -141,23 +141,43 @@ def judge_group(
         together = [(pair.base, pair.head) for pair in pairs]
         every = [pair.kept for pair in pairs if pair.kept is not None]
         kept = np.all(every, axis=0) if every else None
-        if kept is None or kept.sum() < ENOUGH:
+        if kept is not None and kept.sum() < ENOUGH:
             kept = None
         return changes, drift_of_rounds(where, together, settings, pairs[0].parts, kept)
-    ratios = np.array([pair.log_ratio for pair in pairs])
     known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
-    same = np.array([pair.same_work for pair in pairs])
     changes = []
     for number, pair in enumerate(pairs):
-        others = np.arange(len(pairs)) != number
-        steady = others & same
-        peers = ratios[steady if steady.sum() >= MIN_STEADY else others]
-        enough = steady.sum() >= MIN_STEADY or len(peers) >= MIN_PEERS
-        if settings.normalise == "auto" and enough:
-            changes.append(_against_peers(pair, known[number], peers, settings))
+        part = None if pair.unlike else _machines_part(pairs, number, settings, machines_differ)
+        if part is None:
+            reason = pair.unlike or "the machines differ: no reference draw"
+            changes.append(_undecided(pair.base, pair.head, reason))
         else:
-            changes.append(_against_reference(pair, known[number], settings, machines_differ))
+            changes.append(_judge(pair, known[number], *part, settings))
     return changes, _drift(where, pairs, known, settings, machines_differ)
+
+
+def _machines_part(
+    pairs: Sequence[Pair], number: int, settings: Settings, machines_differ: bool
+) -> tuple[tuple[float, float], float, Against] | None:
+    """Return between which log ratios the machine's part in one of the pairs lies.
+
+    Then its standard deviation, and what tells it; None where nothing does. It is the median of the
+    peers' log ratios. Without peers it lies between none and the reference draw's; of other
+    machines only the latter will do.
+    """
+    pair, others = pairs[number], [*pairs[:number], *pairs[number + 1 :]]
+    steady = [each for each in others if each.same_work]
+    enough = len(steady) >= MIN_STEADY
+    peers = np.array([each.log_ratio for each in (steady if enough else others)])
+    if settings.normalise == "auto" and (enough or len(peers) >= MIN_PEERS):
+        scatter = max(BETWEEN_RUNS, float(stats.median_abs_deviation(peers, scale="normal")))
+        # The variance of a median of k normal values is pi/2 of their mean's.
+        deviation = scatter * math.sqrt(1 + math.pi / (2 * len(peers)))
+        return (float(np.median(peers)),) * 2, deviation, "peers"
+    if pair.reference is None or settings.normalise == "none":
+        return None if machines_differ else ((0.0, 0.0), DRIFT_RUNS, "none")
+    reference = log_ratio(*pair.reference)
+    return (reference if machines_differ else 0.0, reference), DRIFT_RUNS, "reference"
 
 
 def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
@@ -178,45 +198,18 @@ def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChang
     return settled
 
 
-def _against_peers(pair: Pair, known: Samples, peers: Samples, settings: Settings) -> TimeChange:
-    """Judge what a case did beyond the median of its `peers`' log ratios, (k,)."""
-    drift = float(np.median(peers))
-    scatter = max(BETWEEN_RUNS, float(stats.median_abs_deviation(peers, scale="normal")))
-    # The variance of a median of k normal values is pi/2 of their mean's.
-    deviation = scatter * math.sqrt(1 + math.pi / (2 * len(peers)))
-    return _judge(pair, known, (drift, drift), deviation, settings, "peers")
-
-
-def _against_reference(
-    pair: Pair, known: Samples, settings: Settings, machines_differ: bool
-) -> TimeChange:
-    """Judge a case without peers: by its time and by its time over the reference draw's.
-
-    The drift lies between none and the reference's; on other machines only the latter will do.
-    """
-    reference = None if pair.reference is None else log_ratio(*pair.reference)
-    if reference is None or settings.normalise == "none":
-        if machines_differ:
-            return _undecided(pair.base, pair.head, "the machines differ: no reference draw")
-        return _judge(pair, known, (0.0, 0.0), DRIFT_RUNS, settings, "none")
-    drifts = (reference, reference) if machines_differ else (0.0, reference)
-    return _judge(pair, known, drifts, DRIFT_RUNS, settings, "reference")
-
-
 def _judge(
     pair: Pair,
     known: Samples,
     drifts: tuple[float, float],
     deviation: float,
-    settings: Settings,
     against: Against,
+    settings: Settings,
 ) -> TimeChange:
     """Judge a case whose log ratio is known to `known`, (2,) below and above.
 
     Its drift lies between `drifts`, with standard deviation `deviation`.
     """
-    if pair.unlike:
-        return _undecided(pair.base, pair.head, pair.unlike)
     raw = pair.log_ratio
     margin = _normal(settings.confidence) * deviation
     least, most = raw - max(drifts), raw - min(drifts)
@@ -353,15 +346,13 @@ def drift_of_rounds(
     kept: NDArray[np.bool_] | None = None,
 ) -> Drift:
     """Judge what all cases of a group did together: the median case of each round."""
-    logs = np.median([np.log(head / base) for base, head in pairs], axis=0)
-    together = paired_ratio(np.exp(logs), np.ones(len(logs)), *parts, kept)
-    logs = logs if kept is None else logs[kept]
-    value, low, high = (math.log(x) for x in (together.value, together.low, together.high))
-    outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
-    if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:
+    ratios = np.exp(np.median([np.log(head / base) for base, head in pairs], axis=0))
+    change = judge_rounds(np.ones(len(ratios)), ratios, settings, parts, kept)
+    outcome, reason = change.outcome, change.reason
+    if outcome in ("regressed", "improved") and (change.q_value or 0.0) > Q_VALUE:
         outcome, reason = "inconclusive", "too few rounds"
-    ends = (together.value, together.low, together.high)
-    return Drift(where, len(pairs), outcome, reason, *ends, reference=1.0, gated=True)
+    value, low, high = (float(end or math.nan) for end in (change.ratio, change.low, change.high))
+    return Drift(where, len(pairs), outcome, reason, value, low, high, reference=1.0, gated=True)
 
 
 def sign_test(logs: Samples) -> float:
@@ -409,17 +400,11 @@ def _resampled(samples: Samples, rng: np.random.Generator) -> Samples:
     drawing n of them would have given, so a hundred thousand samples cost as little as thirty.
     """
     n = len(samples)
-    ordered = np.sort(samples)
     place = QUANTILE * (n - 1)  # numpy's: between the order statistics k and k + 1
     k = int(place) + 1
     lower = rng.beta(k, n + 1 - k, RESAMPLES)
-    found = ordered[_index(lower, n)]
+    upper = 1 - (1 - lower) * rng.random(RESAMPLES) ** (1 / (n - k))
+    below, above = np.sort(samples)[np.minimum((n * np.array([lower, upper])).astype(int), n - 1)]
     share = place - int(place)
-    if share > 0:
-        upper = 1 - (1 - lower) * rng.random(RESAMPLES) ** (1 / (n - k))
-        found = (1 - share) * found + share * ordered[_index(upper, n)]
+    found: Samples = (1 - share) * below + share * above
     return found
-
-
-def _index(uniform: Samples, n: int) -> NDArray[np.intp]:
-    return np.minimum((uniform * n).astype(np.intp), n - 1)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.compare.matching import environment_changes, machines_differ
+from harness.compare.matching import changes, machines_differ
+from harness.stored.folder import Run
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.conftest import assert_refused, ends_well
 from tests.paths import ROOT
@@ -50,7 +51,7 @@ def test_a_newer_schema_is_bad_usage(runs):
     ("options", "parts"),
     [
         (["--gate", "couters"], ["couters", "counters"]),
-        (["--gate", ","], ["--gate"]),
+        (["--gate", ","], ["gate ','"]),
         (["--threshold", "time"], ["time", "percentage"]),
         (["--threshold", "time=5"], ["time=5", "percentage"]),
         (["--threshold", "quds=5%"], ["quds", "quads"]),
@@ -89,10 +90,12 @@ def test_machines_differ_only_where_both_are_known():
 
 
 def test_a_package_that_changed_is_reported():
-    one, other = ({"environment": {"packages": {"numpy": each}}} for each in ("2.3.0", "2.4.0"))
-    assert environment_changes(one, other) == ["environment: numpy was 2.3.0, is 2.4.0"]
-    assert environment_changes(one, one) == []
-    assert environment_changes(one, {"environment": {"packages": None}}) == []
+    def run(packages):
+        return Run(Path(), {"environment": {"packages": packages}}, [], [])
+
+    one, other = run({"numpy": "2.3.0"}), run({"numpy": "2.4.0"})
+    assert changes(one, other) == ["environment: packages: numpy was 2.3.0, is 2.4.0"]
+    assert changes(one, one) == changes(one, run(None)) == []
 
 
 def test_a_driver_update_is_reported_not_refused(runs):
@@ -153,7 +156,9 @@ def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness)
 def test_what_head_was_to_do_and_did_not_fails(runs):
     code, out, _ = runs(cut_short=("fan",), edits={"delaunay": failed("skipped", "why not")})
     assert code == 1
-    assert out.startswith("Regression: delaunay on llvmpipe: measured in BASE, skipped in HEAD")
+    assert out.startswith(
+        "Regression: delaunay, city 1024 px, opengl on llvmpipe: measured in BASE"
+    )
     assert "1 more case regressed" in out
     assert "measured in BASE, missing from HEAD: it is in HEAD's plan" in out
 
@@ -218,7 +223,7 @@ def test_the_step_summary_is_added_to(runs, monkeypatch):
     assert runs("--markdown", "out/report.md", edits={"fan": costlier(0.1)})[0] == 1
     text = Path("summary.md").read_text()
     assert text == "before\n" + Path("out/report.md").read_text()
-    assert "**Regression:** fan on llvmpipe: +28.4 % helper lanes" in text
+    assert "**Regression:** fan, city 1024 px, opengl on llvmpipe: helper lanes" in text
 
 
 def test_files_are_what_goes_to_standard_output(runs, harness):
@@ -249,7 +254,7 @@ def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, mo
     code, out, _ = harness("compare", "base", "head", "--format", "markdown")
     assert code == 1
     first = out.splitlines()[0]
-    assert first.startswith("**Regression:** mine:cut on cpu: +")
+    assert first.startswith("**Regression:** mine:cut, city:buildings=20 1024 px, binning on cpu: ")
     assert "tiles" in first
     assert "delaunay" not in first
 

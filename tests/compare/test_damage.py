@@ -70,7 +70,9 @@ def test_a_damaged_case_is_named(harness):
     code, out, _ = harness("compare", "base", "head")
     assert code == 1
     assert "HEAD: head/cases.jsonl, line 3: counters is not usable; case ignored" in out
-    assert out.startswith("Regression: delaunay on llvmpipe: measured in BASE, missing from HEAD")
+    assert out.startswith(
+        "Regression: delaunay, city 1024 px, opengl on llvmpipe: measured in BASE"
+    )
 
 
 @pytest.mark.parametrize("content", ["[]", "3", '"text"', "null", "{", '{"devices": 3}'])

@@ -11,9 +11,8 @@ from lxml import etree
 from markdown_it import MarkdownIt
 
 from harness.compare.comparison import compare_runs, no_baseline
-from harness.compare.html import counter_plot, time_plot, to_html
 from harness.compare.model import Settings
-from harness.compare.outputs import LIMIT, MARKER, to_json, to_junit, to_markdown
+from harness.compare.outputs import LIMIT, MARKER, to_html, to_json, to_junit, to_markdown
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
 from tests.chromium import LOADED
@@ -154,7 +153,7 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
     left = whole.count("<details>") - text.count("<details>")
     assert f"{left} tables left out" in text
     assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
-    assert text.startswith("**Regression:** fan on llvmpipe: +28.4 % helper lanes")
+    assert text.startswith("**Regression:** fan, city 100 px, opengl on llvmpipe: helper lanes")
     assert len(list(render(text).iter("table"))) > 10
 
 
@@ -165,8 +164,7 @@ def test_html_asks_for_nothing(comparison):
     assert all(value.startswith(("#", "data:")) for value in attributes)
     assert not re.search(r"@import|url\((?!#)|<script|<iframe|<link(?! rel=\"icon\")", page)
     timed = any(case.time and case.time.ratio for case in comparison.cases)
-    differing = any(x.exact != "equal" for case in comparison.cases for x in case.counters)
-    assert ("<svg" in page) == (timed or differing)
+    assert ("<svg" in page) == timed
 
 
 def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
@@ -186,46 +184,31 @@ def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
     assert all(letter.isprintable() or letter in "\n\u200b" for letter in text)
 
 
-def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
-    base = read_run(write_run(tmp_path / "base", seed=1))
-    costly = read_run(write_run(tmp_path / "head", seed=2, edits={"delaunay": costlier(0.1)}))
-    same = compare_runs(base, read_run(write_run(tmp_path / "same", seed=2)))
-    assert counter_plot(same) is None
-    grown = compare_runs(base, costly, Settings(thresholds={"time": 0.25}))
-    plot = counter_plot(grown)
-    assert [row.split(",")[0] for row in plot.rows] == ["delaunay"]
-    assert plot.nothing == 0
-    assert any(mark.value == pytest.approx(10.0, rel=1e-3) for mark in plot.marks)
-    plot = time_plot(grown)
-    assert plot.band == pytest.approx((1 / 1.25, 1.25))
-    assert plot.nothing == 1
-    assert plot.ends[0] < plot.ticks[1] < plot.ends[1]
-    drawn = re.findall(r'<rect class="band" x="([0-9.]+)" width="([0-9.]+)"', to_html(grown))
-    (left, width) = map(float, drawn[0])
-    low, high = plot.ends
-    assert left == pytest.approx(260 + 620 * (1 / 1.25 - low) / (high - low), abs=0.1)
-    assert width == pytest.approx(620 * (1.25 - 1 / 1.25) / (high - low), abs=0.1)
+def test_times_are_drawn_beside_their_figures(tmp_path):
+    """Of each case that was timed: its interval, its ratio, and the threshold about 1."""
 
-
-def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_path):
     def untimed(entry):
         del entry["time"]
 
     edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
     runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
-    found = compare_runs(*map(read_run, runs), Settings(gates=("counters", "time")))
-    plot = time_plot(found)
-    assert plot.rows[0].startswith("optimal:overdraw")
-    low, high = plot.ends
-    assert all(low < mark.low <= mark.high < high for mark in plot.marks)
-    assert (plot.ticks[0], plot.ticks[4]) == pytest.approx(plot.ends)
+    found = compare_runs(*map(read_run, runs), Settings(thresholds={"time": 0.25}))
+    page = to_html(found)
+    drawn = {}
+    for row in re.findall('<tr class="[a-z]+"><td>([^<]+)</td>(.*?)</tr>', page, re.DOTALL):
+        name, cells = row
+        if "<svg" in cells:
+            pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
+            drawn[name] = [float(each) for each in re.search(pattern, cells, re.DOTALL).groups()]
     times = {case.name.triangulator: case.time for case in found.compared()}
     times.pop("fan")  # it was not timed
-    assert len(plot.marks) == len(plot.rows) == len(times)
-    for mark in plot.marks:
-        time = times[plot.rows[mark.row].split(",")[0]]
-        assert plot.series[mark.series] == time.outcome
-        assert (mark.value, mark.low, mark.high) == (time.ratio, time.low, time.high)
+    assert drawn.keys() == times.keys()
+    reach = max(abs(end - 1) for time in times.values() for end in (time.low, time.high))
+    for name, time in times.items():
+        ends = [80 + 76 * (end - 1) / reach for end in (time.low, time.high, time.ratio)]
+        band = [80 - 76 * 0.25 / reach, 152 * 0.25 / reach]
+        assert drawn[name] == pytest.approx([*band, *ends], abs=0.051)
+        assert 0 <= drawn[name][2] <= drawn[name][3] <= 160
 
 
 def test_the_page_is_quiet_and_self_contained(browser, tmp_path, monkeypatch):
@@ -236,7 +219,7 @@ def test_the_page_is_quiet_and_self_contained(browser, tmp_path, monkeypatch):
     browser.open(page, LOADED)
     assert browser.errors == []
     assert browser.requests == [page.as_uri()]
-    assert browser.evaluate("document.querySelectorAll('svg').length") == 2
+    assert browser.evaluate("document.querySelectorAll('svg').length") == 5
     assert browser.evaluate("document.querySelector('h1').className") == "regression"
 
 

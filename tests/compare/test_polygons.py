@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from harness.compare.comparison import compare_runs
-from harness.compare.html import to_html
 from harness.compare.model import Settings
-from harness.compare.outputs import to_markdown
+from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _counted, most_grown
 from harness.heatmaps import lane_maps
 from harness.stored.folder import Run, read_arrays, read_run
