@@ -137,7 +137,6 @@ class Report(Noted):
 
     files: list[Path] = field(default_factory=list)
     polygons: int = 0
-    vertices: int = 0
     triangles: int = 0
     proven: int = 0
     flat: int = 0
@@ -279,7 +278,6 @@ def add_chunks(
         mesh = _triangulated(chunk, how, report)
         writer.add(mesh)
         report.polygons += mesh.polygons
-        report.vertices += len(mesh.vertices)
         report.triangles += len(mesh.triangles)
         if progress is not None:
             progress(report.polygons)

@@ -114,8 +114,6 @@ class GeoParquetWriter:
 
     def finish(self, told: Mapping[str, str] | None = None) -> None:
         """Write the footer; `told` is what it says beside the rest, by name."""
-        if self._writer is None:
-            raise UsageError("there is no polygon to write")
         if told:
             self._writer.add_key_value_metadata(dict(told))
         self._writer.close()

@@ -137,8 +137,6 @@ def _walls(
 
 def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
     """The mesh without some polygons, (p,) flags, their vertices and their attributes."""
-    if not gone.any():
-        return mesh
     keep_vertex = ~gone[mesh.vertex_owners]
     renumbered = np.cumsum(keep_vertex) - 1
     keep_triangle = ~gone[mesh.triangle_owners]

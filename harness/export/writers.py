@@ -140,18 +140,15 @@ class NpzWriter:
         about = self._about
         arrays = {"triangulator": np.array(about.triangulator), "units": np.array(about.units)}
         arrays["credit"] = np.array(about.credit)
-        if self._tables:
-            table = pd.concat(self._tables, ignore_index=True)
-            for name in table:
-                column = table[name]
-                values: NDArray[Any] = column.to_numpy()
-                if values.dtype.kind not in "biufM":
-                    words = [
-                        "" if missing else str(v)
-                        for v, missing in zip(column, column.isna(), strict=True)
-                    ]
-                    values = np.array(words, dtype=np.str_)
-                arrays[f"attribute_{name}".replace("/", "_")] = values
+        table = pd.concat(self._tables, ignore_index=True)
+        for name, column in table.items():
+            values: NDArray[Any] = column.to_numpy()
+            if values.dtype.kind not in "biufM":
+                words = [
+                    "" if gone else str(v) for v, gone in zip(column, column.isna(), strict=True)
+                ]
+                values = np.array(words, dtype=np.str_)
+            arrays[f"attribute_{name}".replace("/", "_")] = values
         return arrays
 
 
@@ -217,7 +214,7 @@ class GltfWriter:
 
     def finish(self) -> None:
         """Write the JSON and, for .glb, put the parts together."""
-        origin = [0.0, 0.0] if self._origin is None else self._origin[:2].tolist()
+        assert self._origin is not None  # an export without a triangle writes nothing
         length = self._data.tell()
         buffer: dict[str, Any] = {"byteLength": length}
         if not self._binary:
@@ -230,7 +227,7 @@ class GltfWriter:
                 "generator": "raster-harness",
                 "copyright": self._about.credit,
                 "extras": {
-                    "origin": origin,
+                    "origin": self._origin[:2].tolist(),
                     "units": self._about.units,
                     "crs": self._about.crs if self._about.projection is None else None,
                     "triangulator": self._about.triangulator,
@@ -238,12 +235,11 @@ class GltfWriter:
             },
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"matrix": _UPRIGHT, **({"children": children} if children else {})}],
+            "nodes": [{"matrix": _UPRIGHT, "children": children}, *self._nodes],
+            "buffers": [buffer],
+            "bufferViews": self._views,
+            "accessors": self._accessors,
         }
-        document["nodes"] += self._nodes
-        if self._nodes:
-            document |= {"buffers": [buffer], "bufferViews": self._views}
-            document |= {"accessors": self._accessors}
         if not self._about.credit:
             del document["asset"]["copyright"]
         self._assemble(json.dumps(document, separators=(",", ":")), length)
@@ -251,16 +247,13 @@ class GltfWriter:
     def _assemble(self, document: str, length: int) -> None:
         """Splice the spooled meshes into the JSON, and write it before the binary data."""
         self._meshes.seek(0)
-        meshes = self._meshes.read()
-        text = f'{document[:-1]},"meshes":[{meshes}]}}' if meshes else document
-        payload = text.encode()
+        payload = f'{document[:-1]},"meshes":[{self._meshes.read()}]}}'.encode()
         stream = self._output.file()
         if not self._binary:
             stream.write(payload)
             return
         payload += b" " * (-len(payload) % 4)
-        chunk = length + (8 if length else 0)
-        total = 12 + 8 + len(payload) + chunk
+        total = 12 + 8 + len(payload) + 8 + length
         if total >= 2**32:
             raise UsageError(
                 f"{self._output.target} would be {total / 2**30:.1f} GiB, and GLB ends at 4 GiB: "
@@ -268,10 +261,9 @@ class GltfWriter:
             )
         stream.write(struct.pack("<4sII", b"glTF", 2, total))
         stream.write(struct.pack("<I4s", len(payload), b"JSON") + payload)
-        if length:
-            stream.write(struct.pack("<I4s", length, b"BIN\0"))
-            self._data.seek(0)
-            shutil.copyfileobj(self._data, stream, 1 << 20)
+        stream.write(struct.pack("<I4s", length, b"BIN\0"))
+        self._data.seek(0)
+        shutil.copyfileobj(self._data, stream, 1 << 20)
 
     def _accessor(self, values: NDArray[Any]) -> int:
         """Add an accessor of indices, or of numbers or positions of vertices."""

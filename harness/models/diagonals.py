@@ -198,7 +198,7 @@ def outlines(faces: Faces) -> Outlines:
     begins = np.searchsorted(owner, np.arange(len(faces.starts)))
     vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
     face = np.flatnonzero(sound)
-    valid = _valid(faces.points[vertices], ring_ends, polygon_ends)
+    valid = shapely.is_valid(shapes(faces.points[vertices], ring_ends, polygon_ends))
     if not valid.all():
         sound[face[~valid]] = False
         vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
@@ -252,17 +252,6 @@ def _rings(
         polygon_ends[polygons] = rings
         polygons += 1
     return vertices[:size], ring_ends[:rings], polygon_ends[:polygons]
-
-
-def _valid(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.bool_]:
-    """(c,) which polygons are valid.
-
-    Two triangles that turn left and share a side lie on either side of it: four corners are valid.
-    """
-    polygons = Ragged(points, ring_ends, polygon_ends)
-    result = np.diff(_begins(polygons)) == 4
-    result[~result] = shapely.is_valid(shapes(*_some(polygons, ~result)))
-    return result
 
 
 def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.object_]:

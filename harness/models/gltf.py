@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from harness.models.flat_faces import Mesh, Part, tolerance_of
 from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile, index
@@ -183,14 +184,7 @@ def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return the (4, 4) matrix by which a node places what is in it."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=np.float64).tolist()
-    turned = np.array(
-        [
-            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-        ]
-    )
+    turned = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
     result = np.eye(4)
     result[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
     result[:3, 3] = node.get("translation", (0, 0, 0))

@@ -1,6 +1,5 @@
 """Triangulates the flat faces of a 3D model again, in place: the same vertices, other diagonals."""
 
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -63,7 +62,6 @@ class Changes:
     left: Counter[str] = field(default_factory=Counter)
     seen: list[Seen] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
-    seconds: float = 0.0
 
 
 @np.errstate(all="ignore")
@@ -88,7 +86,6 @@ def retriangulate(
         for an output that cannot be written or has another suffix than the source, and a criterion
         that is no sum over triangles
     """
-    begun = time.perf_counter()
     _kind_of(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
@@ -112,7 +109,6 @@ def retriangulate(
         changes.seen = look(drawn, sizes, tick) if changes.changed else []
     else:
         changes.files = model.write(out)
-    changes.seconds = time.perf_counter() - begun
     return changes
 
 

@@ -163,10 +163,9 @@ def read(
             vertices += len(each.points)
             shown.append(each)
         first.append(last)
-        if vertices > MOST:
-            raise SceneError(f"more than {MOST:,} vertices in all views: give fewer views=")
-        if last > MOST_PIECES:
-            raise SceneError(f"more than {MOST_PIECES:,} faces in all views: give fewer views=")
+        if vertices > MOST or last > MOST_PIECES:
+            most = f"{MOST:,} vertices or {MOST_PIECES:,} faces"
+            raise SceneError(f"more than {most} in all views: give fewer views=")
     sizes = np.concatenate([each.sizes for each in shown])
     return Scene(
         name=Path(path).stem,

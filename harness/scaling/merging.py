@@ -21,9 +21,6 @@ AT = "@"
 STATUSES = ("ok", "skipped", "failed")
 """A record of the first wins over one of the others, which say only that it did not work there."""
 
-NAMED = 3
-"""Records that an error names."""
-
 
 @dataclass(frozen=True)
 class _Found:
@@ -111,15 +108,10 @@ def _by_key(runs: Iterable[Run]) -> list[_Found]:
         chosen.pop(key)
     if conflicts:
         raise UsageError(
-            f"records of one case differ: {_first(sorted(conflicts.values()))}; "
+            f"records of one case differ: {min(conflicts.values())}; "
             "if the runs are of different hosts, name these with --hosts"
         )
     return list(chosen.values())
-
-
-def _first(found: Sequence[str]) -> str:
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return "; ".join(found[:NAMED]) + more
 
 
 def _rank(found: _Found) -> tuple[int, str]:
@@ -132,7 +124,6 @@ def _rank(found: _Found) -> tuple[int, str]:
 def _refuse_other_counters(found: Iterable[_Found]) -> None:
     """Counters are exact: one kind of device gives the same on every host."""
     first: dict[str, Record] = {}
-    differing = []
     for each in sorted(found, key=lambda each: str(each.record["device"])):
         record = each.record
         if record["status"] != "ok":
@@ -143,26 +134,22 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
             names = {*record["counters"], *other["counters"]}
             wrong = [n for n in names if record["counters"].get(n) != other["counters"].get(n)]
             what = min(wrong, default="triangles")
-            differing.append(f"{what} of {_name(record)} and on {other['device']}")
-    if differing:
-        raise UsageError(
-            f"hosts count differently: {_first(differing)}; "
-            "see that they have the same version of raster-harness and of the driver"
-        )
+            raise UsageError(
+                f"hosts count differently: {what} of {_name(record)} and on {other['device']}; "
+                "see that they have the same version of raster-harness and of the driver"
+            )
 
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
     if not any(run.records for run in runs):
         raise UsageError("there is no record to merge")
-    of_runs = {(run.facts.get("scene") or {}).get("hash"): str(run.path) for run in runs}
-    if None in of_runs:
-        raise UsageError(
-            f"{of_runs[None]} does not say which polygons it is of (its run.json names no scene): "
-            "give folders of whole runs"
-        )
-    if len(of_runs) > 1:
+    of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs}
+    if None in of_runs or len(of_runs) > 1:
         places = ", ".join(sorted(str(run.path) for run in runs))
-        raise UsageError(f"the runs are of different polygons ({places}): merge runs of one scene")
+        raise UsageError(
+            f"the runs are of different polygons, or one does not say of which ({places}): "
+            "merge whole runs of one scene"
+        )
 
 
 def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
