@@ -110,7 +110,12 @@ class GeoParquetWriter:
                 self._path, self._schema, use_dictionary=others or False
             )
         # a column may look different in each batch: all missing in one, text in the next
-        self._writer.write_table(_fitted(table, self._schema, pa))
+        try:
+            fitted = table.select(self._schema.names).cast(self._schema)
+        except (pa.ArrowException, KeyError, ValueError) as error:
+            why = f"the attributes change their type within the source: {error}"
+            raise UsageError(why) from error
+        self._writer.write_table(fitted)
 
     def finish(self, told: Mapping[str, str] | None = None) -> None:
         """Write the footer; `told` is what it says beside the rest, by name."""
@@ -130,13 +135,6 @@ class GeoParquetWriter:
             known = system(self._about.crs)
             column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
-
-
-def _fitted(table: Any, schema: Any, pa: Any) -> Any:
-    try:
-        return table.select(schema.names).cast(schema)
-    except (pa.ArrowException, KeyError, ValueError) as error:
-        raise UsageError(f"the attributes change their type within the source: {error}") from error
 
 
 def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:

@@ -113,10 +113,9 @@ class NpzWriter:
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
         vertices, triangles = self._totals.tolist()
-        first = not self._spools
+        skip = int(bool(self._spools))  # a batch begins where the last one ends
         self._spool("vertices", mesh.vertices)
         self._spool("triangles", mesh.triangles + vertices)
-        skip = 0 if first else 1  # a batch begins where the last one ends
         self._spool("vertex_starts", mesh.vertex_starts[skip:] + vertices)
         self._spool("triangle_starts", mesh.triangle_starts[skip:] + triangles)
         self._tables.append(mesh.attributes)
@@ -128,28 +127,24 @@ class NpzWriter:
         for name, (spool, kind, shape) in self._spools.items():
             spool.flush()
             arrays[name] = np.memmap(spool, kind, "r", shape=(self._lengths[name], *shape))
-        np.savez(self._output.file(), allow_pickle=False, **arrays, **self._small())
-
-    def _spool(self, name: str, array: NDArray[Any]) -> None:
-        if name not in self._spools:
-            self._spools[name] = (self._output.spool(name), array.dtype, array.shape[1:])
-        self._spools[name][0].write(np.ascontiguousarray(array).tobytes())
-        self._lengths[name] = self._lengths.get(name, 0) + len(array)
-
-    def _small(self) -> dict[str, NDArray[Any]]:
-        about = self._about
-        arrays = {"triangulator": np.array(about.triangulator), "units": np.array(about.units)}
-        arrays["credit"] = np.array(about.credit)
         table = pd.concat(self._tables, ignore_index=True)
-        for name, column in table.items():
+        for label, column in table.items():
             values: NDArray[Any] = column.to_numpy()
             if values.dtype.kind not in "biufM":
                 words = [
                     "" if gone else str(v) for v, gone in zip(column, column.isna(), strict=True)
                 ]
                 values = np.array(words, dtype=np.str_)
-            arrays[f"attribute_{name}".replace("/", "_")] = values
-        return arrays
+            arrays[f"attribute_{label}".replace("/", "_")] = values
+        for fact in ("triangulator", "units", "credit"):
+            arrays[fact] = np.array(getattr(self._about, fact))
+        np.savez(self._output.file(), allow_pickle=False, **arrays)
+
+    def _spool(self, name: str, array: NDArray[Any]) -> None:
+        if name not in self._spools:
+            self._spools[name] = (self._output.spool(name), array.dtype, array.shape[1:])
+        self._spools[name][0].write(np.ascontiguousarray(array).tobytes())
+        self._lengths[name] = self._lengths.get(name, 0) + len(array)
 
 
 _FLOAT, _UNSIGNED = 5126, 5125

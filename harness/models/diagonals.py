@@ -167,20 +167,11 @@ def _affordable(clean: Outlines) -> Outlines:
     quickest = np.argsort(work, kind="stable")
     kept = np.zeros(len(work), np.bool_)
     kept[quickest[np.cumsum(work[quickest]) <= MOST_WORK]] = True
-    if kept.all():
-        return clean
-    return Outlines(
-        clean.face[kept], _some(clean.polygons, kept), clean.vertices[np.repeat(kept, sizes)]
-    )
-
-
-def _some(polygons: Ragged, kept: NDArray[np.bool_]) -> Ragged:
-    """Return those polygons that are kept, (c,)."""
-    coordinates, ring_ends, polygon_ends = (np.asarray(each) for each in polygons)
-    rings = np.diff(polygon_ends, prepend=0)
+    own = np.repeat(kept, sizes)
+    coordinates, ring_ends, _ = (np.asarray(each) for each in clean.polygons)
     lengths = np.diff(ring_ends, prepend=0)[np.repeat(kept, rings)]
-    own = np.repeat(kept, np.diff(_begins(polygons)))
-    return Ragged(coordinates[own], np.cumsum(lengths), np.cumsum(rings[kept]))
+    polygons = Ragged(coordinates[own], np.cumsum(lengths), np.cumsum(rings[kept]))
+    return Outlines(clean.face[kept], polygons, clean.vertices[own])
 
 
 def outlines(faces: Faces) -> Outlines:

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose, cost_named
-from harness.models.flat_faces import HALF, Mesh, Part, edge_numbers, flat_faces, sides_of
+from harness.models.flat_faces import HALF, Ints, Mesh, Part, edge_numbers, flat_faces, sides_of
 from harness.models.gltf import GltfModel
 from harness.models.obj import ObjModel
 from harness.models.views import PIXELS, Drawn, Seen, look
@@ -33,9 +32,6 @@ FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {
     ".obj": ObjModel,
 }
 """Suffix to what reads a model, and later writes it."""
-
-
-Ints = NDArray[np.int64]
 
 
 @dataclass
@@ -161,7 +157,7 @@ def _made(part: Part, criterion: str, changes: Changes) -> _Made:
     face = np.full(len(mesh.triangles), -1)
     made = _Made(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
     changes.triangles += len(mesh.triangles)
-    areas = _areas(mesh)
+    areas = np.nan_to_num(np.linalg.norm(mesh.normals, axis=1) / 2, posinf=0.0)
     changes.area += float(areas.sum())
     if part.left:
         changes.left[part.left] += 1
@@ -215,12 +211,6 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
         changes.after += _length(part.mesh, each.triangles[changed])
         if len(bad):
             changes.left["a diagonal would be an edge of other triangles, too"] += len(bad)
-
-
-def _areas(mesh: Mesh) -> NDArray[np.float64]:
-    """(m,) areas of the triangles; those that are no numbers are 0."""
-    areas = np.linalg.norm(mesh.normals, axis=1) / 2
-    return np.where(np.isfinite(areas), areas, 0.0)
 
 
 def _length(mesh: Mesh, triangles: Ints) -> float:

@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.models.diagonals import outlines, shapes
-from harness.models.flat_faces import Part, flat_faces
+from harness.models.flat_faces import Floats, Ints, Part, flat_faces
 from harness.models.in_place import opened
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
 from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
 from scenes.scene import Scene, SceneError, Viewing
 from scenes.spec import arguments_for, parsed
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Flat:
     """
 
     polygons: list[shapely.Polygon]
-    bound: list["Floats"]
+    bound: list[Floats]
     given: list[NDArray[np.int32]]
     slots: Ints
     vertices: Ints
@@ -103,8 +101,6 @@ MOST, MOST_PIECES = 20_000_000, 500_000
 
 _AROUND = 1.05
 """Radii before and behind the middle at which what is seen begins and ends."""
-
-Floats = NDArray[np.float64]
 
 
 def load(text: str) -> Scene:
@@ -234,14 +230,14 @@ def _thing(part: Part, flat: Flat, first: tuple[int, int], matrix: Floats) -> _T
 
 
 def _note(things: list[_Thing], faces: int, views: int) -> str:
-    areas = [np.nan_to_num(np.linalg.norm(each.triangle_fronts, axis=1)) for each in things]
-    flat = bound = 0.0
-    for each, area in zip(things, areas, strict=True):
-        of_faces = area[each.flat.slots]
+    flat = bound = whole = 0.0
+    for each in things:
+        area = np.nan_to_num(np.linalg.norm(each.triangle_fronts, axis=1))
         count = sum(len(rows) for rows in each.flat.given[: len(each.flat.polygons)])
-        flat += float(of_faces[:count].sum())
-        bound += float(of_faces[count:].sum())
-    whole = sum(float(area.sum()) for area in areas) or 1.0
+        flat += float(area[each.flat.slots[:count]].sum())
+        bound += float(area[each.flat.slots[count:]].sum())
+        whole += float(area.sum())
+    whole = whole or 1.0
     note = f"{faces} flat faces with a choice of diagonals, {flat / whole:.0%} of the area"
     if bound:
         note += (

@@ -187,9 +187,8 @@ def _facts(runs: Sequence[Run]) -> dict[str, Any]:
         for facts in in_order
     ]
     devices: dict[str, Any] = {}
-    for facts in in_order:
-        for label, device in sorted((facts.get("devices") or {}).items()):
-            devices.setdefault(label, device)
+    for facts in reversed(in_order):
+        devices |= facts.get("devices") or {}
     return {
         **first,
         "plan": plan,

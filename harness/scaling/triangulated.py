@@ -63,23 +63,20 @@ class Triangulating(Work):
             if writer is None:
                 raise UsageError(f"{part.label}: the file ends before these rows")
             assert isinstance(writer, GeoParquetWriter)
-            done = self._done(part, report)
+            certified = report.certified
+            counts = [[*which, count] for which, count in sorted(report.counts.items())]
+            if report.flat:
+                counts.append(["left flat", f"no usable height in {self.extrude}", report.flat])
+            done = Done(
+                polygons=report.polygons,
+                triangles=report.triangles,
+                proven=report.proven if certified is None else certified.proven,
+                counts=counts,
+                certified=None if certified is None else asdict(certified),
+                about=part.about,
+                notes=report.notes,
+                left_out=report.told("dropped", "failed"),
+            )
             writer.finish({FOOTER: json.dumps(asdict(done), sort_keys=True)})
             output.publish()
         return done
-
-    def _done(self, part: Part, report: Report) -> Done:
-        certified = report.certified
-        counts = [[*which, count] for which, count in sorted(report.counts.items())]
-        if report.flat:
-            counts.append(["left flat", f"no usable height in {self.extrude}", report.flat])
-        return Done(
-            polygons=report.polygons,
-            triangles=report.triangles,
-            proven=report.proven if certified is None else certified.proven,
-            counts=counts,
-            certified=None if certified is None else asdict(certified),
-            about=part.about,
-            notes=report.notes,
-            left_out=report.told("dropped", "failed"),
-        )
