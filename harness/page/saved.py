@@ -115,6 +115,8 @@ def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
         if it cannot be read, is damaged, or is not what a page saves
     """
     try:
+        if file.exists() and not file.is_file():
+            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
         if file.stat().st_size > MOST_BYTES:
             raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
