@@ -102,7 +102,7 @@ def endpoint(tmp_path, monkeypatch):
 
 
 def test_devices_and_sockets_stay(endpoint):
-    with pytest.raises(UsageError, match=r"cannot write .*endpoint: it is no regular file"):
+    with pytest.raises(FileExistsError, match=r"it is no regular file: .*endpoint"):
         write_whole(endpoint, "text")
     with pytest.raises(FileExistsError):
         atomic.write(endpoint, b"text")
