@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -36,7 +36,7 @@ from triangulators.methods.pareto import LIMIT, pareto_front
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Normalize
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 NAMED = (
@@ -233,30 +233,20 @@ def undominated(costs: NDArray[np.float64], others: NDArray[np.float64]) -> NDAr
 def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """Print a row for each polygon, rasteriser and device: how many points are faster or slower.
 
-    Of a whole scene, the points are the steps of its sweep. Noise is how far from 1 the ratio of
-    the least-A end to itself is, under its other names.
+    Of a whole scene, the points are the steps of its sweep.
     """
     title = f"{scene}: time in ratio to the least-A end of the front of A and D"
-    numbers = (">points", ">slower", ">faster", ">best", ">noise")
-    shown = plain_table(title, "polygon", "rasteriser", *numbers, "fastest of all")
-    for (polygon, rasteriser, _), part in table.groupby(
-        ["polygon", "rasteriser", "device"], sort=False
-    ):
+    heads = ("polygon", "rasteriser", ">points", ">slower", ">faster", "fastest of all")
+    shown = plain_table(title, *heads)
+    where = ["polygon", "rasteriser", "device"]
+    for (polygon, rasteriser, _), part in table.groupby(where, sort=False):
         kind = "front" if (part["kind"] == "front").any() else "sweep"
-        timed = part.dropna(subset=["time_ratio"])
-        others = timed[~timed["same_as_end"]]
+        others = part[~part["same_as_end"]].dropna(subset=["time_ratio"])
         points = others[(others["kind"] == kind) & (others["gamma"].fillna(0) == 0)]
-        twins = timed.loc[timed["same_as_end"] & (timed["time_ratio"] != 1), "time_ratio"]
-        fastest = others.nsmallest(1, "time_ratio")
-        shown.add_row(
-            str(polygon),
-            str(rasteriser),
-            str(len(points) + 1),
-            *(str((points["verdict"] == verdict).sum()) for verdict in (SLOWER, FASTER)),
-            "-" if points.empty else f"{points['time_ratio'].min():.3f}",
-            "-" if twins.empty else f"{100 * (twins - 1).abs().max():.1f} %",
-            *([f"{r.time_ratio:.3f} {r.triangulator}" for r in fastest.itertuples()] or ["-"]),
-        )
+        counts = [len(points) + 1, *((points["verdict"] == v).sum() for v in (SLOWER, FASTER))]
+        fastest = others.sort_values("time_ratio").head(1).itertuples()
+        told = [f"{row.time_ratio:.3f} {row.triangulator}" for row in fastest]
+        shown.add_row(str(polygon), str(rasteriser), *map(str, counts), *(told or ["-"]))
     console.print(shown)
 
 
@@ -282,52 +272,45 @@ def _figure(rows: pd.DataFrame, fronts: Mapping[str, MeasuredFront], title: str)
     # Nine tenths of the ratios set the scale: one slow fan must not make all others look alike.
     logs = np.log(rows.loc[~rows["same_as_end"], "time_ratio"].dropna().to_numpy(float))
     limit = max(0.01, float(np.quantile(np.abs(logs), 0.9)) if len(logs) else 0.0)
-    scale = Normalize(-limit, limit)
+    untimed = colormaps[COLOURS_OF_TIME].with_extremes(bad="#CCCCCC")
+    colours = ScalarMappable(Normalize(-limit, limit), untimed)
     for panel, (polygon, part) in zip(places, parts.items(), strict=True):
-        _front(panel, part, known.get(polygon))
-        _triangulations(panel, part, scale)
+        style = "default" if polygon == WHOLE else "steps-post"
+        panel.plot(*_line(part, known.get(polygon)), color="#777777", linewidth=1, drawstyle=style)
+        _triangulations(panel, part, colours)
         panel.set_title("whole scene" if polygon == WHOLE else f"polygon {polygon}", fontsize=7)
         panel.set_xlabel("A over the area")
         panel.set_ylabel("D per triangle (degrees)")
     legend_below(figure, places, columns=5)
-    bar = figure.colorbar(
-        ScalarMappable(scale, colormaps[COLOURS_OF_TIME]), ax=places, extend="both"
-    )
-    ticks = np.linspace(-limit, limit, 5)
-    bar.set_ticks(ticks.tolist(), labels=[f"{ratio:.2f}" for ratio in np.exp(ticks)])
+    bar = figure.colorbar(colours, ax=places, extend="both")
+    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{np.exp(value):.2f}")
     bar.set_label("time in ratio to the least-A end (ringed: faster)")
     return figure
 
 
-def _front(panel: Axes, part: pd.DataFrame, front: MeasuredFront | None) -> None:
-    """Draw a polygon's front as its steps, or of a scene the hull that the sweep reaches."""
+def _line(part: pd.DataFrame, front: MeasuredFront | None) -> NDArray[np.float64]:
+    """Return x and y of a polygon's front, or of a scene's hull, which the sweep reaches."""
     x, y = NORMALISED
-    line: Any = {"color": "#777777", "linewidth": 1}
     if front is None:
-        sweep = part[(part["kind"] == "sweep") & (part["gamma"] == 0)].sort_values(x, kind="stable")
-        panel.plot(sweep[x], sweep[y], **line)
-        return
+        sweep = part[(part["kind"] == "sweep") & (part["gamma"] == 0)]
+        return sweep.sort_values(x, kind="stable")[[x, y]].to_numpy(float).T
     first = part.iloc[0]  # its area (px^2) and number of triangles turn costs into the axes'
-    scale = np.array([first["overdraw"] / first[x], first["shape"] / first[y]])
-    panel.step(*(front.costs / scale).T, where="post", **line)
+    return (front.costs / [first["overdraw"] / first[x], first["shape"] / first[y]]).T
 
 
-def _triangulations(panel: Axes, part: pd.DataFrame, scale: Normalize) -> None:
+def _triangulations(panel: Axes, part: pd.DataFrame, colours: ScalarMappable) -> None:
     """Draw triangulations in the colour of their times, each name by its symbol."""
-    from matplotlib import colormaps
-
     symbols = looks(NAMED)
-    for name, row in zip(part["triangulator"], part.to_dict("records"), strict=True):
-        ratio, kind = row["time_ratio"], row["kind"]
-        timed = ratio is not None and ratio == ratio
+    shades = colours.to_rgba(np.log(part["time_ratio"].to_numpy(float)))
+    for shade, row in zip(shades, part.to_dict("records"), strict=True):
+        kind, name, faster = row["kind"], row["triangulator"], row["verdict"] == FASTER
         panel.scatter(
-            row[NORMALISED[0]],
-            row[NORMALISED[1]],
+            *(row[column] for column in NORMALISED),
             marker=symbols[name].marker if kind == "named" else ".",
             label=name if kind == "named" else f"of the {kind}",
-            color=colormaps[COLOURS_OF_TIME](scale(np.log(ratio))) if timed else "#CCCCCC",
-            edgecolors="black" if row["verdict"] == FASTER else "#777777",
-            linewidths=1.3 if row["verdict"] == FASTER else 0.5,
+            color=shade,
+            edgecolors="black" if faster else "#777777",
+            linewidths=1.3 if faster else 0.5,
             s=24,
             zorder=3,
         )
