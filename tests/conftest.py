@@ -147,8 +147,6 @@ def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out plots of runs and studies, which are looked at in tests of their own."""
     monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     monkeypatch.setattr("harness.study.correlations.plot_study", lambda *_: [])
-    monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
-    monkeypatch.setattr("harness.study.pareto.plot", lambda *_: [])
 
 
 @pytest.fixture

@@ -229,13 +229,11 @@ def pareto(
         return parts
 
     run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
-    folder = run.path
     table = fronts_of.pareto_table(run, fronts)
-    with reporter.stage("plotting", 1):
-        with atomic.folder(folder, added=True) as made:
+    with reporter.stage("writing", 1):
+        with atomic.folder(run.path, added=True) as made:
             fronts_of.front_table(fronts).to_csv(made / "fronts.csv", index=False)
             table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
-            fronts_of.plot(table, fronts, Path(label(scene)).stem, made / "plots")
         write_report(run)
     fronts_of.print_table(table, label(scene), Screen(highlight=False))
     _end(run)

@@ -82,7 +82,7 @@ def _view(members: Sequence[Record]) -> Summary:
     base = base_of(members)
     assert base is not None
     told: dict[str, Any] = {}
-    columns: dict[str, list[float]] = {name: [] for name in (*CRITERIA, "time")}
+    rows = []
     for record in members:
         ratio = time_ratio(record, base)
         if ratio is None or record is base:
@@ -92,20 +92,19 @@ def _view(members: Sequence[Record]) -> Summary:
             "time": [float(f"{value:.5g}") for value in (ratio.value, ratio.low, ratio.high)],
             "quads": float(f"{quads / under:.5g}") if quads and under else None,
         }
-        columns["time"].append(ratio.value)
-        for name in CRITERIA:
-            columns[name].append(record["predicted"].get(name, np.nan))
-    ranks = {
-        name: rank_correlation(np.array(columns[name]), np.array(columns["time"]))
-        for name in CRITERIA
-    }
+        rows.append([ratio.value, *(record["predicted"].get(name, np.nan) for name in CRITERIA)])
+    times, *predicted = np.array(rows).reshape(-1, 1 + len(CRITERIA)).T
+    ranks = [rank_correlation(each, times) for each in predicted]
     return {
         "scene": base["scene"],
         "resolution": base["resolution"],
         "rotation": base["rotation"],
         "base": base["triangulator"],
         "triangulators": told,
-        "ranks": {name: None if v is None else round(v, 3) for name, v in ranks.items()},
+        "ranks": {
+            name: None if value is None else round(value, 3)
+            for name, value in zip(CRITERIA, ranks, strict=True)
+        },
     }
 
 
@@ -149,8 +148,8 @@ def _name(view: Summary) -> tuple[Any, ...]:
 
 def table(folder: Path) -> str:
     """Return the Markdown table of all summaries in a folder, a row for each view."""
-    titles = predictions()
-    head = ["device", "driver", "scene", *SHOWN, *(titles[each].title for each in CRITERIA)]
+    titles = (predictions()[name].title for name in CRITERIA)
+    head = ["device", "driver", "scene", *SHOWN, *titles]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for file in sorted(folder.glob("*.json")):
         summary = _read(file)

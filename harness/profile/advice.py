@@ -45,13 +45,11 @@ def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> di
     own = np.array([coefficients[term] for term in COSTS[1:]])
     if not (own > 0).any():
         return None
-    names = (BASE, *CRITERIA, OWN)
-    found = {scene: terms_of(bench, scene, names, seed, coefficients) for scene in SCENES}
-    costs = {
-        scene: {name: rows @ own for name, rows in each.items()}
-        for scene, each in found.items()
-        if each is not None
-    }
+    costs = {}
+    for scene in SCENES:
+        found = terms_of(bench, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
+        if found is not None:
+            costs[scene] = {name: rows @ own for name, rows in found.items()}
     return choose(costs) if costs else None
 
 
@@ -74,8 +72,8 @@ def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, 
     saved = {}
     for scene, each in costs.items():
         logs = np.log(each[chosen] / each[BASE])
-        ends = [1.0 - float(np.exp(end)) for end in mean_interval(logs)]
-        saved[scene] = [1.0 - float(np.exp(logs.mean())), ends[1], ends[0]]
+        low, high = mean_interval(logs)
+        saved[scene] = (1.0 - np.exp([logs.mean(), high, low])).tolist()
     return {"triangulator": chosen, "regret": regret, "saved": saved}
 
 

@@ -143,13 +143,11 @@ def ring(corners: int, width: int, height: int) -> Points:
     i = np.arange(m)
     whole = m * m + i * i
     quarter = np.stack([m * m - i * i, 2 * m * i], axis=-1)
-    circle = np.concatenate([turned(quarter, Direction(x, y, 1)) for x, y in _QUARTERS])
+    back = quarter[:, ::-1] * [-1, 1]
+    circle = np.concatenate([quarter, back, -quarter, -back])
     whole = np.tile(whole, 4)[:, None]
     size = np.array([width, height])
     return (circle + whole) * size // (2 * whole)
-
-
-_QUARTERS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
 def fan(corners: int) -> Triangles:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -44,13 +44,10 @@ def triangulation_table(polygon: Polygon, mode: Literal["conforming", "paper"]) 
     return table.sort_values(["overdraw", "shape"], kind="stable").reset_index(drop=True)
 
 
-def _diagonals(triangles: np.ndarray, vertices_: int) -> list[tuple[int, int]]:
-    edges = {
-        (min(a, b), max(a, b))
-        for triangle in triangles.tolist()
-        for a, b in zip(triangle, [*triangle[1:], triangle[0]], strict=True)
-    }
-    return sorted((a, b) for a, b in edges if b - a not in (1, vertices_ - 1))
+def _diagonals(triangles: NDArray[np.int32], vertices_: int) -> list[tuple[int, int]]:
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    pairs = np.unique(edges, axis=0).tolist()
+    return [(a, b) for a, b in pairs if b - a not in (1, vertices_ - 1)]
 
 
 def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
@@ -63,27 +60,12 @@ def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
 
 def _figure(table: pd.DataFrame, front: NDArray[np.float64]) -> Figure:
     figure, (axes,) = grid((3.5, 3.2))
-    for conforming, label, marker in ((True, "conforming", "o"), (False, "T-junctions", "x")):
-        part = table[table["conforming"] == conforming]
-        if len(part):
-            axes.scatter(
-                part["overdraw"],
-                part["shape"],
-                s=14,
-                marker=marker,
-                color=COLOURS[0 if conforming else 1],
-                label=f"{label} ({len(part)})",
-            )
-    axes.step(
-        front[:, 0],
-        front[:, 1],
-        where="post",
-        color=COLOURS[2],
-        marker="o",
-        markersize=8,
-        fillstyle="none",
-        label=f"Pareto front ({len(front)})",
-    )
+    kinds = {"conforming": table["conforming"], "T-junctions": ~table["conforming"]}
+    for (label, rows), colour, marker in zip(kinds.items(), COLOURS, "ox", strict=False):
+        style = {"color": colour, "marker": marker, "label": f"{label} ({rows.sum()})"}
+        axes.scatter(table["overdraw"][rows], table["shape"][rows], s=14, **style)
+    front_of: Any = {"where": "post", "color": COLOURS[2], "marker": "o", "fillstyle": "none"}
+    axes.step(*front.T, markersize=8, label=f"Pareto front ({len(front)})", **front_of)
     axes.set_xlabel("A, bounding-box overdraw (square units)")
     axes.set_ylabel("D, shape deviation (degrees)")
     axes.legend()

@@ -7,12 +7,8 @@ two measures that the mixture weighs: the means over polygons of A over the poly
 per triangle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -28,16 +24,11 @@ from harness.measuring.run import Part
 from harness.settings import StudySize
 from harness.stored.folder import Record, Run
 from harness.study.subjects import choose_polygons
-from harness.style import draw, legend_below, looks, panels, plain_table
+from harness.style import plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry
 from triangulators.methods.pareto import LIMIT, pareto_front
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
 
 NAMED = (
     *("fan", "ear-clipping", "delaunay", "sweep", "greedy", "max-area"),
@@ -59,9 +50,6 @@ NORMALISED = ("overdraw_over_area", "shape_a_triangle")
 
 SAME = 1e-9
 """Costs with a smaller relative difference are equal."""
-
-COLOURS_OF_TIME = "PuOr_r"
-"""Purple is faster, orange slower: told apart with any kind of colour vision."""
 
 
 def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
@@ -248,69 +236,3 @@ def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
         told = [f"{row.time_ratio:.3f} {row.triangulator}" for row in fastest]
         shown.add_row(str(polygon), str(rasteriser), *map(str, counts), *(told or ["-"]))
     console.print(shown)
-
-
-def plot(
-    table: pd.DataFrame, fronts: Mapping[str, MeasuredFront], scene: str, folder: Path
-) -> list[Path]:
-    """Draw D against A, a panel a polygon and a figure for each rasteriser and device."""
-    files = []
-    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
-        title = f"{scene}, {part['resolution'].iloc[0]} px: {rasteriser} on {device}"
-        files += draw(folder, f"pareto-{scene}-{rasteriser}-{device}", _figure, part, fronts, title)
-    return files
-
-
-def _figure(rows: pd.DataFrame, fronts: Mapping[str, MeasuredFront], title: str) -> Figure:
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    known = {str(front.polygon): front for front in fronts.values()}
-    parts = {str(polygon): part for polygon, part in rows.groupby("polygon", sort=False)}
-    figure, places = panels(len(parts), across=3, size=(2.9, 2.9), title=title)
-    # Nine tenths of the ratios set the scale: one slow fan must not make all others look alike.
-    logs = np.log(rows.loc[~rows["same_as_end"], "time_ratio"].dropna().to_numpy(float))
-    limit = max(0.01, float(np.quantile(np.abs(logs), 0.9)) if len(logs) else 0.0)
-    untimed = colormaps[COLOURS_OF_TIME].with_extremes(bad="#CCCCCC")
-    colours = ScalarMappable(Normalize(-limit, limit), untimed)
-    for panel, (polygon, part) in zip(places, parts.items(), strict=True):
-        style = "default" if polygon == WHOLE else "steps-post"
-        panel.plot(*_line(part, known.get(polygon)), color="#777777", linewidth=1, drawstyle=style)
-        _triangulations(panel, part, colours)
-        panel.set_title("whole scene" if polygon == WHOLE else f"polygon {polygon}", fontsize=7)
-        panel.set_xlabel("A over the area")
-        panel.set_ylabel("D per triangle (degrees)")
-    legend_below(figure, places, columns=5)
-    bar = figure.colorbar(colours, ax=places, extend="both")
-    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{np.exp(value):.2f}")
-    bar.set_label("time in ratio to the least-A end (ringed: faster)")
-    return figure
-
-
-def _line(part: pd.DataFrame, front: MeasuredFront | None) -> NDArray[np.float64]:
-    """Return x and y of a polygon's front, or of a scene's hull, which the sweep reaches."""
-    x, y = NORMALISED
-    if front is None:
-        sweep = part[(part["kind"] == "sweep") & (part["gamma"] == 0)]
-        return sweep.sort_values(x, kind="stable")[[x, y]].to_numpy(float).T
-    first = part.iloc[0]  # its area (px^2) and number of triangles turn costs into the axes'
-    return (front.costs / [first["overdraw"] / first[x], first["shape"] / first[y]]).T
-
-
-def _triangulations(panel: Axes, part: pd.DataFrame, colours: ScalarMappable) -> None:
-    """Draw triangulations in the colour of their times, each name by its symbol."""
-    symbols = looks(NAMED)
-    shades = colours.to_rgba(np.log(part["time_ratio"].to_numpy(float)))
-    for shade, row in zip(shades, part.to_dict("records"), strict=True):
-        kind, name, faster = row["kind"], row["triangulator"], row["verdict"] == FASTER
-        panel.scatter(
-            *(row[column] for column in NORMALISED),
-            marker=symbols[name].marker if kind == "named" else ".",
-            label=name if kind == "named" else f"of the {kind}",
-            color=shade,
-            edgecolors="black" if faster else "#777777",
-            linewidths=1.3 if faster else 0.5,
-            s=24,
-            zorder=3,
-        )

@@ -11,12 +11,10 @@ another part. So a regret of a time has two ends, between which the truth is on 
 `regret_ends`. The parts are repeats or epochs, which share no buffers.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,13 +26,9 @@ from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
-from harness.study.correlations import TIME, by_criterion, label
+from harness.study.correlations import TIME, by_criterion
 from harness.study.subjects import LEAST
-from harness.style import COLOURS, draw, family_of, grid, legend_below
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from harness.style import family_of
 
 OF_QUADS = ("quads", "helper_lanes")
 SHOWN = (CYCLES, *OF_QUADS)
@@ -164,39 +158,29 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
         better than the best; NaN where the polygons do not tell
     """
     rows = []
+    told = ["regret", "regret_low", "regret_high", "least_known"]
     for key, part in table.groupby(list(KEYS), sort=False):
-        by_polygon = part.groupby("polygon", sort=False)
-        values = by_polygon["regret"].mean().to_numpy(float)
-        sides = (by_polygon[f"regret_{end}"].mean().to_numpy(float) for end in ("low", "high"))
-        low, high = regret_interval(*sides)
-        rows.append(
-            dict(zip(KEYS, key, strict=True))
-            | {
-                "polygons": len(values),
-                "least_known": float(by_polygon["least_known"].first().mean()),
-                "mean": max(0.0, float(values.mean())),
-                "ci_low": low,
-                "ci_high": high,
-                "median": float(np.median(values)),
-                "p95": float(np.percentile(values, 95)),
-                "worst": float(values.max()),
-            }
+        values, lows, highs, known = (
+            part.groupby("polygon", sort=False)[told].mean().to_numpy(float).T
         )
+        spread = (np.median(values), np.percentile(values, 95), values.max())
+        ends = regret_interval(lows, highs)
+        rows.append((*key, len(values), known.mean(), max(0.0, values.mean()), *ends, *spread))
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
 def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
-    """Write regret.csv, regret_by_polygon.csv and their plots into `folder`; returns the first."""
+    """Write regret.csv and regret_by_polygon.csv into `folder`; returns the first."""
     table = regret_table(records)
     summary = summarise(table)
     table.to_csv(folder / "regret_by_polygon.csv", index=False, float_format="%.6g")
     summary.to_csv(folder / "regret.csv", index=False, float_format="%.6g")
-    plot_regret(summary, folder)
     return summary
 
 
-def main_measures(names: Sequence[str]) -> list[str]:
+def main_measures(measured: Iterable[str]) -> list[str]:
     """Return what is shown: cycles and what quads count, or the main counter; and all times."""
+    names = list(dict.fromkeys(measured))
     times = [name for name in names if name.startswith(TIME)]
     counted = [name for name in names if name not in times]
     return ([name for name in counted if name in SHOWN] or counted[:1]) + times
@@ -206,10 +190,9 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
     """Print what trusting each criterion costs, one table per device and view."""
     wanted = summary[summary["kind"] == "criterion"]
     for (rasteriser, device, resolution, *_), part in wanted.groupby(list(VIEW), sort=False):
-        shown = main_measures(list(dict.fromkeys(part["measure"])))
         title = f"regret, by criterion: {rasteriser} on {device}, {resolution} px"
         cells = {(row["name"], row["measure"]): written(row) for row in part.to_dict("records")}
-        console.print(by_criterion(title, cells, shown))
+        console.print(by_criterion(title, cells, main_measures(part["measure"])))
 
 
 def written(row: Any) -> str:
@@ -227,57 +210,3 @@ def why_no_interval(row: Any) -> str:
         return "all equal"
     one = row["worst"] > row["mean"] * row["polygons"] / 2
     return "one decides" if one else "few decide"
-
-
-def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw regret.png for each device and view into `folder`/plots."""
-    files: list[Path] = []
-    for key, part in summary.groupby(list(VIEW), sort=False):
-        rasteriser, device, resolution, rotation, _ = key
-        shown = main_measures(list(dict.fromkeys(part["measure"])))
-        name = f"regret-{rasteriser}-{device}-{resolution}-{rotation:g}"
-        title = f"{rasteriser} on {device}, {resolution} px"
-        files += draw(folder / "plots", name, _figure, part, shown, title)
-    return files
-
-
-def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
-    first = part[part["measure"] == shown[0]]
-    # Criteria above triangulators, each from the least regret down.
-    ordered = first.sort_values(["kind", "mean"])
-    names = list(zip(ordered["kind"], ordered["name"], strict=True))[::-1]
-    size = (1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names))
-    figure, row = grid(size, columns=len(shown), sharey=True)
-    for panel, measure in zip(row, shown, strict=True):
-        _panel(panel, part[part["measure"] == measure], names)
-        panel.set_xlabel(f"{label(measure)}\nabove the best there is")
-    titles = [find(name).title if kind == "criterion" else name for kind, name in names]
-    row[0].set_yticks(range(len(names)), titles, fontsize=6.5)
-    legend_below(figure, row, columns=2)
-    proof = "that there are" if first["least_known"].mean() == 1 else "that were measured"
-    figure.suptitle(
-        f"What does trusting it cost? {where}\n"
-        f"mean over polygons, 95 % intervals; 0: the fewest {label(shown[0])} {proof}",
-        fontsize=8,
-    )
-    return figure
-
-
-def _panel(panel: Axes, rows: pd.DataFrame, names: Sequence[tuple[str, str]]) -> None:
-    place = {name: number for number, name in enumerate(names)}
-    for kind, colour, marker, words in (
-        ("criterion", COLOURS[0], "o", "the triangulation that a criterion calls best"),
-        ("triangulator", COLOURS[1], "s", "a triangulator"),
-    ):
-        pairs = list(zip(rows["kind"], rows["name"], strict=True))
-        own = rows[(rows["kind"] == kind) & np.array([pair in place for pair in pairs], np.bool_)]
-        y = [place[kind, name] for name in own["name"]]
-        # A line of no length where the polygons tell no interval.
-        low = (own["mean"] - own["ci_low"]).clip(lower=0.0).fillna(0.0)
-        high = (own["ci_high"] - own["mean"]).clip(lower=0.0).fillna(0.0)
-        style: Any = {"fmt": marker, "color": colour, "markersize": 3.5, "elinewidth": 1}
-        panel.errorbar(own["mean"], y, xerr=[low, high], label=words, **style)
-    panel.set_xscale("symlog", linthresh=0.001)
-    panel.xaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
-    panel.tick_params(axis="x", labelsize=6)
-    panel.axvline(0, color="black", linewidth=0.8, linestyle="--")

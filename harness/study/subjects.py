@@ -70,19 +70,17 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
             f"{design.most_vertices} vertices; a study needs some with many triangulations: "
             "give another scene or file"
         )
-    return [(number, _alone(scene, number)) for number in evenly(fit, design.polygons)]
+    whole = replace(scene, tiling=None, viewing=None, dropped=[], repaired=[], attributes=None)
+    return [
+        (number, replace(whole, polygons=[scene.polygons[number]]))
+        for number in evenly(fit, design.polygons)
+    ]
 
 
 def evenly(numbers: Sequence[int], most: int) -> list[int]:
     """Return at most so many of the numbers, at equal steps from the first to the last."""
     steps = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
     return list(dict.fromkeys(numbers[round(step)] for step in steps.tolist()))
-
-
-def _alone(scene: Scene, number: int) -> Scene:
-    attributes = None if scene.attributes is None else scene.attributes.iloc[[number]]
-    alone = replace(scene, polygons=[scene.polygons[number]], attributes=attributes)
-    return replace(alone, tiling=None, viewing=None, dropped=[], repaired=[])
 
 
 def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:
@@ -151,9 +149,9 @@ def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:
 
 def _triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
     """Yield (name, triangles) of each way that does the polygon without leaving a vertex out."""
-    ways: list[tuple[str, str, dict[str, Any]]] = [(name, name, {}) for name in NAMED]
-    ways += [(f"random#{seed}", "random", {"seed": seed}) for seed in range(RANDOM)]
-    for name, triangulator, parameters in ways:
+    for name in (*NAMED, *(f"random#{seed}" for seed in range(RANDOM))):
+        triangulator, _, seed = name.partition("#")
+        parameters: dict[str, Any] = {"seed": int(seed)} if seed else {}
         try:
             triangles = triangulate(polygon, triangulator, **parameters)
         except (Skipped, TriangulationError):

@@ -8,14 +8,11 @@ import pytest
 from rich.console import Console
 
 from harness.figures.intervals import FEWEST, mean_interval
-from harness.figures.registry import find
 from harness.study.correlations import label
 from harness.study.regret import (
     COLUMNS,
     SUMMARY,
-    _figure,
     main_measures,
-    plot_regret,
     print_regret,
     regret_ends,
     regret_interval,
@@ -203,31 +200,6 @@ def test_a_counter_that_a_drawing_lacks_is_not_judged():
     assert regret_table(records).empty
 
 
-def test_the_picture_has_criteria_on_top_best_first_and_says_what_0_is():
-    counted = [r for k in range(FEWEST) for r in records_of(f"polygon {k}")]
-    summary = summarise(regret_table(counted))
-    figure = _figure(summary, ["quads"], "here")
-    axes = figure.axes[0]
-    names = [label.get_text() for label in axes.get_yticklabels()][::-1]
-    criteria = summary[summary["kind"] == "criterion"].sort_values("mean", kind="stable")
-    assert names[: len(criteria)] == [find(name).title for name in criteria["name"]]
-    assert len(names) > len(criteria)
-    assert "that there are" in figure.get_suptitle()
-    unproven = [{**record, "proven": None} for record in counted]
-    told = _figure(summarise(regret_table(unproven)), ["quads"], "here").get_suptitle()
-    assert "that were measured" in told
-
-
-def test_the_picture_of_each_view_is_named_after_it(tmp_path):
-    summary = in_two_views(3)
-    files = plot_regret(summary, tmp_path)
-    assert {file.parent for file in files} == {tmp_path / "plots"}
-    stems = dict.fromkeys(file.stem for file in files)
-    assert list(stems) == [f"regret-reference-cpu-{size}-0" for size in (128, 64)]
-    assert all(file.stat().st_size for file in files)
-    assert plot_regret(summary[:0], tmp_path) == []
-
-
 def test_what_failed_drew_nothing_or_has_t_junctions_is_not_judged():
     records = records_of("a")
     for change in ({"status": "failed"}, {"polygons": 0}, {"conforming": False}):
@@ -310,37 +282,6 @@ def test_what_is_written_has_the_columns_that_are_told(tmp_path):
     write(records_of("a"), tmp_path)
     for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
         assert tuple(pd.read_csv(tmp_path / name)) == columns
-
-
-def pictured() -> tuple[pd.DataFrame, list[str]]:
-    """A summary whose criteria have intervals, and which lacks a name in its second measure."""
-    summary = in_two_views().query("resolution == 64")
-    told = (summary["kind"] == "criterion").to_numpy()
-    for end, factor in (("ci_low", 0.5), ("ci_high", 2.0)):
-        summary = summary.assign(**{end: np.where(told, factor * summary["mean"], np.nan)})
-    lacking = (summary["measure"] == "helper_lanes") & (summary["name"] == "half-perimeter")
-    return summary[~lacking], ["quads", "helper_lanes"]
-
-
-def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
-    summary, shown = pictured()
-    figure = _figure(summary, shown, "here")
-    assert len(figure.axes) == len(shown)
-    titles = [text.get_text() for text in figure.axes[0].get_yticklabels()]
-    for panel, measure in zip(figure.axes, shown, strict=True):
-        assert panel.get_ylim() == figure.axes[0].get_ylim()
-        assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
-        assert panel.xaxis.get_major_formatter()(0.05) == "5 %"
-        assert len({points.get_color() for points, *_ in panel.containers}) == 2
-        for kind, drawn in zip(("criterion", "triangulator"), panel.containers, strict=True):
-            own = summary[(summary["measure"] == measure) & (summary["kind"] == kind)]
-            points, _, (bars,) = drawn
-            assert points.get_xdata().tolist() == own["mean"].tolist()
-            names = [find(n).title if kind == "criterion" else n for n in own["name"]]
-            assert [titles[int(y)] for y in points.get_ydata()] == names
-            ends = [own[end].fillna(own["mean"]) for end in ("ci_low", "ci_high")]
-            found = np.array(bars.get_segments())[:, :, 0]
-            assert found == pytest.approx(np.column_stack(ends))
 
 
 def test_two_triangulations_are_a_choice_and_one_is_none():
