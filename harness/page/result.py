@@ -14,7 +14,7 @@ from pydantic import model_validator as validator
 
 from harness.errors import UsageError
 from harness.figures.registry import PREDICTED
-from harness.frame import SUBPIXEL, View
+from harness.frame import SUBPIXEL
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -263,10 +263,7 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     exact_grid : the device draws polygons where they are, so that the reference counts the same
     """
     own = case.record
-    view = View(own.resolution, own.rotation, own.fit)
-    same = {"triangulator": own.triangulator, "status": "ok", "scene_hash": own.scene_hash}
-    alike = (r for r in run.records if all(r.get(name) == same[name] for name in same))
-    known = next((record for record in alike if view_of(record) == view), None)
+    known = _known(run, own.model_dump())
     if known is None:
         raise UsageError(
             f"{run.path} has no {own.triangulator} of the page's polygons at {own.resolution} px"
@@ -275,7 +272,7 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     wrong = [name for name in KEPT if name in known and name in told and known[name] != told[name]]
     if wrong:
         raise UsageError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
-    kept = drawings.read(run, view)
+    kept = drawings.read(run, view_of(known))
     if not exact_grid or kept is None or own.triangulator not in kept.triangles:
         return
     counted = np.array([values for _, values in case.counters])
@@ -285,6 +282,13 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
             f"{own.triangulator}: its counters do not differ from the exact reference in "
             f"{case.differing} polygons, as the file says"
         )
+
+
+def _known(run: Run, record: Record) -> Record | None:
+    """Return the run's record of the same polygons, triangulator and view, None without one."""
+    same = {name: record[name] for name in ("triangulator", "scene_hash")} | {"status": "ok"}
+    alike = (r for r in run.records if all(r.get(name) == same[name] for name in same))
+    return next((r for r in alike if view_of(r) == view_of(record)), None)
 
 
 def _add_polygons(
@@ -297,11 +301,8 @@ def _add_polygons(
         arrays = read_arrays(run, name, drawings.FOLDER)
         if arrays is not None:
             store.write_arrays(name, arrays, drawings.FOLDER)
-    for known in run.records:
-        if known["triangulator"] == record["triangulator"] and view_of(known) == view:
-            columns = read_arrays(run, known["key"]) or {}
-            predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
-            sizes = {len(kept) for kept in predicted.values()}
-            if sizes == {len(counters["quads"])}:
-                store.write_arrays(record["key"], {**predicted, **counters})
-                return
+    known = _known(run, record)
+    columns = (known and read_arrays(run, known["key"])) or {}
+    predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
+    if {len(kept) for kept in predicted.values()} == {len(counters["quads"])}:
+        store.write_arrays(record["key"], {**predicted, **counters})

@@ -120,12 +120,12 @@ def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
         if file.stat().st_size > MOST_BYTES:
             raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
+        if outer.format not in formats:
+            raise ValueError(outer.format)
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from error
-    except ValidationError as error:
+    except ValueError as error:
         raise UsageError(f"{file}: not a file that a measuring page saved") from error
-    if outer.format not in formats:
-        raise UsageError(f"{file}: not a file that a measuring page saved")
     if outer.version != VERSION:
         raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
     content = outer.result.encode()
@@ -167,17 +167,14 @@ def warnings_of(result: Measured, more: Iterable[str], moved: str) -> list[str]:
 
     moved : what is drawn elsewhere where the device's grid is coarser
     """
-    found = []
-    if result.problem:
-        found.append(f"the page told of a problem: {' '.join(result.problem.split())}")
-    if not result.complete:
-        found.append("the page was stopped before it had measured everything")
-    if result.hidden:
-        found.append("the page was hidden for a while, in which browsers slow it down")
-    found += more
-    step = result.device.step
-    if step is None:
-        found.append("the device rasterises by another rule than ours, on any grid")
-    elif step > 1:
-        found.append(f"the device snaps to 1/{SUBPIXEL // step} px: {moved} were moved there")
-    return found
+    problem, step = " ".join((result.problem or "").split()), result.device.step
+    told = {
+        f"the page told of a problem: {problem}": problem != "",
+        "the page was stopped before it had measured everything": not result.complete,
+        "the page was hidden for a while, in which browsers slow it down": result.hidden,
+        **dict.fromkeys(more, True),
+        "the device rasterises by another rule than ours, on any grid": step is None,
+        f"the device snaps to 1/{SUBPIXEL // (step or 1)} px: {moved} were moved there": (step or 1)
+        > 1,
+    }
+    return [words for words, so in told.items() if so]

@@ -139,20 +139,20 @@ def _scattered(
     """Return triangles that share no vertex; numbers : seed, and number of the draw."""
     shape = placing.triangle(base, height)
     points = placing.placed(shape, (base, height), direction, placing.mixed(*numbers, count))
-    return _framed(points.reshape(-1, 2)), np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3)
+    return _loose(points)
 
 
 def _framed(points: NDArray[np.int32]) -> Frame:
     return bare_frame(SIDE, points)
 
 
-def _apart(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return the same triangles, each with three vertices of its own.
+def _loose(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
+    """Return (m, 3, 2) triangles, each with three vertices of its own.
 
     So all draws have three a triangle, but those that tell what a vertex costs.
     """
-    alone = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)
-    return _framed(frame.points[triangles.ravel()]), alone
+    rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+    return _framed(corners.reshape(-1, 2)), rows
 
 
 def _aspects(seed: int) -> Iterator[Draw]:
@@ -181,8 +181,7 @@ def _places(seed: int) -> Iterator[Draw]:
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
     local = placing.triangle(side, side)(placing.mixed(seed, 320, len(number)))
     for start in range(4):
-        points = (local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32).reshape(-1, 2)
-        made = _framed(points), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        made = _loose((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
         yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *made)
 
 
@@ -203,7 +202,7 @@ def _cuts(seed: int) -> Iterator[Draw]:
         for way, cut in placing.WAYS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {way}"
-            yield Draw("cuts", name, f"cuts {width} {corners}", *_apart(frame, triangles))
+            yield Draw("cuts", name, f"cuts {width} {corners}", *_loose(frame.points[triangles]))
 
 
 def _strips(seed: int) -> Iterator[Draw]:
@@ -227,7 +226,7 @@ def _strips(seed: int) -> Iterator[Draw]:
         starts = np.arange(bands) * 2 * (steps + 1)
         triangles = (band + starts[:, None, None]).reshape(-1, 3).astype(np.int32)
         name = f"steps of {step / SUBPIXEL:g} px, {height} px high"
-        made = _apart(_framed(points.astype(np.int32)), triangles)
+        made = _loose(points.astype(np.int32)[triangles])
         yield Draw("strips", name, "strips", *made)
 
 
@@ -254,7 +253,7 @@ def _vertices(seed: int) -> Iterator[Draw]:
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
-        made = _apart(frame, triangles)
+        made = _loose(frame.points[triangles])
         yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *made)
 
 

@@ -87,9 +87,8 @@ class Law:
 
     def sum_of(self, weights: Seconds, confidence: float) -> tuple[float, float, float]:
         """Return a weighed sum of terms with its interval; (t,) `weights`."""
-        width = quantile(self.groups, confidence) * float(
-            np.sqrt(weights @ self.covariance @ weights)
-        )
+        error = float(np.sqrt(weights @ self.covariance @ weights))
+        width = quantile(self.groups, confidence) * error
         value, free = float(weights @ self.costs), float(weights @ self.free)
         return value, max(0.0, min(value, free - width)), max(value, free + width)
 

@@ -28,9 +28,6 @@ LEAST_R2 = 0.8
 """A law that explains less than this share of the variance of draws held out, over all of them or
 within groups, is refused: its optimum would follow the noise. Quiet machines reach 0.98."""
 
-NOT_FITTED = ("twice",)
-"""Kinds that the law is not fitted to: a device may leave out what is covered by what follows."""
-
 
 def profile(
     draws: Sequence[Draw],
@@ -138,9 +135,10 @@ def read_coefficients(file: Path) -> dict[str, float]:
 def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     """Return the places of the draws that a law is fitted to, and a criterion's costs.
 
-    A criterion knows nothing of the arithmetic of a fragment.
+    A device may leave out what is covered by what follows. A criterion knows nothing of the
+    arithmetic of a fragment.
     """
-    fitted = [n for n, draw in enumerate(draws) if draw.kind not in NOT_FITTED]
+    fitted = [n for n, draw in enumerate(draws) if draw.kind != "twice"]
     return fitted, [n for n in fitted if draws[n].work == 0]
 
 

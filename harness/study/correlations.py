@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -44,6 +44,8 @@ TIME = "time_work_"
 
 VIEW = ("resolution", "rotation", "samples")
 KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")
+
+ENDS = ("ci_low", "ci_high", "polygons")
 
 FEWEST = 5
 """Different triangulations a polygon must have for a correlation within it."""
@@ -157,8 +159,8 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def _each_measure(table: pd.DataFrame) -> Iterator[tuple[dict[str, object], pd.DataFrame, str]]:
-    """Yield (columns that say where, rows of a rasteriser and device, measure that was taken).
+def _each_measure(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame, str]]:
+    """Yield (rasteriser and device, their rows, measure that was taken).
 
     Counters come before times, the main one first.
     """
@@ -166,33 +168,26 @@ def _each_measure(table: pd.DataFrame) -> Iterator[tuple[dict[str, object], pd.D
     times = [name for name in columns if name.startswith(TIME)]
     others = {*KEYS, *times, *predictors(), *FEATURES_KEPT}
     counted = measures(name for name in columns if name not in others)
-    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
+    for where, part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in counted + times:
             if part[measure].notna().any():
-                where = {"rasteriser": rasteriser, "device": device, "measure": measure}
                 yield where, part, measure
-
-
-def _ends(estimate: Estimate) -> dict[str, object]:
-    return {"ci_low": estimate.low, "ci_high": estimate.high, "polygons": estimate.polygons}
 
 
 def correlate(table: pd.DataFrame) -> pd.DataFrame:
     """Return the contents of correlations.csv: every criterion against every measure."""
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for where, part, measure in _each_measure(table):
         for criterion in [name for name in predictors() if name in table]:
             known = part.dropna(subset=[criterion, measure])
             x, y = (known[name].to_numpy(float) for name in (criterion, measure))
             views = known.groupby(["polygon", *VIEW]).ngroups
-            for statistic, found in (
-                ("spearman_within", median_estimate(ranks_within(known, criterion, measure))),
-                ("spearman_pooled", Estimate(spearman(x, y), *UNKNOWN, views)),
-            ):
-                named = {"criterion": written(criterion), "statistic": statistic}
-                rows.append(where | named | {"value": found.value} | _ends(found))
-    return pd.DataFrame(rows, columns=[*names, "ci_low", "ci_high", "polygons"])
+            within = median_estimate(ranks_within(known, criterion, measure))
+            of = (*where, written(criterion), measure)
+            rows.append((*of, "spearman_within", *within))
+            rows.append((*of, "spearman_pooled", spearman(x, y), *UNKNOWN, views))
+    return pd.DataFrame(rows, columns=[*names, *ENDS])
 
 
 def compare_all(table: pd.DataFrame) -> pd.DataFrame:
@@ -200,18 +195,17 @@ def compare_all(table: pd.DataFrame) -> pd.DataFrame:
 
     Both are judged on the same polygons, so their difference is known better than either of them.
     """
+    names = ["rasteriser", "device", "measure", "criterion", "other", "difference"]
     rows = []
     for where, part, measure in _each_measure(table):
-        ranked = {
-            name: ranks_within(part, name, measure) for name in predictions() if name in table
-        }
+        known = [name for name in predictions() if name in table]
+        ranked = {name: ranks_within(part, name, measure) for name in known}
         for one, other in combinations(ranked, 2):
             found = median_estimate(ranked[one] - ranked[other])
             if found.polygons:
-                names = {"criterion": written(one), "other": written(other)}
-                value = {"difference": found.value}
-                rows.append(where | names | value | _ends(found) | {"verdict": found.verdict})
-    return pd.DataFrame(rows)
+                of = (*where, measure, written(one), written(other))
+                rows.append((*of, *found, found.verdict))
+    return pd.DataFrame(rows, columns=[*names, *ENDS, "verdict"])
 
 
 def by_resolution(table: pd.DataFrame) -> pd.DataFrame:

@@ -62,10 +62,10 @@ def _figure(table: pd.DataFrame, front: NDArray[np.float64]) -> Figure:
     figure, (axes,) = grid((3.5, 3.2))
     kinds = {"conforming": table["conforming"], "T-junctions": ~table["conforming"]}
     for (label, rows), colour, marker in zip(kinds.items(), COLOURS, "ox", strict=False):
-        style = {"color": colour, "marker": marker, "label": f"{label} ({rows.sum()})"}
+        style: Any = {"color": colour, "marker": marker, "label": f"{label} ({rows.sum()})"}
         axes.scatter(table["overdraw"][rows], table["shape"][rows], s=14, **style)
-    front_of: Any = {"where": "post", "color": COLOURS[2], "marker": "o", "fillstyle": "none"}
-    axes.step(*front.T, markersize=8, label=f"Pareto front ({len(front)})", **front_of)
+    style = {"color": COLOURS[2], "marker": "o", "label": f"Pareto front ({len(front)})"}
+    axes.step(*front.T, where="post", markersize=8, fillstyle="none", **style)
     axes.set_xlabel("A, bounding-box overdraw (square units)")
     axes.set_ylabel("D, shape deviation (degrees)")
     axes.legend()

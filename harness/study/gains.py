@@ -25,6 +25,7 @@ AXES = {
 }
 """What can vary in a study of gains, with the axis label."""
 
+DRAWN = ("scene", "rasteriser", "device")
 KEYS = (*AXES, "fit", "order")
 """What rows of one view share, besides the scene and the device."""
 
@@ -56,8 +57,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         return None
     lanes = [find("helper_lanes")(entry) for entry in (record, base)]
     return {
-        **{each: record[each] for each in ("scene", "rasteriser", "device")},
-        **{each: record[each] for each in ("resolution", "rotation", "fit")},
+        **{each: record[each] for each in (*DRAWN, "resolution", "rotation", "fit")},
         **{each: record["options"][each] for each in ("work", "samples", "order")},
         "triangulator": record["triangulator"],
         "base": name,
@@ -78,7 +78,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     interval shows to be faster than it, and by how much
     """
     own = table[(table["base"] == name) & (table["triangulator"] != name)]
-    where = ["scene", "rasteriser", "device", *KEYS]
+    where = [*DRAWN, *KEYS]
     rows = []
     for keys, part in own.groupby(where, sort=False):
         ahead = part[part["verdict"] == FASTER]
@@ -101,7 +101,7 @@ def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     if rows.empty or "native" not in set(rows["order"]) or rows["order"].nunique() < 2:
         return pd.DataFrame()
-    where = ["scene", "rasteriser", "device", *AXES, "fit", "triangulator"]
+    where = [*DRAWN, *AXES, "fit", "triangulator"]
     wide = rows.pivot_table("time_ratio", where, "order", sort=False)
     others = [name for name in wide.columns if name != "native"]
     wide = wide.dropna(subset=["native"]).dropna(subset=others, how="all")
@@ -112,11 +112,9 @@ def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the time ratios over whatever varies, one figure per scene, device and base."""
     files = []
-    for keys, part in table.groupby(["scene", "rasteriser", "device", "base"], sort=False):
+    for keys, part in table.groupby([*DRAWN, "base"], sort=False):
         scene, rasteriser, device, base = (str(key) for key in keys)
-        for axis in AXES:
-            if part[axis].nunique() < 2:
-                continue
+        for axis in (axis for axis in AXES if part[axis].nunique() > 1):
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
             title = f"{scene}: {rasteriser} on {device}"
             files += draw(folder, name, _figure, part, axis, base, title)
@@ -126,13 +124,11 @@ def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
 def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
     figure, (axes,) = grid((4.6, 3.6))
     # Only this axis varies; all else is fixed where this axis has most values.
-    others = [name for name in KEYS if name != axis]
-    _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
+    rest = [name for name in KEYS if name != axis]
+    _, fixed = max(part.groupby(rest), key=lambda group: group[1][axis].nunique())
     shown = looks(list(fixed["triangulator"]))
-    for name, line in fixed.groupby("triangulator", sort=False):
-        if name == base:
-            continue
-        line = line.sort_values(axis)
+    others = fixed[fixed["triangulator"] != base].sort_values(axis, kind="stable")
+    for name, line in others.groupby("triangulator", sort=False):
         look, ends = shown[str(name)], (line["time_ratio_low"], line["time_ratio_high"])
         style: Any = {"color": look.colour, "marker": look.marker, "markersize": 3}
         axes.plot(line[axis], line["time_ratio"], label=str(name), **style)

@@ -23,7 +23,7 @@ from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.settings import StudySize
 from harness.stored.folder import Record, Run
-from harness.study.subjects import choose_polygons
+from harness.study.subjects import choose_polygons, evenly
 from harness.style import plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
@@ -104,8 +104,7 @@ def take_apart(
             if len(drawn) != 1 or drawn[0].interiors:  # the grid breaks it
                 continue
             costs = pareto_front(drawn[0], "overdraw", "shape").costs
-            steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
-            chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
+            chosen = tuple(evenly(range(len(costs)), MOST_POINTS))
             points = tuple(f"pareto#{k}" for k in chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
             name = f"{label}#{number}"

@@ -85,19 +85,19 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
     regret : ratio to the best, less 1; of a time, the middle between its two ends
     regret_low, regret_high : the ends, cross-fitted and plugged in; equal for counters
     """
-    rows: list[dict[str, Any]] = []
+    rows = []
     counted: set[tuple[Any, ...]] = set()
     for members in groups(records):
         good = [r for r in members if r["status"] == "ok" and r["polygons"] and r["conforming"]]
         if len(good) < 2:
             continue
         first = good[0]
-        where = {name: first[name] for name in ("rasteriser", "device", "resolution", "rotation")}
-        where |= {"samples": first["options"]["samples"], "polygon": first["scene"]}
+        samples_of = first["options"]["samples"]
+        where = (*(first[name] for name in VIEW if name != "samples"), samples_of)
         found = {}
         # Counters do not depend on the work a fragment does: once for all of them.
-        if tuple(where.values()) not in counted:
-            counted.add(tuple(where.values()))
+        if (*where, first["scene"]) not in counted:
+            counted.add((*where, first["scene"]))
             for measure in measures(first["counters"]):
                 values = [r["counters"].get(measure) for r in good]
                 if None not in values:
@@ -107,14 +107,13 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
             found[f"{TIME}{first['options']['work']}"] = _of_time(samples, first["time"])
         proven = any(r["triangulator"] == LEAST and r.get("proven") == r["polygons"] for r in good)
         for measure, (best, ends) in found.items():
-            known = proven and measure in OF_QUADS and where["samples"] == 1
-            told = {"measure": measure, "best": good[best]["triangulator"], "least_known": known}
+            known = proven and measure in OF_QUADS and samples_of == 1
             for kind, name, place in _choices(good):
                 low, high = ends[place]
-                values_of = {"regret": (low + high) / 2, "regret_low": low, "regret_high": high}
-                chosen = {"kind": kind, "name": name, "triangulator": good[place]["triangulator"]}
+                names = (good[each]["triangulator"] for each in (place, best))
+                told = (first["scene"], *names, known, (low + high) / 2, low, high)
                 if not np.isnan(low):
-                    rows.append(where | told | chosen | values_of)
+                    rows.append((*where, measure, kind, name, *told))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -58,12 +58,8 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
         if the scene has no suitable polygon
     """
     sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
-    fit = [
-        number
-        for number in np.argsort(sizes, kind="stable").tolist()
-        if FEWEST_VERTICES <= sizes[number] <= design.most_vertices
-        and not scene.polygons[number].interiors
-    ]
+    simple = np.array([not polygon.interiors for polygon in scene.polygons])
+    fit = _fit(sizes, simple, design.most_vertices)
     if not fit:
         raise UsageError(
             f"{scene.name} has no polygon without holes of {FEWEST_VERTICES} to "
@@ -75,6 +71,12 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
         (number, replace(whole, polygons=[scene.polygons[number]]))
         for number in evenly(fit, design.polygons)
     ]
+
+
+def _fit(sizes: NDArray[Any], simple: NDArray[np.bool_], most: int) -> list[int]:
+    """Return which (p,) polygons without holes are not too small or large, by their vertices."""
+    fit = np.flatnonzero(simple & (sizes >= FEWEST_VERTICES) & (sizes <= most))
+    return [int(number) for number in fit[np.argsort(sizes[fit], kind="stable")]]
 
 
 def evenly(numbers: Sequence[int], most: int) -> list[int]:
@@ -142,8 +144,7 @@ def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:
     sizes = np.diff(kept.offsets)
     rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
     simple = np.diff(np.concatenate([[0], rings])) == 1
-    fit = np.flatnonzero(simple & (sizes >= FEWEST_VERTICES) & (sizes <= MOST_VERTICES))
-    for k in evenly(fit[np.argsort(sizes[fit], kind="stable")].tolist(), POLYGONS):
+    for k in evenly(_fit(sizes, simple, MOST_VERTICES), POLYGONS):
         yield int(kept.source[k]), kept.points[kept.offsets[k] : kept.offsets[k + 1]]
 
 
