@@ -30,12 +30,12 @@ SHOWN = (
 """Triangulators that the table has a column for."""
 
 BROWSERS = {
-    "edge": ("Edg/", "Edg/"),
-    "firefox": ("Firefox/", "Firefox/"),
-    "chrome": ("Chrome/", "Chrome/"),
-    "safari": ("Safari/", "Version/"),
+    "edge": r"Edg/(\d+)?",
+    "firefox": r"Firefox/(\d+)?",
+    "chrome": r"Chrome/(\d+)?",
+    "safari": r"(?:Version/(\d+).*)?Safari/",
 }
-"""How browsers call themselves, and where their version stands."""
+"""How browsers call themselves, with their version."""
 
 Summary = dict[str, Any]
 
@@ -180,10 +180,9 @@ def browser(agent: str) -> tuple[str, str]:
 
     It calls itself by all those that it is like: Edge names Chrome, too, and Chrome Safari.
     """
-    for name, (word, version) in BROWSERS.items():
-        if word in agent:
-            found = re.search(rf"{version}(\d+)", agent)
-            return name, found[1] if found else ""
+    for name, called in BROWSERS.items():
+        if found := re.search(called, agent):
+            return name, found[1] or ""
     return "browser", ""
 
 

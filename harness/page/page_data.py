@@ -71,7 +71,7 @@ def write_page(run: Run, file: Path) -> Path:
     return file
 
 
-def write_profile_page(bench: Bench, file: Path, seed: int = 0) -> Path:
+def write_profile_page(bench: Bench, file: Path) -> Path:
     """Write the page that says what a triangle costs on the device that opens it.
 
     bench : what triangulates the scenes of its advice
@@ -81,7 +81,7 @@ def write_profile_page(bench: Bench, file: Path, seed: int = 0) -> Path:
     UsageError
         if the file cannot be written
     """
-    _write(file, "profile.html", PROFILING, content_of_profile(bench, seed), charts="")
+    _write(file, "profile.html", PROFILING, content_of_profile(bench), charts="")
     return file
 
 
@@ -154,11 +154,16 @@ def _view(run: Run, records: Sequence[Record]) -> Content | None:
     kept = drawings.read(run, view)
     if kept is None:
         return None
-    cases = {
-        record["triangulator"]: _case(record, kept)
-        for record in records
-        if record["triangulator"] in kept.triangles
-    }
+    cases = {}
+    for record in records:
+        rows = kept.triangles.get(record["triangulator"])
+        if rows is not None:
+            counted = zip(TOLD, counted_exactly(kept, rows), strict=True)
+            cases[record["triangulator"]] = {
+                "rows": encoded(rows.astype("<u4")),
+                **{name: encoded(each.astype("<u4")) for name, each in counted},
+                "record": {name: record[name] for name in KEPT if name in record},
+            }
     if len(cases) < 2:
         return None
     return {
@@ -167,17 +172,6 @@ def _view(run: Run, records: Sequence[Record]) -> Content | None:
         "points": encoded(kept.points.astype("<i4")),
         "sizes": np.diff(kept.offsets).tolist(),
         "cases": cases,
-    }
-
-
-def _case(record: Record, kept: Geometry) -> Content:
-    """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
-    rows = kept.triangles[record["triangulator"]]
-    counted = counted_exactly(kept, rows)
-    return {
-        "rows": encoded(rows.astype("<u4")),
-        **{name: encoded(each.astype("<u4")) for name, each in zip(TOLD, counted, strict=True)},
-        "record": {name: record[name] for name in KEPT if name in record},
     }
 
 
@@ -190,6 +184,7 @@ def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int6
 
 
 PROFILE_FORMAT = "raster-harness profile page"
+SEED = 0
 
 ABOUT = ("kind", "name", "group", "work", "aspect", "area")
 """What is told of each draw."""
@@ -198,9 +193,9 @@ STEPS = (1, 2, 4, 8, 16)
 """Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
 
 
-def content_of_profile(bench: Bench, seed: int = 0) -> Content:
+def content_of_profile(bench: Bench) -> Content:
     """Return everything that the page holds, JSON-ready; it makes the draws itself."""
-    made = draws(seed)
+    made = draws(SEED)
     fitted, plain = fitted_of(made)
     sums = {name: terms_of(bench, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
     return {
@@ -208,11 +203,11 @@ def content_of_profile(bench: Bench, seed: int = 0) -> Content:
         "version": VERSION,
         "harness": __version__,
         "design": DESIGN,
-        "seed": seed,
+        "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in ABOUT} for draw in made],
         "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
-        "fitted": _groups(made, fitted, seed),
-        "plain": _groups(made, plain, seed),
+        "fitted": _groups(made, fitted),
+        "plain": _groups(made, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
         "sums": {
             name: {"weights": [parts.get(term, 0) for term in TERMS], "words": BY_SUM[name]}
@@ -241,10 +236,10 @@ def grid_of(made: Sequence[Draw]) -> Content:
     }
 
 
-def _groups(made: Sequence[Draw], places: list[int], seed: int) -> Content:
+def _groups(made: Sequence[Draw], places: list[int]) -> Content:
     """Return places among the draws, with the number of the group and of the fold of each."""
     labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
-    folds = law.folds_of(labels, seed).tolist()
+    folds = law.folds_of(labels, SEED).tolist()
     reach = [law.quantile(int(labels.max()) + 1, each) for each in (law.CONFIDENCE, law.OF_ALL)]
     return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
 

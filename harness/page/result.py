@@ -4,7 +4,7 @@ The file comes from anywhere, so nothing in it is believed before it is checked:
 tells damage; its shape, sizes and ranges; and that its parts agree with each other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -180,9 +180,9 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
 
 
 def _facts(result: Result, device: str) -> dict[str, Any]:
-    first = next(iter(result.views[0].cases.values()), None)
-    names = dict.fromkeys(name for view in result.views for name in view.cases)
-    differing = sum(case.differing for view in result.views for case in view.cases.values())
+    cases = [case for view in result.views for case in view.cases.values()]
+    names = dict.fromkeys(case.record.triangulator for case in cases)
+    differing = sum(case.differing for case in cases)
     more = [f"counters differ from the run's in {differing} polygons"] if differing else []
     step = result.device.step
     details = {
@@ -197,8 +197,8 @@ def _facts(result: Result, device: str) -> dict[str, Any]:
         "plan": {"scene": result.page.scene, "triangulators": list(names), "seed": 0},
         "scene": {
             "name": result.page.scene,
-            "hash": first.record.scene_hash if first else "",
-            "polygons": first.record.polygons if first else 0,
+            "hash": cases[0].record.scene_hash if cases else "",
+            "polygons": cases[0].record.polygons if cases else 0,
         },
         "environment": {"harness": result.page.harness, "browser": result.browser},
         "warnings": warnings_of(result, more, "polygons"),
@@ -214,11 +214,10 @@ def _facts(result: Result, device: str) -> dict[str, Any]:
 
 def _records(
     view: _View, device: str, result: Result
-) -> Sequence[tuple[Record, Mapping[str, np.ndarray]]]:
-    """Return the record of each case of a view, with its counters by polygon."""
-    base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
-    made = []
+) -> Iterator[tuple[Record, Mapping[str, np.ndarray]]]:
+    """Yield the record of each case of a view, with its counters by polygon."""
     for name, case in view.cases.items():
+        base = max(view.cases.values(), key=lambda each: each.record.polygons)
         known = case.record.model_dump(exclude_unset=True)
         drawn = {"rasteriser": RASTERISER, "device": device, "options": {}}
         identity = CaseOfPlan.of(case.record.model_dump() | drawn).identity()
@@ -226,7 +225,7 @@ def _records(
         values = (fragments, quads, 4 * quads - fragments, partial)
         counters = dict(zip(SHADED, values, strict=True))
         error = None
-        if base is not None and case.record.polygons == base.record.polygons:
+        if case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
         record: Record = {
             **identity,
@@ -237,8 +236,7 @@ def _records(
         }
         if (time := _time(view, name, result)) is not None:
             record["time"] = time
-        made.append((record, counters))
-    return made
+        yield record, counters
 
 
 def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
@@ -249,8 +247,8 @@ def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
         return None
     settings = TimingSettings(budget_s=result.budget_s)
     group = {}
-    epochs = [count for count in view.epochs if count]
     for each in (name, EMPTY, REFERENCE):
+        epochs = [count for count in view.epochs if count]
         group[each] = Times(times[each].repeats, times[each].samples_s, epochs)
         group[each].precision_reached = group[each].is_precise(settings.precision)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))

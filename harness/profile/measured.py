@@ -24,9 +24,6 @@ CONTROL = "(control)"
 EPOCHS = 12
 """Each in a process of its own: in some, a draw takes half as long again as in most others."""
 
-PRECISION = 1e-4
-"""Never reached: every profile has the same rounds for its seconds."""
-
 MOST_DRIFT = 1.5
 """Slowest in ratio to fastest epoch beyond which a machine was not in one state."""
 
@@ -40,7 +37,7 @@ class Measured:
 
     epochs : (e, k) times of each of k draws in each of e epochs, with what all draws of a round
         have in common, the machine's speed, made equal
-    speeds : (e,) each epoch's mean time in ratio to the mean of all
+    drift : the slowest epoch's mean time in ratio to the fastest one's
     empty : median time of a draw of nothing
     control : one draw in ratio to itself under another name
     rounds : of each epoch
@@ -49,7 +46,7 @@ class Measured:
     """
 
     epochs: NDArray[np.float64]
-    speeds: NDArray[np.float64]
+    drift: float
     empty: float
     control: Ratio
     rounds: list[int]
@@ -60,11 +57,6 @@ class Measured:
     def times(self) -> NDArray[np.float64]:
         """The time of each draw, (k,)."""
         return np.asarray(np.exp(np.log(self.epochs).mean(axis=0)))
-
-    @property
-    def drift(self) -> float:
-        """The slowest epoch's time in ratio to the fastest one's."""
-        return float(self.speeds.max() / self.speeds.min())
 
     @property
     def trouble(self) -> str:
@@ -86,7 +78,7 @@ LIMIT_S = 100.0
 def settings(budget_s: float, draws: int) -> TimingSettings:
     """Return how a profile of so many draws is timed: `budget_s` a draw, in `EPOCHS` epochs."""
     return TimingSettings(
-        precision=PRECISION,
+        precision=1e-4,  # never reached: every profile has the same rounds for its seconds
         budget_s=budget_s / EPOCHS,
         min_batch_s=2e-3,
         warm_up_s=0.005,
@@ -187,7 +179,7 @@ def counted(
         )
     return Measured(
         epochs=np.array([times], np.float64),
-        speeds=np.ones(1),
+        drift=1.0,
         empty=float(empty),
         control=Ratio(1.0, 1.0, 1.0, rounds=1),
         rounds=[1],
@@ -212,7 +204,7 @@ def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
     middle = names[len(names) // 2]
     return Measured(
         epochs=np.exp(of_epochs + speeds.mean()),
-        speeds=np.exp(speeds - speeds.mean()),
+        drift=float(np.exp(np.ptp(speeds))),
         empty=float(times[EMPTY].median_s),
         control=paired_ratio(times[CONTROL].samples_s, times[middle].samples_s, first.epochs),
         rounds=list(first.epochs),

@@ -166,15 +166,14 @@ def zigzag(corners: int) -> Triangles:
 
 def halved(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring: each chain is cut in its middle."""
-    found: list[tuple[int, int, int]] = []
-    open_chains = [(0, corners - 1)]
-    while open_chains:
-        first, last = open_chains.pop()
-        if last - first > 1:
-            middle = (first + last) // 2
-            found.append((first, middle, last))
-            open_chains += [(middle, last), (first, middle)]
-    return np.array(found, np.int32)
+
+    def cut(first: int, last: int) -> list[tuple[int, int, int]]:
+        if last - first < 2:
+            return []
+        middle = (first + last) // 2
+        return [(first, middle, last), *cut(first, middle), *cut(middle, last)]
+
+    return np.array(cut(0, corners - 1), np.int32)
 
 
 WAYS: dict[str, Callable[[int], Triangles]] = {"fan": fan, "zigzag": zigzag, "halved": halved}

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
 from harness.figures.verdict import LEAST_PIXELS
-from harness.frame import SUBPIXEL, Frame, View, frame_of
+from harness.frame import Frame, View, frame_of
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
@@ -154,8 +155,7 @@ def read_law(name: str, *folders: Path) -> Law:
         if not file.stem.endswith(".refused")
     }
     if name not in known and not Path(name).exists():
-        otherwise = "raster-harness profile makes one"
-        hint = did_you_mean(name, list(known), otherwise=otherwise)
+        hint = did_you_mean(name, list(known), otherwise="raster-harness profile makes one")
         raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
     file = known.get(name, Path(name))
     content = read_profile(file)
@@ -183,8 +183,6 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
             f"{scene.name}: at {view.resolution} px no polygon is left that all triangulators do; "
             "give a larger size, or fewer of them"
         )
-    starts, points = frame.offsets[:-1], frame.points
-    boxes = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
     seconds = [each.seconds for each in made.values()]
     if sum(seconds) < AGAIN_S:
         seconds = [min(each) for each in time_in_rounds(recipes, frame.polygons, ROUNDS, 0)]
@@ -192,7 +190,8 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     for (name, each), taken in zip(made.items(), seconds, strict=True):
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
         costs[name] = _cost(frame, frame.join(parts), taken, law)
-    middle = float(np.median(boxes.max(axis=1)[done])) / SUBPIXEL
+    boxes = shapely.bounds(frame.polygons)[done]
+    middle = float(np.median((boxes[:, 2:] - boxes[:, :2]).max(axis=1)))
     kept = int(done.sum())
     return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
 

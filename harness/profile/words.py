@@ -40,10 +40,10 @@ def amount(value: float, unit: str = "s") -> str:
     """Return a cost as people say it: 53 ns, 1.9 us, or 1.1 cycles."""
     if unit != "s":
         return f"{_digits(value)} {unit if _digits(value) != '1' else unit.removesuffix('s')}"
-    for step, unit in STEPS:
-        if value >= step:
-            return f"{_digits(value / step)} {unit}"
-    return "0 s" if value < NOTHING else f"{_digits(value / STEPS[-1][0])} ps"
+    if value < NOTHING:
+        return "0 s"
+    step, unit = next((each for each in STEPS if value >= each[0]), STEPS[-1])
+    return f"{_digits(value / step)} {unit}"
 
 
 def _digits(value: float) -> str:
@@ -128,7 +128,7 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 
     A column for each term that any of them is shown to pay for.
     """
-    found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.json"))]
+    found = (json.loads(file.read_text("utf-8")) for file in sorted(folder.glob("*.json")))
     profiles = [profile for profile in found if not profile["refused"]]
     paid = {term["name"] for each in profiles for term in each["terms"] if term["shown"]}
     names = [name for name in TERMS if name in paid | {*ALWAYS}]

@@ -8,7 +8,7 @@ criterion. The pooled figure is given to show this.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -237,7 +237,7 @@ PAPER = "overdraw"
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
-    for (rasteriser, device), part in _by_device(correlations):
+    for (rasteriser, device), part in _within(correlations):
         told = zip(part["criterion"], part["measure"], part["value"], strict=True)
         cells = {(name, of): "-" if np.isnan(value) else f"{value:.3f}" for name, of, value in told}
         title = f"rank correlation within polygons: {rasteriser} on {device}"
@@ -255,17 +255,16 @@ def by_criterion(title: str, cells: Mapping[tuple[str, str], str], shown: Sequen
 def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw predicted against measured into `folder`/plots, one figure a device."""
     files = []
-    for (rasteriser, device), part in _by_device(correlations):
+    for (rasteriser, device), part in _within(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
         files += draw(folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}")
     return files
 
 
-def _by_device(correlations: pd.DataFrame) -> Iterator[tuple[tuple[str, str], pd.DataFrame]]:
+def _within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
     wanted = correlations[correlations["statistic"] == "spearman_within"]
-    for (rasteriser, device), part in wanted.groupby(["rasteriser", "device"], sort=False):
-        yield (str(rasteriser), str(device)), part
+    return wanted.groupby(["rasteriser", "device"], sort=False)
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:

@@ -175,12 +175,12 @@ def _faster(table: pd.DataFrame | None, base: str) -> Figure | None:
 def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Figure | None:
     """Check that trusting a criterion costs at most a share `most`, in the largest view."""
     row = _row(evidence.get("regret"), kind="criterion", name=criterion, measure=measure)
-    found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
-    if found is None or row is None:
+    if row is None:
         return None
+    found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
     # Where all lose the same, the most that any lost has to do.
-    least_known = float(row["worst"]) if np.isnan(found.high) else found.high
-    return replace(found, holds=least_known <= most)
+    known = row["worst"] if np.isnan(row["ci_high"]) else row["ci_high"]
+    return found and replace(found, holds=bool(known <= most))
 
 
 def _kept(evidence: Evidence, triangulator: str, *, keeps: bool) -> Figure | None:

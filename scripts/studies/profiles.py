@@ -120,7 +120,7 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
     draws, told = drawn(profile)
     found = Measured(
         epochs=np.array([each["epochs"] for each in told]).T,
-        speeds=np.array([1.0, profile["drift"]]),
+        drift=profile["drift"],
         empty=profile["empty"],
         control=Ratio(*profile["control"], rounds=0),
         rounds=profile["rounds"],

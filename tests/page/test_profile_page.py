@@ -103,7 +103,7 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(waiting, synthetic):
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draw.group for draw in draws]
     ours = law.fit(rows, epochs, groups)
-    times = Measured(epochs, np.ones(8), COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
+    times = Measured(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
     low, high = ours.intervals.T.tolist()
     shown = {"seconds": ours.costs.tolist(), "low": low, "high": high}
     given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
