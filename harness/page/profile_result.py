@@ -34,7 +34,6 @@ ON_PROCESSORS = ("swiftshader", "llvmpipe", "lavapipe", "basic render")
 """In what a browser says of a device: programs that draw on the processor (`costs_shown.js`)."""
 
 Counted = Mapping[str, int]
-Count = Annotated[int, Field(ge=0, le=2**31)]
 
 
 class _Page(Part):
@@ -64,7 +63,7 @@ class Result(saved.Measured):
     differing: Whole
     limited: bool
     times: dict[Annotated[str, StringConstraints(max_length=20)], saved.Times] | None
-    epochs: Annotated[list[Count], Field(max_length=10_000)]
+    epochs: Annotated[list[Whole], Field(max_length=10_000)]
     law: _Law | None
 
     @validator(mode="after")

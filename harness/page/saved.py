@@ -35,16 +35,8 @@ class Part(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
-class Limits(Part):
-    """Of an adapter."""
-
-    maxTextureDimension2D: Whole  # noqa: N815 - WebGPU's own names
-    maxBufferSize: Whole  # noqa: N815
-    maxStorageBufferBindingSize: Whole  # noqa: N815
-
-
 class Device(Part):
-    """What a browser tells of its GPU; step : of its grid, in 1/256 px."""
+    """What a browser tells of its GPU; step : of its grid, in 1/256 px; limits : by their names."""
 
     vendor: Text
     architecture: Text
@@ -53,7 +45,7 @@ class Device(Part):
     timer: bool
     step: Literal[1, 2, 4, 8, 16] | None
     fallback: bool
-    limits: Limits
+    limits: Annotated[dict[Name, Whole], Field(min_length=1, max_length=100)]
 
 
 class Timer(Part):

@@ -6,9 +6,9 @@ from the times of each epoch that it holds, so whoever reads it can compute them
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from harness.profile.measured import Measured
 from harness.stored import atomic
 
 FORMAT, VERSION = "raster-harness profile", 1
+
+Told = TypeVar("Told")
 
 LEAST_R2 = 0.8
 """A law that explains less than this share of the variance of draws held out, over all of them or
@@ -101,8 +103,8 @@ def keep(content: Mapping[str, Any], file: Path) -> Path:
     return file
 
 
-def read_profile(file: Path) -> dict[str, Any]:
-    """Read a profile's file.
+def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
+    """Return what `told` takes from a profile's file.
 
     Raises
     ------
@@ -110,14 +112,16 @@ def read_profile(file: Path) -> dict[str, Any]:
         if it is missing, no profile, or was refused when it was made
     """
     try:
-        content = dict(json.loads(atomic.read(file)))
+        content = json.loads(atomic.read(file))
+        if content.get("refused"):
+            raise UsageError(
+                f"{file} was refused: it fits too badly; repeat raster-harness profile"
+            )
+        return told(content)
     except FileNotFoundError:
         raise UsageError(f"no profile {file}; make it: raster-harness profile") from None
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise UsageError(f"{file} is not a profile: {error!r}") from error
-    if content.get("refused"):
-        raise UsageError(f"{file} was refused: it fits too badly; repeat raster-harness profile")
-    return content
 
 
 def read_coefficients(file: Path) -> dict[str, float]:
@@ -125,11 +129,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
 
     Raises what `read_profile` raises.
     """
-    content = read_profile(file)
-    try:
-        return {name: float(content["coefficients"][name]) for name in COSTS}
-    except (ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{file} is not a profile: {error!r}") from error
+    return read_profile(file, lambda told: {n: float(told["coefficients"][n]) for n in COSTS})
 
 
 def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:

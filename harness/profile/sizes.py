@@ -51,9 +51,6 @@ class Law:
     unit: str = "s"
 
 
-COUNTED = ("fragments", "quads", "helper_lanes", "partial_quads")
-
-
 @dataclass(frozen=True)
 class Cost:
     """What one triangulator's triangles of a scene cost at one size.
@@ -157,14 +154,13 @@ def read_law(name: str, *folders: Path) -> Law:
     if name not in known and not Path(name).exists():
         hint = did_you_mean(name, list(known), otherwise="raster-harness profile makes one")
         raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
-    file = known.get(name, Path(name))
-    content = read_profile(file)
-    try:
-        costs = {term["name"]: float(term["cost"]) for term in content["terms"]}
-        device, unit = str(content["device"]["name"]), str(content["unit"])
-        return Law(device, np.array([costs[term] for term in TERMS]), unit)
-    except (KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"{file} is not a profile: {error!r}") from error
+    return read_profile(known.get(name, Path(name)), _law_of)
+
+
+def _law_of(profile: Any) -> Law:
+    costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
+    every = np.array([costs[term] for term in TERMS])
+    return Law(str(profile["device"]["name"]), every, str(profile["unit"]))
 
 
 def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | None) -> Size:
@@ -199,7 +195,8 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
 def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
     counted = counters(Draw("own", "own", "own", frame, triangles))
     draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
-    return Cost(**{name: counted[name] for name in COUNTED}, triangulate_s=seconds, draw=draw)
+    exact = ("fragments", "quads", "helper_lanes", "partial_quads")
+    return Cost(**{name: counted[name] for name in exact}, triangulate_s=seconds, draw=draw)
 
 
 def sentence(found: Sizes) -> str:

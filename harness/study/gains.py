@@ -82,11 +82,9 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     rows = []
     for keys, part in own.groupby(where, sort=False):
         ahead = part[part["verdict"] == FASTER]
-        shares = 1 - ahead["time_ratio"].to_numpy()
-        names = [f"{n} {s:.1%}" for n, s in zip(ahead["triangulator"], shares, strict=True)]
-        rows.append(
-            {**dict(zip(where, keys, strict=True)), "rivals": len(part), "faster": "; ".join(names)}
-        )
+        shares = zip(ahead["triangulator"], 1 - ahead["time_ratio"], strict=True)
+        faster = "; ".join(f"{other} {share:.1%}" for other, share in shares)
+        rows.append((*keys, len(part), faster))
     return pd.DataFrame(rows, columns=[*where, "rivals", "faster"])
 
 

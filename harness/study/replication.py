@@ -157,12 +157,12 @@ def _h_ahead(evidence: Evidence, measure: str) -> Figure | None:
 
 
 def _shape_is_last(evidence: Evidence) -> Figure | None:
-    found = {name: _correlation(evidence, name, "helper_lanes") for name in RANKED}
-    values = {name: each.value for name, each in found.items() if each is not None}
-    shape = found["shape"]
-    if shape is None or len(values) < len(RANKED):
+    told = (_correlation(evidence, name, "helper_lanes") for name in RANKED)
+    found = [each for each in told if each is not None]
+    if len(found) < len(RANKED):
         return None
-    return replace(shape, holds=min(values, key=values.__getitem__) == "shape")
+    *others, shape = found
+    return replace(shape, holds=shape.value < min(each.value for each in others))
 
 
 def _faster(table: pd.DataFrame | None, base: str) -> Figure | None:

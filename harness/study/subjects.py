@@ -119,15 +119,19 @@ MEASURES = Reference.counters
 
 
 def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
-    """Return each triangulation's criteria and counts; this needs compiled code."""
+    """Return each triangulation's criteria and counts, of polygons at steps through all sizes."""
+    sizes = np.diff(kept.offsets)
+    rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
+    simple = np.diff(np.concatenate([[0], rings])) == 1
     rows = []
-    for number, points in _chosen(kept):
+    for k in evenly(_fit(sizes, simple, MOST_VERTICES), POLYGONS):
+        points = kept.points[kept.offsets[k] : kept.offsets[k + 1]]
         for name, triangles in _triangulations(Polygon(points / SUBPIXEL)):
             counts = predict(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)
             rows.append(
                 {
-                    "polygon": number,
+                    "polygon": int(kept.source[k]),
                     "resolution": view.resolution,
                     "rotation": view.rotation,
                     "fit": view.fit,
@@ -137,15 +141,6 @@ def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
                 }
             )
     return rows
-
-
-def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:
-    """Yield (number in the scene, vertices) of polygons without holes, at steps through sizes."""
-    sizes = np.diff(kept.offsets)
-    rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
-    simple = np.diff(np.concatenate([[0], rings])) == 1
-    for k in evenly(_fit(sizes, simple, MOST_VERTICES), POLYGONS):
-        yield int(kept.source[k]), kept.points[kept.offsets[k] : kept.offsets[k + 1]]
 
 
 def _triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
