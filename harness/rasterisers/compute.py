@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers import context
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Sample, Triangles, batches
-from harness.rasterisers.context import Context, Upload
+from harness.rasterisers.context import Context
 from harness.rasterisers.opengl import GLRasteriser
 
 MAX_GROUPS = 65535
@@ -42,25 +42,15 @@ class BoundingBox(GLRasteriser):
         self._tally = self.context.compute("triangle", self.source, define="COUNT")
         self.context.check("building the shaders")
 
-    def close(self) -> None:
-        """Free the programs and the context."""
-        self.context.activate()
-        for program in (self._draw, self._tally):
-            program.release()
-        super().close()
-
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.offsets) - 1, len(self.counters)), np.int64)
         for part in batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
             counts.bind_to_storage_buffer(4)
-            jobs = _Jobs(self.context, frame, part)
-            jobs.run(self._tally)
+            _Jobs(self.context, frame, part).run(self._tally)
             self.ctx.memory_barrier()
             totals += np.frombuffer(counts.read(), np.uint32)[: totals.size].reshape(totals.shape)
-            jobs.close()
-            counts.release()
         self.context.check("counting")
         return {name: totals[:, k].copy() for k, name in enumerate(self.counters)}
 
@@ -87,12 +77,9 @@ class _Dispatched(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Dispatch `repeats` times; each waits for the one before."""
         self.context.activate()
-        self.picture.texture.bind_to_image(0, read=False, write=True)
+        self.picture.bind_to_image(0, read=False, write=True)
         run = partial(self.jobs.run, self.program)
         return self.context.timed(repeats, run, self.context.ctx.memory_barrier)
-
-    def close(self) -> None:
-        self.jobs.close()
 
 
 class _Jobs:
@@ -101,26 +88,19 @@ class _Jobs:
     def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
         jobs = split_rows(frame, triangles)
         self.number = len(jobs)
-        self.upload = Upload(owner, frame, triangles)
-        self.jobs = owner.buffer(jobs)
+        self.window = tuple(frame.window.tolist())
+        self.buffers = (*owner.upload(frame, triangles), owner.buffer(jobs))
 
     def run(self, program: Any) -> None:
         """Start one workgroup a job."""
         if not self.number:
             return
-        upload = self.upload
-        buffers = (upload.points, upload.polygons, upload.indices, self.jobs)
-        for binding, buffer in enumerate(buffers):
+        for binding, buffer in enumerate(self.buffers):
             buffer.bind_to_storage_buffer(binding)
         program["number"] = self.number
-        program["window"] = upload.window
+        program["window"] = self.window
         columns = min(self.number, MAX_GROUPS)
         program.run(columns, -(-self.number // columns))
-
-    def close(self) -> None:
-        """Free the buffers."""
-        self.upload.close()
-        self.jobs.release()
 
 
 def split_rows(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:

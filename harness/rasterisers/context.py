@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, ClassVar
-from weakref import WeakValueDictionary
 
 import moderngl
 import numpy as np
@@ -13,7 +12,8 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader, shared
+from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader
+from harness.rasterisers.probe import STRINGS
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -23,8 +23,6 @@ MAX_RENDERBUFFER_SIZE = 0x84E8
 MAX_FRAGMENT_STORAGE_BLOCKS = 0x90DA
 
 DEPTH_BUFFER_BIT = 0x0100
-
-STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02, "shading_language": 0x8B8C}
 
 MODERN = 450
 """From this version on everything the shaders need is in core."""
@@ -47,58 +45,10 @@ COMPUTE_EXTENSIONS = (
 )
 
 
-class Target:
-    """A framebuffer, freed when nothing refers to it any more: RGBA8, if `deep` with depths."""
-
-    def __init__(
-        self,
-        owner: "Context",
-        width: int,
-        height: int,
-        samples: int,
-        idle: "Target | None" = None,
-        *,
-        deep: bool = False,
-    ) -> None:
-        ctx = owner.ctx
-        self._owner = owner
-        self._idle = idle
-        self.alive = True
-        size, samples = (width, height), samples if samples > 1 else 0
-        self.buffer = ctx.renderbuffer(size, 4, samples=samples)
-        self.depths = ctx.depth_renderbuffer(size, samples=samples) if deep else None
-        self.framebuffer = ctx.framebuffer([self.buffer], self.depths)
-
-    def __del__(self) -> None:
-        # Not after its context, which frees all it has; nor where making it failed half-way.
-        if self._owner.closed or not hasattr(self, "framebuffer"):
-            return
-        # moderngl binds again what was bound before, so the one to go must not be that.
-        if self._idle is not None and self._idle.alive:
-            self._owner.activate()
-            self._idle.framebuffer.use()
-        self.framebuffer.release()
-        self.buffer.release()
-        if self.depths is not None:
-            self.depths.release()
-        self.alive = False
-
-
-class Picture:
-    """A texture of one uint a pixel for compute shaders to write to, freed like a Target."""
-
-    def __init__(self, owner: "Context", width: int, height: int) -> None:
-        self._owner = owner
-        self.texture = owner.ctx.texture((width, height), 1, dtype="u4")
-
-    def __del__(self) -> None:
-        if not self._owner.closed and hasattr(self, "texture"):
-            self._owner.activate()
-            self.texture.release()
-
-
 class Context:
     """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
+
+    What nothing refers to any more is freed when the context is activated next.
 
     backend : a glcontext context, or an object with its methods
     """
@@ -107,18 +57,19 @@ class Context:
 
     def __init__(self, backend: Any) -> None:
         self.ctx = moderngl.create_context(context=backend)
+        self.ctx.gc_mode = "context_gc"
         Context._current = self
-        self.closed = False
         self._backend = backend
-        self._targets: WeakValueDictionary[tuple[int, ...], Target] = WeakValueDictionary()
-        self._pictures: WeakValueDictionary[tuple[int, int], Picture] = WeakValueDictionary()
-        self._idle = Target(self, 1, 1, 1)
+        self._target: tuple[tuple[int, ...], Any] = (), None
+        self._picture: Any = None
         self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
         self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
         self._delete_queries = self._function("glDeleteQueries", None, "int", "pointer")
         self.begin_query = self._function("glBeginQuery", None, "uint", "uint")
         self.end_query = self._function("glEndQuery", None, "uint")
-        self.query_result = self._function("glGetQueryObjectui64v", None, "uint", "uint", "pointer")
+        self._query_result = self._function(
+            "glGetQueryObjectui64v", None, "uint", "uint", "pointer"
+        )
         self.flush = self._function("glFlush", None)
         self.clear = self._function("glClear", None, "uint")
         self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
@@ -136,6 +87,7 @@ class Context:
         if Context._current is not self:
             self._backend.__enter__()
             Context._current = self
+        self.ctx.gc()
 
     def strings(self) -> dict[str, str]:
         """Return vendor, renderer, version and shading language as the driver reports them."""
@@ -180,8 +132,8 @@ class Context:
             header += f"#define {define}\n"
         return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
 
-    def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Target:
-        """Return a framebuffer, if `deep` with depths, shared with whoever uses one like it now.
+    def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Any:
+        """Return an RGBA8 framebuffer, if `deep` with depths; the last one, if it is such a one.
 
         Raises
         ------
@@ -191,25 +143,45 @@ class Context:
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
             raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
-        key = (width, height, samples, int(deep))
-        return shared(
-            self._targets, key, lambda: Target(self, width, height, samples, self._idle, deep=deep)
-        )
+        wanted = (width, height, samples if samples > 1 else 0, int(deep))
+        if wanted != self._target[0]:
+            size, number = wanted[:2], wanted[2]
+            colours = self.ctx.renderbuffer(size, 4, samples=number)
+            depths = self.ctx.depth_renderbuffer(size, samples=number) if deep else None
+            self._target = wanted, self.ctx.framebuffer([colours], depths)
+        return self._target[1]
 
-    def picture(self, width: int, height: int) -> Picture:
-        """Return a picture, shared like a target; raises UsageError if it is too large."""
+    def picture(self, width: int, height: int) -> Any:
+        """Return a texture of one uint a pixel for compute shaders; the last one, if of that size.
+
+        Raises
+        ------
+        UsageError
+            if it is too large
+        """
         check_size(width, height, self.max_size)
-        return shared(self._pictures, (width, height), lambda: Picture(self, width, height))
+        if self._picture is None or self._picture.size != (width, height):
+            self._picture = self.ctx.texture((width, height), 1, dtype="u4")
+        return self._picture
 
     @contextmanager
-    def queries(self, number: int) -> Iterator["Queries"]:
-        """Give `number` query objects for as long as the block runs."""
+    def queries(self, number: int) -> Iterator[list[int]]:
+        """Give names of `number` query objects, which live as long as the block runs.
+
+        Their answers have 64 bits. moderngl's own have 32: nanoseconds wrap after 4.29 s.
+        """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
         try:
-            yield Queries(self, list(names))
+            yield list(names)
         finally:
             self._delete_queries(number, names)
+
+    def result(self, query: int) -> int:
+        """Return the answer to a query; waits until the device has it."""
+        value = ctypes.c_uint64()
+        self._query_result(query, QUERY_RESULT, ctypes.byref(value))
+        return value.value
 
     def wait(self) -> None:
         """Wait until the device has done all that was asked of it.
@@ -217,11 +189,11 @@ class Context:
         A query's result is waited for by every driver; zink's glFinish does not wait for what
         was flushed before it.
         """
-        with self.queries(1) as queries:
-            queries.begin(0, TIME_ELAPSED)
-            queries.end(TIME_ELAPSED)
+        with self.queries(1) as (query,):
+            self.begin_query(TIME_ELAPSED, query)
+            self.end_query(TIME_ELAPSED)
             self.ctx.finish()
-            queries.result(0)
+            self.result(query)
 
     def timed(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
         """Call `draw` and then `after`, `calls` times, and wait; returns the seconds of all.
@@ -231,16 +203,16 @@ class Context:
         self.wait()
         with self.queries(calls) as timers:
             watch = Stopwatch()
-            for call in range(calls):
-                timers.begin(call, TIME_ELAPSED)
+            for timer in timers:
+                self.begin_query(TIME_ELAPSED, timer)
                 draw()
-                timers.end(TIME_ELAPSED)
+                self.end_query(TIME_ELAPSED)
                 after()
             self.ctx.finish()
             # zink's glFinish does not wait for what was flushed before it; a result does.
-            elapsed = timers.result(calls - 1)
+            self.result(timers[-1])
             sample = watch.stop()
-            elapsed += sum(timers.result(call) for call in range(calls - 1))
+            elapsed = sum(map(self.result, timers))
         self.check("timing")
         return replace(sample, gpu=elapsed * 1e-9)
 
@@ -250,107 +222,63 @@ class Context:
         if error != "GL_NO_ERROR":
             raise RuntimeError(f"OpenGL error {error} while {doing}")
 
+    def upload(self, frame: Frame, triangles: Triangles) -> tuple[Any, Any, Any]:
+        """Upload a frame's points, (n,) ivec2 in 1/256 px, their polygons and the triangles.
+
+        Polygons are (n,) uint, the number of each point's; triangles (3 m,) int.
+        """
+        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
+        return (
+            self.buffer(np.ascontiguousarray(frame.points, np.int32)),
+            self.buffer(np.repeat(numbers, np.diff(frame.offsets))),
+            self.buffer(triangles),
+        )
+
     def close(self) -> None:
         """Free the context and all that is in it."""
-        self.closed = True
         self.ctx.release()
         Context._current = None
-
-
-class Queries:
-    """Questions to the driver about what is drawn between `begin` and `end`, answered in 64 bits.
-
-    moderngl's own are 32 bits wide: nanoseconds wrap after 4.29 s.
-    """
-
-    def __init__(self, owner: Context, names: list[int]) -> None:
-        self._owner = owner
-        self._names = names
-
-    def begin(self, number: int, target: int) -> None:
-        """Start query `number`; one of each target may run at a time."""
-        self._owner.begin_query(target, self._names[number])
-
-    def end(self, target: int) -> None:
-        """End the query of that target."""
-        self._owner.end_query(target)
-
-    def result(self, number: int) -> int:
-        """Return the answer; waits until the device has it."""
-        value = ctypes.c_uint64()
-        self._owner.query_result(self._names[number], QUERY_RESULT, ctypes.byref(value))
-        return value.value
-
-
-class Upload:
-    """A frame's points and triangles in buffers of the device.
-
-    points : (n,) ivec2, in 1/256 px; polygons : (n,) uint, the number of each point's polygon;
-    indices : (3 m,) int; depths : (n,) int, None without a depth test
-    """
-
-    def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
-        self.owner = owner
-        self.size = (frame.width, frame.height)
-        self.scissor = frame.scissor
-        self.draws = frame.draws(triangles)
-        self.window = tuple(frame.window.tolist())
-        self.triangles = len(triangles)
-        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
-        self.points = owner.buffer(np.ascontiguousarray(frame.points, np.int32))
-        self.polygons = owner.buffer(np.repeat(numbers, np.diff(frame.offsets)))
-        self.indices = owner.buffer(triangles)
-        self.depths = None if frame.depths is None else owner.buffer(frame.depths)
-
-    def close(self) -> None:
-        """Free the buffers."""
-        self.owner.activate()
-        for buffer in (self.points, self.polygons, self.indices, self.depths):
-            if buffer is not None:
-                buffer.release()
 
 
 class BoundMesh:
     """Triangles on the device, bound to a program and a framebuffer."""
 
     def __init__(
-        self, owner: Context, program: Any, target: Target, frame: Frame, tris: Triangles
+        self, owner: Context, program: Any, target: Any, frame: Frame, triangles: Triangles
     ) -> None:
+        self.owner = owner
         self.program = program
         self.target = target
-        self.upload = Upload(owner, frame, tris)
-        content = [(self.upload.points, "2i", "position"), (self.upload.polygons, "1u", "polygon")]
-        if self.upload.depths is not None:
-            content.append((self.upload.depths, "1i", "depth"))
-        self.vertices = owner.ctx.vertex_array(program, content, self.upload.indices)
+        self.frame = frame
+        self.draws = frame.draws(triangles)
+        points, polygons, indices = owner.upload(frame, triangles)
+        content = [(points, "2i", "position"), (polygons, "1u", "polygon")]
+        if frame.depths is not None:
+            content.append((owner.buffer(frame.depths), "1i", "depth"))
+        self.vertices = owner.ctx.vertex_array(program, content, indices)
 
     def bind(self) -> None:
         """Make the framebuffer and the viewport current; before `draw`."""
-        framebuffer = self.target.framebuffer
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, *self.upload.size)
-        framebuffer.scissor = self.upload.scissor  # type: ignore[assignment]
-        self.program["size"] = tuple(SUBPIXEL * side for side in self.upload.size)
-        ctx = self.upload.owner.ctx
-        (ctx.disable if self.upload.depths is None else ctx.enable)(ctx.DEPTH_TEST)
+        width, height = self.frame.width, self.frame.height
+        self.target.use()
+        self.target.viewport = (0, 0, width, height)
+        self.target.scissor = self.frame.scissor
+        self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
+        ctx = self.owner.ctx
+        (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
 
     def draw(self, instances: int = 1) -> None:
         """Submit the triangles, `instances` times in one call for each tile."""
-        for rows in self.upload.draws:
+        for rows in self.draws:
             self.draw_rows(rows, instances)
 
     def begin(self) -> None:
         """Begin a tile or a view: with a depth test nothing is near yet."""
-        if self.upload.depths is not None:
-            self.upload.owner.clear(DEPTH_BUFFER_BIT)
+        if self.frame.depths is not None:
+            self.owner.clear(DEPTH_BUFFER_BIT)
 
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
         """Submit some of the triangles, `instances` times in one call."""
         self.begin()
         count = 3 * (rows.stop - rows.start)
         self.vertices.render(vertices=count, first=3 * rows.start, instances=instances)
-
-    def close(self) -> None:
-        """Free the buffers."""
-        self.upload.close()
-        self.vertices.release()

@@ -42,7 +42,7 @@ def _of_pyrender(drawing: Any, _: Frame) -> Image:
 
 
 def _of_compute(drawing: Any, frame: Frame) -> Image:
-    texture = drawing.picture.texture
+    texture = drawing.picture
     texture.write(np.zeros((frame.height, frame.width), np.uint32))
     drawing.sample(1)
     pixels = np.frombuffer(texture.read(), np.uint8)

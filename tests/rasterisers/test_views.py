@@ -11,7 +11,6 @@ import trimesh
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import Frame, bare_frame, frame_of, view_of
 from harness.measuring import tasks
-from harness.measuring.worker import Worker
 from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import disagreements
@@ -20,7 +19,7 @@ from harness.triangulating.recipes import parse
 from scenes.scene import Viewing
 from tests.models.various import solid
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import require_the_references_counts, seconds
+from tests.rasterisers.conftest import require_the_references_counts, seconds, worker_on
 
 NATIVE = Options()
 
@@ -166,12 +165,36 @@ def test_a_sloping_plane_is_cut_where_it_meets_a_level_one(reference, llvmpipe):
     assert llvmpipe.count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
 
 
-def test_a_driver_that_tests_depth_late_is_refused():
-    devices = [each for each in get("opengl").devices() if each.name == "softpipe"]
-    if not devices:
-        pytest.skip("softpipe is not installed")
-    with (
-        Worker("softpipe", devices[0].environment) as worker,
-        pytest.raises(NoRasteriser, match="does not test depth before it shades"),
-    ):
-        worker.call(tasks.count, "opengl", devices[0], *sheets([5000]), NATIVE, timeout_s=60)
+def partly_hidden() -> tuple[Frame, np.ndarray]:
+    """A square behind a smaller one, whose edge runs through quads."""
+    frame, rows = sheets([5000, 9000])
+    points = frame.points.copy()
+    points[:4] = np.clip(points[:4] + 512, 0, 3840)
+    return replace(frame, points=points), rows
+
+
+def test_what_is_hidden_of_a_quad_is_not_counted(reference, llvmpipe):
+    frame, rows = partly_hidden()
+    drawn, exact = (each.count(frame, rows, NATIVE) for each in (llvmpipe, reference))
+    assert drawn["fragments"].tolist() == [144, 196 - 144]
+    assert disagreements(frame, drawn, exact) == []
+
+
+def test_a_driver_that_tests_depth_late_or_tells_no_helpers_is_refused(llvmpipe, monkeypatch):
+    case = (*partly_hidden(), NATIVE)
+    result, tally = llvmpipe.context.result, llvmpipe._tally
+    with monkeypatch.context() as late:
+        late.setattr(llvmpipe.context, "result", lambda query: result(query) - 1)
+        with pytest.raises(NoRasteriser, match="does not test depth before it shades"):
+            llvmpipe.count(*case)
+    with monkeypatch.context() as untold:
+        untold.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0])
+        with pytest.raises(NoRasteriser, match="which lanes of a quad are helpers"):
+            llvmpipe.count(*case)
+
+
+def test_softpipe_counts_with_depths_what_passes():
+    with worker_on("opengl", "softpipe") as call:
+        drawn = call(tasks.count, *partly_hidden(), NATIVE)
+    assert drawn["fragments"].tolist() == [144, 196 - 144]
+    assert drawn["samples_passed"] == 196
