@@ -16,11 +16,13 @@ LLVMPIPE = "llvmpipe"
 KNOWN = ("gpu0", "gpu1", LLVMPIPE, CPU)
 """As given to device=; gpu2, gpu3, ... are known too."""
 
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software")
+SOFTWARE_RENDERERS = (
+    *("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software", "basic render"),
+)
 
 
 def is_software(renderer: str) -> bool:
-    """Whether GL_RENDERER names one that runs on a CPU."""
+    """Whether a renderer's name, such as GL_RENDERER, is of one that runs on a CPU."""
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 

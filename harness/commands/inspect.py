@@ -212,20 +212,20 @@ def _place(out: Path, *endings: str) -> Path:
 def _list_every(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
-    """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
+    """List every triangulation of a polygon with its criteria."""
     from harness.commands.running import folder_for
     from harness.stored import atomic
-    from harness.study import enumeration
+    from harness.study.enumeration import triangulation_table
     from harness.style import plain_table
     from triangulators import Skipped, TriangulationError
 
     folder = folder_for(scene.name, out, before="every-")
     try:
-        table = enumeration.triangulation_table(scene.polygons[polygon], mode)
-        with atomic.folder(folder, added=True) as made:
-            enumeration.write(table, scene.polygons[polygon], made)
+        table = triangulation_table(scene.polygons[polygon], mode)
     except (Skipped, TriangulationError) as reason:
         raise UsageError(f"polygon {polygon} of {scene.name}: {reason}") from reason
+    with atomic.folder(folder, added=True) as made:
+        table.to_csv(made / "triangulations.csv", index=False)
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
     shown = plain_table(None, *(f">{name}" for name in columns))
     for row in table.head(10)[list(columns)].itertuples(index=False):

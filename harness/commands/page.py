@@ -69,7 +69,7 @@ def page(
     from harness.compare.matching import latest
     from harness.measuring.processes import Bench
     from harness.measuring.worker import Worker
-    from harness.page.page_data import write_page, write_profile_page
+    from harness.page.page_data import content_of, content_of_profile, write_page
     from harness.stored.folder import read_run
     from harness.webpages import is_stream
 
@@ -77,11 +77,12 @@ def page(
         raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
     if run is None:
         with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
-            file = write_profile_page(bench, out)
+            content = content_of_profile(bench)
     else:
-        file = write_page(latest(read_run(run)), out)
-    said = f"page: {os.path.relpath(file)}; open it in a browser with WebGPU"
-    typer.echo(said, err=is_stream(file))
+        content = content_of(latest(read_run(run)))
+    write_page(content, out)
+    said = f"page: {os.path.relpath(out)}; open it in a browser with WebGPU"
+    typer.echo(said, err=is_stream(out))
 
 
 def import_(
@@ -126,7 +127,7 @@ def import_(
     from harness.page import profile_result
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
-    from harness.page.saved import checked, device_name, read_saved
+    from harness.page.saved import Measured, device_name, read_saved
     from harness.stored.folder import file_stem, read_run
 
     if file.is_dir():
@@ -137,15 +138,18 @@ def import_(
             here = replace(here, records=[r for r in here.records if r["device"] == device])
         typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
-    saved_as, content = read_saved(file, [FORMAT, profile_result.FORMAT])
-    if saved_as == profile_result.FORMAT:
+    kinds: dict[str, type[Measured]] = {
+        FORMAT: Result,
+        profile_result.FORMAT: profile_result.Result,
+    }
+    result = read_saved(file, kinds)
+    name = file_stem(device) or device_name(result)
+    if isinstance(result, profile_result.Result):
         if run or summary:
             raise UsageError(f"{file} is a profile, which has neither --run nor --summary")
-        told = checked(profile_result.Result, content, file)
-        _import_profile(file, told, file_stem(device) or device_name(told), out)
+        _import_profile(file, result, name, out)
         return
-    result = checked(Result, content, file)
-    name = file_stem(device) or device_name(result)
+    assert isinstance(result, Result)
     origin = latest(read_run(run)) if run else None
     folder = folder_for(name, out)
     stored = _made(folder, lambda made: import_result(result, made, name, origin), quiet=quiet)

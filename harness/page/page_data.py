@@ -3,21 +3,21 @@
 It holds a run's frames and triangulations, or a device's draws, and what is known of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness import __version__
 from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
 from harness.figures.registry import predictions
-from harness.frame import OWN_VIEWS
+from harness.frame import OWN_VIEWS, View
 from harness.measuring.processes import Bench
 from harness.page.device_summaries import CRITERIA as SUMMARISED
+from harness.page.result import KEPT, TOLD, counted_exactly
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
 from harness.profile.counted import IN_PX, TERMS, counters
@@ -26,7 +26,6 @@ from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of
 from harness.profile.words import BY_SUM
 from harness.rasterisers.base import shader
-from harness.rasterisers.reference import predict
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.stored import drawings
@@ -40,63 +39,26 @@ SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
 SCRIPTS = (*SHARED, "show.js", "main.js")
 PROFILING = (*SHARED, "design.js", "law.js", "costs.js", "costs_shown.js", "profile.js")
 
-FORMAT = "raster-harness page"
+FORMAT, PROFILE_FORMAT = "raster-harness page", "raster-harness profile page"
 VERSION = 1
-
-KEPT = (
-    *("scene", "scene_hash", "triangulator", "resolution", "rotation", "fit"),
-    *("reason", "polygons", "polygons_skipped", "polygons_failed", "vertices", "triangles"),
-    *("predicted", "triangulate_s", "conforming", "t_junctions", "proven", "largest_gap"),
-    "outline_quads",
-)
-"""Fields of a record that hold on any device."""
-
-TOLD = ("fragments", "quads", "partial_quads")
-"""What the page counts of each polygon."""
 
 Content = dict[str, Any]
 
 
-def write_page(run: Run, file: Path) -> Path:
-    """Write the page that measures what `run` drew; returns where it is.
-
-    Raises
-    ------
-    UsageError
-        if the run kept nothing to draw, or the file cannot be written
-    """
-    content = content_of(run)
-    charts = static(REPORT, CHARTS)
-    _write(file, "page.html", SCRIPTS, content, scene=content["scene"], charts=charts)
-    return file
-
-
-def write_profile_page(bench: Bench, file: Path) -> Path:
-    """Write the page that says what a triangle costs on the device that opens it.
-
-    bench : what triangulates the scenes of its advice
-
-    Raises
-    ------
-    UsageError
-        if the file cannot be written
-    """
-    _write(file, "profile.html", PROFILING, content_of_profile(bench), charts="")
-    return file
-
-
-def _write(
-    file: Path, name: str, scripts: Sequence[str], content: dict[str, Any], **shown: str
-) -> None:
-    content["shaders"] = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
-    styles = [static(REPORT, STYLE), static(PACKAGE, "page.css"), static(PACKAGE, "profile.css")]
+def write_page(content: Content, file: Path) -> None:
+    """Write a page: of a run's content, or of a profile's, which shows no charts."""
+    profiling = content["format"] == PROFILE_FORMAT
+    shaders = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
+    styles = ("page.css", *["profile.css"] * profiling)
+    scripts = PROFILING if profiling else SCRIPTS
     shared = [static(REPORT, ELEMENTS), static(REPORT, SPANS)]
-    text = template(PACKAGE, name).render(
+    text = template(PACKAGE, "profile.html" if profiling else "page.html").render(
         version=__version__,
-        style="".join(styles if name == "profile.html" else styles[:2]),
+        scene=content.get("scene"),
+        charts="" if profiling else static(REPORT, CHARTS),
+        style="".join([static(REPORT, STYLE), *(static(PACKAGE, each) for each in styles)]),
         script="\n".join([*shared, *(static(PACKAGE, each) for each in scripts)]),
-        data=packed(content),
-        **shown,
+        data=packed(content | {"shaders": shaders}),
     )
     write_whole(file, text)
 
@@ -112,8 +74,7 @@ def content_of(run: Run) -> Content:
     for fit, name in OWN_VIEWS.items():
         if any(record.get("fit") == fit for record in run.records):
             raise UsageError(f"{run.path} is of {name}, which a page cannot cut: give another run")
-    views = [view for records in _kept(run) if (view := _view(run, records))]
-    if not views:
+    if not (views := list(_views(run))):
         raise UsageError(
             f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
             "draw; run `raster-harness run` with this version, and two --triangulators"
@@ -132,58 +93,42 @@ def content_of(run: Run) -> Content:
     }
 
 
-def _kept(run: Run) -> list[list[Record]]:
-    """Return the records that can be drawn again, by view: of each triangulator the first.
+def _views(run: Run) -> Iterator[Content]:
+    """Yield each view of which two triangulations or more can be drawn again.
 
-    One sample a pixel, no work and the triangulator's own order, on whichever device.
+    One sample a pixel, no work and the triangulator's own order, on whichever device; of each
+    triangulator the first.
     """
-    found: dict[str, dict[str, Record]] = {}
+    found: dict[View, dict[str, Record]] = {}
     for record in run.records:
         options = record.get("options") or {}
         plain = options.get("samples", 1) == 1 and options.get("order", "native") == "native"
-        if record["status"] != "ok" or not plain:
+        if record["status"] == "ok" and plain:
+            found.setdefault(view_of(record), {}).setdefault(record["triangulator"], record)
+    for view, records in found.items():
+        kept = drawings.read(run, view)
+        if kept is None or len(drawn := [n for n in records if n in kept.triangles]) < 2:
             continue
-        view = found.setdefault(drawings.name_of(view_of(record)), {})
-        view.setdefault(record["triangulator"], record)
-    return [list(records.values()) for records in found.values()]
+        yield {
+            **asdict(view),
+            "scene": records[drawn[0]]["scene"],
+            "points": encoded(kept.points.astype("<i4")),
+            "sizes": np.diff(kept.offsets).tolist(),
+            "cases": {name: _case(records[name], kept) for name in drawn},
+        }
 
 
-def _view(run: Run, records: Sequence[Record]) -> Content | None:
-    """Return one view with its triangulations, None where there are not two to compare."""
-    view = view_of(records[0])
-    kept = drawings.read(run, view)
-    if kept is None:
-        return None
-    cases = {}
-    for record in records:
-        rows = kept.triangles.get(record["triangulator"])
-        if rows is not None:
-            counted = zip(TOLD, counted_exactly(kept, rows), strict=True)
-            cases[record["triangulator"]] = {
-                "rows": encoded(rows.astype("<u4")),
-                **{name: encoded(each.astype("<u4")) for name, each in counted},
-                "record": {name: record[name] for name in KEPT if name in record},
-            }
-    if len(cases) < 2:
-        return None
+def _case(record: Record, kept: Geometry) -> Content:
+    """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
+    rows = kept.triangles[record["triangulator"]]
+    counted = zip(TOLD, counted_exactly(kept, rows), strict=True)
     return {
-        **asdict(view),
-        "scene": records[0]["scene"],
-        "points": encoded(kept.points.astype("<i4")),
-        "sizes": np.diff(kept.offsets).tolist(),
-        "cases": cases,
+        "rows": encoded(rows.astype("<u4")),
+        **{name: encoded(each.astype("<u4")) for name, each in counted},
+        "record": {name: record[name] for name in KEPT if name in record},
     }
 
 
-def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return what the page counts of each polygon, as the CPU reference counts (m, 3) `rows`."""
-    predicted = predict(kept.points, rows)
-    owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
-    size = len(kept.offsets) - 1
-    return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
-
-
-PROFILE_FORMAT = "raster-harness profile page"
 SEED = 0
 
 ABOUT = ("kind", "name", "group", "work", "aspect", "area")

@@ -23,15 +23,13 @@ from harness.profile.design import DESIGN, Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import fitted_of, profile
+from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"
 
 LIKE = 0.02
 """By which what the page's law says of a draw and what ours says may differ: both fit until no
 time changes by 1e-4."""
-
-ON_PROCESSORS = ("swiftshader", "llvmpipe", "lavapipe", "basic render")
-"""In what a browser says of a device: programs that draw on the processor (`costs_shown.js`)."""
 
 Counted = Mapping[str, int]
 
@@ -157,12 +155,11 @@ def _refuse_other_law(
 
 def _facts(result: Result, name: str) -> dict[str, Any]:
     told = result.device
-    words = f"{told.architecture} {told.description}".lower()
     assert result.timer is not None
     return {
         "rasteriser": "webgpu",
         "name": name,
-        "software": told.fallback or any(name in words for name in ON_PROCESSORS),
+        "software": told.fallback or is_software(f"{told.architecture} {told.description}"),
         "cpu": "",
         "browser": result.browser,
         "created": result.started,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
@@ -18,7 +19,6 @@ from harness.frame import SUBPIXEL
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
-from harness.page.page_data import KEPT, counted_exactly
 from harness.page.saved import (
     Finite,
     Measured,
@@ -31,18 +31,16 @@ from harness.page.saved import (
     warnings_of,
 )
 from harness.page.saved import Times as Told
-from harness.rasterisers.reference import SHADED
+from harness.rasterisers.reference import SHADED, predict
 from harness.settings import RESOLUTIONS
 from harness.stored import drawings
-from harness.stored.drawings import view_of
+from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run, Store, read_arrays
 
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"
-AGAIN = "(the base again)"
-"""How the page calls the drawing that is compared with itself."""
-
-BESIDE = (EMPTY, REFERENCE, AGAIN)
+BESIDE = (EMPTY, REFERENCE, "(the base again)")
+"""What is timed beside the cases; the last is compared with itself."""
 
 
 class _Page(Part):
@@ -52,7 +50,7 @@ class _Page(Part):
 
 
 class _Record(Part):
-    """Fields of a record that hold on any device; see `page_data.KEPT`."""
+    """Fields of a record that hold on any device."""
 
     scene: Name
     scene_hash: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -76,9 +74,22 @@ class _Record(Part):
 
 
 class _Counters(Part):
+    """What the page counts of each polygon."""
+
     fragments: list[Whole]
     quads: list[Whole]
     partial_quads: list[Whole]
+
+
+KEPT, TOLD = tuple(_Record.model_fields), tuple(_Counters.model_fields)
+
+
+def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
+    """Return what the page counts of each polygon, as the CPU reference counts (m, 3) `rows`."""
+    predicted = predict(kept.points, rows)
+    owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
+    size = len(kept.offsets) - 1
+    return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
 
 
 class _Case(Part):
@@ -216,8 +227,8 @@ def _records(
     view: _View, device: str, result: Result
 ) -> Iterator[tuple[Record, Mapping[str, np.ndarray]]]:
     """Yield the record of each case of a view, with its counters by polygon."""
+    base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
-        base = max(view.cases.values(), key=lambda each: each.record.polygons)
         known = case.record.model_dump(exclude_unset=True)
         drawn = {"rasteriser": RASTERISER, "device": device, "options": {}}
         identity = CaseOfPlan.of(case.record.model_dump() | drawn).identity()
@@ -225,7 +236,7 @@ def _records(
         values = (fragments, quads, 4 * quads - fragments, partial)
         counters = dict(zip(SHADED, values, strict=True))
         error = None
-        if case.record.polygons == base.record.polygons:
+        if base and case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
         record: Record = {
             **identity,
@@ -247,8 +258,8 @@ def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
         return None
     settings = TimingSettings(budget_s=result.budget_s)
     group = {}
+    epochs = [count for count in view.epochs if count]
     for each in (name, EMPTY, REFERENCE):
-        epochs = [count for count in view.epochs if count]
         group[each] = Times(times[each].repeats, times[each].samples_s, epochs)
         group[each].precision_reached = group[each].is_precise(settings.precision)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))

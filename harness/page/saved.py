@@ -4,7 +4,7 @@ The files come from anywhere, so nothing in them is believed before it is checke
 """
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -98,8 +98,11 @@ class _File(BaseModel):
     result: str = ""
 
 
-def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
-    """Return which of `formats` a file that a page saved has, and the result as JSON.
+Result = TypeVar("Result", bound=Measured)
+
+
+def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
+    """Return the result in a file that a page saved; kinds : what it is, by the file's format.
 
     Raises
     ------
@@ -112,31 +115,16 @@ def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
         if file.stat().st_size > MOST_BYTES:
             raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
-        if outer.format not in formats:
-            raise ValueError(outer.format)
+        kind = kinds[outer.format]
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, KeyError) as error:
         raise UsageError(f"{file}: not a file that a measuring page saved") from error
     if outer.version != VERSION:
         raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
     content = outer.result.encode()
     if hashlib.sha256(content).hexdigest() != outer.sha256:
         raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
-    return outer.format, content
-
-
-Model = TypeVar("Model", bound=Part)
-
-
-def checked(kind: type[Model], content: bytes, file: Path) -> Model:
-    """Return a result whose shape, sizes and ranges are those of its kind.
-
-    Raises
-    ------
-    UsageError
-        if they are not
-    """
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
@@ -150,8 +138,8 @@ def device_name(result: Measured) -> str:
     """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
     told = result.device
     words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
-    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", browser(result.browser)[0]]
-    return "-".join(part for part in parts if part)
+    name = file_stem(words.lower()).strip("-._") or "unnamed-gpu"
+    return f"{name}-{browser(result.browser)[0]}"
 
 
 def warnings_of(result: Measured, more: Iterable[str], moved: str) -> list[str]:
@@ -159,14 +147,15 @@ def warnings_of(result: Measured, more: Iterable[str], moved: str) -> list[str]:
 
     moved : what is drawn elsewhere where the device's grid is coarser
     """
-    problem, step = " ".join((result.problem or "").split()), result.device.step
+    problem = " ".join((result.problem or "").split())
+    step = result.device.step
+    grid = step or 1
     told = {
         f"the page told of a problem: {problem}": problem != "",
         "the page was stopped before it had measured everything": not result.complete,
         "the page was hidden for a while, in which browsers slow it down": result.hidden,
         **dict.fromkeys(more, True),
         "the device rasterises by another rule than ours, on any grid": step is None,
-        f"the device snaps to 1/{SUBPIXEL // (step or 1)} px: {moved} were moved there": (step or 1)
-        > 1,
+        f"the device snaps to 1/{SUBPIXEL // grid} px: {moved} were moved there": grid > 1,
     }
     return [words for words, so in told.items() if so]

@@ -169,9 +169,8 @@ def _doubled(ratios: NDArray[np.float64]) -> list[float] | None:
         over = np.flatnonzero(each >= 1.0)
         if not len(over):
             return None
-        place = int(over[0])
-        share = (1.0 - each[place - 1]) / (each[place] - each[place - 1])
-        found.append(steps[place - 1] + share * (steps[place] - steps[place - 1]))
+        ends = slice(over[0] - 1, over[0] + 1)
+        found.append(np.interp(1.0, each[ends], steps[ends]))
     return [float(2.0**end) for end in _over_epochs(found)]
 
 

@@ -120,7 +120,7 @@ def snapped(draw: Draw, step: int) -> Draw:
     So devices draw it whose grid is coarser than ours.
     """
     points = on_coarser_grid(draw.frame.points, step)
-    return draw if step == 1 else replace(draw, frame=_framed(points))
+    return draw if step == 1 else replace(draw, frame=bare_frame(SIDE, points))
 
 
 def sides(area: int, aspect: int) -> tuple[int, int]:
@@ -142,28 +142,21 @@ def _scattered(
     return _loose(points)
 
 
-def _framed(points: NDArray[np.int32]) -> Frame:
-    return bare_frame(SIDE, points)
-
-
 def _loose(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
     """Return (m, 3, 2) triangles, each with three vertices of its own.
 
     So all draws have three a triangle, but those that tell what a vertex costs.
     """
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return _framed(corners.reshape(-1, 2)), rows
+    return bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
 
 def _aspects(seed: int) -> Iterator[Draw]:
-    number = 100
-    for area, count in AREAS.items():
-        for direction in DIRECTIONS:
-            for aspect in ASPECTS:
-                number += 1
-                made = _scattered(*sides(area, aspect), direction, count, (seed, number))
-                name = f"{area} px^2, {aspect}:1, turned {direction.x}/{direction.y}"
-                yield Draw("aspect", name, f"aspect {area}", *made, aspect=aspect, area=area)
+    each = product(AREAS.items(), DIRECTIONS, ASPECTS)
+    for number, ((area, count), direction, aspect) in enumerate(each, 101):
+        made = _scattered(*sides(area, aspect), direction, count, (seed, number))
+        name = f"{area} px^2, {aspect}:1, turned {direction.x}/{direction.y}"
+        yield Draw("aspect", name, f"aspect {area}", *made, aspect=aspect, area=area)
 
 
 def _alike(kind: str, first: int, shapes: Iterable[tuple[int, int]], seed: int) -> Iterator[Draw]:
@@ -193,7 +186,7 @@ def _rings(seed: int, place: int) -> tuple[Frame, NDArray[np.int32]]:
     count = max(1, MOST // (corners - 2))
     numbers = placing.mixed(seed, 400 + place, count)
     points = placing.placed(lambda _: outline[None], size, SLANTED, numbers)
-    return _framed(points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
+    return bare_frame(SIDE, points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
 
 
 def _cuts(seed: int) -> Iterator[Draw]:
@@ -269,7 +262,8 @@ def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
     corner = (k[:, None] * (across + 1) + k).ravel()
     right, up = corner + 1, corner + across + 1
     halves = [np.stack([corner, right, up], -1), np.stack([right, up + 1, up], -1)]
-    return _framed(points.astype(np.int32)), np.stack(halves, 1).reshape(-1, 3).astype(np.int32)
+    triangles = np.stack(halves, 1).reshape(-1, 3).astype(np.int32)
+    return bare_frame(SIDE, points.astype(np.int32)), triangles
 
 
 def _work(seed: int) -> Iterator[Draw]:

@@ -217,19 +217,17 @@ def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Write what `measure_table` gave, and what is made of it, where that is not empty.
-
-    Returns the correlations.
-    """
-    correlations = correlate(table)
-    more = {
+    """Write what `measure_table` gave, and what is made of it; returns the correlations."""
+    tables = {
+        "measured": table,
+        "correlations": correlate(table),
         "criteria_compared": compare_all(table),
-        "correlations_by_resolution": by_resolution(table),
     }
-    kept = {name: content for name, content in more.items() if not content.empty}
-    for name, content in {"measured": table, "correlations": correlations, **kept}.items():
+    if len(by_size := by_resolution(table)):
+        tables["correlations_by_resolution"] = by_size
+    for name, content in tables.items():
         content.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
-    return correlations
+    return tables["correlations"]
 
 
 PAPER = "overdraw"

@@ -1,23 +1,15 @@
-"""Every triangulation of one polygon with its criteria, and the paper's picture of them."""
+"""Every triangulation of one polygon with its criteria."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.style import COLOURS, draw, grid
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.methods.exhaustive import enumerate_triangulations
-from triangulators.methods.pareto import pareto_front
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLUMNS = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 
@@ -48,25 +40,3 @@ def _diagonals(triangles: NDArray[np.int32], vertices_: int) -> list[tuple[int, 
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     pairs = np.unique(edges, axis=0).tolist()
     return [(a, b) for a, b in pairs if b - a not in (1, vertices_ - 1)]
-
-
-def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
-    """Write triangulations.csv and plots/difference-vs-overdraw.png (and .svg)."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table.to_csv(folder / "triangulations.csv", index=False)
-    front = pareto_front(polygon, "overdraw", "shape").costs
-    draw(folder / "plots", "difference-vs-overdraw", _figure, table, front)
-
-
-def _figure(table: pd.DataFrame, front: NDArray[np.float64]) -> Figure:
-    figure, (axes,) = grid((3.5, 3.2))
-    kinds = {"conforming": table["conforming"], "T-junctions": ~table["conforming"]}
-    for (label, rows), colour, marker in zip(kinds.items(), COLOURS, "ox", strict=False):
-        style: Any = {"color": colour, "marker": marker, "label": f"{label} ({rows.sum()})"}
-        axes.scatter(table["overdraw"][rows], table["shape"][rows], s=14, **style)
-    style = {"color": COLOURS[2], "marker": "o", "label": f"Pareto front ({len(front)})"}
-    axes.step(*front.T, where="post", markersize=8, fillstyle="none", **style)
-    axes.set_xlabel("A, bounding-box overdraw (square units)")
-    axes.set_ylabel("D, shape deviation (degrees)")
-    axes.legend()
-    return figure

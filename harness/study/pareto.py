@@ -132,7 +132,7 @@ def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
 
     Triangulators that left polygons out are not in it: their sums are over fewer polygons.
     """
-    rows: list[dict[str, object]] = []
+    table: list[dict[str, object]] = []
     place = {record["scene"]: number for number, record in enumerate(reversed(run.records))}
     for members in sorted(groups(run.records), key=lambda group: -place[group[0]["scene"]]):
         good = [record for record in members if record["status"] == "ok"]
@@ -142,9 +142,13 @@ def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
         base = by_name.get("pareto#0", by_name.get(SWEEP[0]))
         if base is not None:
             front = fronts.get(base["scene"])
-            rows += [_row(run, record, base, front) for record in whole]
-    table = pd.DataFrame(rows)
-    return table if table.empty else _with_undominated(table, fronts)
+            rows = [_row(run, record, base, front) for record in whole]
+            # Beside the whole front of a single polygon, of a scene beside the other rows.
+            names = ("overdraw", "shape") if front else NORMALISED
+            costs = np.array([[row[name] for name in names] for row in rows], np.float64)
+            marks = undominated(costs, front.costs if front else costs).tolist()
+            table += [row | {"undominated": m} for row, m in zip(rows, marks, strict=True)]
+    return pd.DataFrame(table)
 
 
 def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
@@ -188,22 +192,6 @@ def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
         float(np.mean(own[f"{PREDICTED}overdraw"] / area)),
         float(np.mean(own[f"{PREDICTED}shape"] / triangles)),
     )
-
-
-def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
-    """Add `undominated`: whether nothing is as good in A and in D and better in one.
-
-    For a single polygon that is the whole front, for a scene the other rows.
-    """
-    known = {str(front.polygon): front.costs for front in fronts.values()}
-    marks = pd.Series(False, index=table.index)
-    for (polygon, *_), part in table.groupby(["polygon", "rasteriser", "device"], sort=False):
-        front = known.get(str(polygon))
-        names = NORMALISED if front is None else ("overdraw", "shape")
-        costs = part[list(names)].to_numpy(float)
-        marks[part.index] = undominated(costs, costs if front is None else front)
-    table["undominated"] = marks
-    return table
 
 
 def undominated(costs: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -16,9 +16,9 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
-from harness.page.page_data import KEPT, TOLD, write_profile_page
-from harness.page.result import FORMAT, Result, import_result
-from harness.page.saved import VERSION, checked, read_saved
+from harness.page.page_data import content_of_profile, write_page
+from harness.page.result import FORMAT, KEPT, TOLD, Result, import_result
+from harness.page.saved import VERSION, read_saved
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
@@ -33,7 +33,7 @@ ROUNDS = 12
 
 
 def read_result(file: Path) -> Result:
-    return checked(Result, read_saved(file, [FORMAT])[1], file)
+    return read_saved(file, {FORMAT: Result})
 
 
 @pytest.fixture(scope="session")
@@ -155,7 +155,10 @@ def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
         patch.setattr("harness.profile.advice.POLYGONS", 8)
         bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
-        return write_profile_page(bench, tmp_path_factory.mktemp("profile") / "profile.html")
+        content = content_of_profile(bench)
+    file = tmp_path_factory.mktemp("profile") / "profile.html"
+    write_page(content, file)
+    return file
 
 
 @pytest.fixture(scope="session")

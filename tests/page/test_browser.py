@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.page.page_data import TOLD, write_page
+from harness.page.page_data import content_of, write_page
+from harness.page.result import TOLD
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.stored.folder import read_run
@@ -19,7 +20,9 @@ from tests.rasterisers.conftest import random_triangles
 
 @pytest.fixture(scope="module")
 def page(small_run, tmp_path_factory) -> Path:
-    return write_page(small_run, tmp_path_factory.mktemp("page") / "page.html")
+    file = tmp_path_factory.mktemp("page") / "page.html"
+    write_page(content_of(small_run), file)
+    return file
 
 
 def opened(browser: Chromium, page: Path) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.page.page_data import TOLD, content_of, write_page
+from harness.page.page_data import content_of
+from harness.page.result import TOLD
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of
@@ -37,10 +38,10 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
             assert case["record"]["triangles"] == len(rows)
 
 
-def test_one_triangulation_is_nothing_to_compare(small_run, tmp_path):
+def test_one_triangulation_is_nothing_to_compare(small_run):
     alone = replace(small_run, records=small_run.records[:1])
     with pytest.raises(UsageError, match="nothing to draw"):
-        write_page(alone, tmp_path / "page.html")
+        content_of(alone)
 
 
 def test_the_command_writes_one_file(harness, small_run):

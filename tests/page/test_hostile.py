@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from harness.page.page_data import write_page
+from harness.page.page_data import content_of, write_page
 from harness.page.result import import_result
 from harness.report.page import write_report
 from harness.stored.folder import read_run
@@ -70,7 +70,8 @@ def test_the_report_of_an_imported_result(browser, saved, tmp_path):
 
 
 def test_the_measuring_page_and_its_tooltips(browser, small_run, tmp_path, saved):
-    page = write_page(small_run, tmp_path / "page.html")
+    page = tmp_path / "page.html"
+    write_page(content_of(small_run), page)
     browser.open(page, MEASURED)
     content = json.loads(saved().read_text())["result"]
     name = json.dumps(f"delaunay{MARKUP}")
