@@ -34,7 +34,6 @@ LEAST, MOST = 20_000, 50_000
 RANDOM = (".gpkg", ".fgb", ".shp")
 """Suffixes of files that GDAL reads from the middle without reading what comes before."""
 
-_EDGE = 65_536
 _COMPARISON = re.compile(
     r'^\s*("?)([\w.]+)\1\s*(<=|>=|<|>|=)\s*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*$'
 )
@@ -181,14 +180,7 @@ def edges(file: Path) -> bytes:
     if file.is_dir():
         return "\n".join(sorted(each.name for each in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
-    return _ends(file) + (_ends(log) if log.is_file() else b"")
-
-
-def _ends(file: Path) -> bytes:
-    with file.open("rb") as stream:
-        head = stream.read(_EDGE)
-        stream.seek(max(0, file.stat().st_size - _EDGE))
-        return head + stream.read()
+    return b"".join(guard.edges(file) + (guard.edges(log) if log.is_file() else ()))
 
 
 def identity_of(file: Path, content: bytes) -> str:

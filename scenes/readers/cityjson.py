@@ -9,7 +9,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.guard import clear_errors, noted
+from scenes.readers.guard import clear_errors, noted, refuse_unended
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
@@ -36,6 +36,7 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
 
     As `read`, `size` features at a time.
     """
+    refuse_unended(source.path, json.loads)
     found = _Surfaces(source)
     with source.path.open("rb") as lines:
         head = _model(f"{source.path}, line 1", lambda: next(lines, b""))

@@ -5,33 +5,28 @@ complete. Everything that a reader raises ends at one of the two boundaries here
 `RASTER_HARNESS_DEBUG=1` there is no boundary: the error is raised with its traceback.
 """
 
-import json
 import os
 import re
-import stat
 import struct
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path
 
-import numpy as np
-
 from scenes.scene import Note, SceneError
+from scenes.spec import exists
 
 DEBUG = "RASTER_HARNESS_DEBUG"
 """Environment variable that switches the boundaries off."""
 
 
 @contextmanager
-def clear_errors(
-    name: str, kind: str, explain: Callable[[Exception], str | None] | None = None
-) -> Iterator[None]:
+def clear_errors(name: str, kind: str) -> Iterator[None]:
     """Turn whatever is raised within into a SceneError of one line.
 
     name : the file, as the user gave it
     kind : what it was read as, e.g. "GeoParquet"
-    explain : may give a better message than the general one
 
     >>> with clear_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
@@ -50,11 +45,10 @@ damaged or has another format: write it again)
     except Exception as error:
         if debugging():
             raise
-        general = (
+        raise SceneError(
             f"{name} cannot be read as {kind}: {reason(error)} "
             "(it is damaged or has another format: write it again)"
-        )
-        raise SceneError((explain and explain(error)) or general) from error
+        ) from error
 
 
 @contextmanager
@@ -101,40 +95,55 @@ def debugging() -> bool:
 LONGEST = 64 * 2**20
 """Characters of the longest line that is read; a coastline of a million vertices has 40 million."""
 
+LARGEST = 2**30
+"""Bytes of the largest file that is read whole.
+
+Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
+"""
+
+_RATIO = 100
+"""A usual archive is at most this many times smaller than its content, a ZIP bomb 1000 times."""
+
 
 def existing(path: str) -> Path:
     """The file; raises SceneError, in one line, where there is none, or it is empty or no file."""
-    if "\0" in path:
-        raise SceneError("a path cannot hold a NUL character: give another")
     file = Path(path)
     try:
-        mode = file.stat().st_mode
-        if not stat.S_ISDIR(mode):
-            _refuse_special(path, mode)
-            with file.open("rb") as stream:
-                if not stream.read(1):
-                    raise SceneError(f"{path} is empty (0 bytes): give a file with polygons")
+        if file.is_dir():
+            return file
+        refuse_special(file)
+        with file.open("rb") as stream:
+            if not stream.read(1):
+                raise SceneError(f"{path} is empty (0 bytes): give a file with polygons")
     except (FileNotFoundError, NotADirectoryError):
         raise SceneError(f"there is no file {path}: check the path") from None
-    except OSError as error:
-        raise SceneError(f"{path} cannot be opened: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{path} cannot be opened: {reason(error)}") from error
     return file
 
 
-def refuse_special(paths: Iterable[Path]) -> None:
-    """Raise SceneError for a pipe, socket or device among the paths; others need not exist."""
-    for path in paths:
-        try:
-            mode = path.stat().st_mode
-        except (OSError, ValueError):  # whoever opens it says so
-            continue
-        if not stat.S_ISDIR(mode):
-            _refuse_special(str(path), mode)
-
-
-def _refuse_special(path: str, mode: int) -> None:
-    if not stat.S_ISREG(mode):
+def refuse_special(path: Path) -> None:
+    """Raise SceneError for a pipe, socket or device: it may never end. There may be nothing."""
+    if exists(str(path)) and not (path.is_file() or path.is_dir()):
         raise SceneError(f"{path} is a pipe, socket or device, not a file: save it as a file first")
+
+
+def check_size(path: Path, whole: bool) -> None:
+    """Raise SceneError for a file too large to be read whole, and for a ZIP bomb."""
+    size = path.stat().st_size
+    if whole and size > LARGEST:
+        raise SceneError(
+            f"{path} has {size:,} bytes, but files of its format are held in memory and the limit "
+            f"is {LARGEST:,}: give a part of it"
+        )
+    if edges(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > max(LARGEST, _RATIO * size):
+            raise SceneError(
+                f"{path} unpacks to {unpacked:,} bytes, more than {_RATIO} times its size: "
+                "unpack it yourself and give the file that you want from it"
+            )
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -151,62 +160,12 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-LARGEST = 2**30
-"""Bytes of the largest file that is read whole; `RASTER_HARNESS_LARGEST_FILE` sets another limit.
-
-Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
-"""
-
-VARIABLE = "RASTER_HARNESS_LARGEST_FILE"
-
-_RATIO = 100
-"""A usual archive is at most this many times smaller than its content, a ZIP bomb 1000 times."""
-
-
-def largest() -> int:
-    """The limit in bytes. Raises SceneError if the environment variable is not a number."""
-    text = os.environ.get(VARIABLE, "")
-    if not text:
-        return LARGEST
-    if not text.isdecimal():
-        raise SceneError(f"{VARIABLE}={text!r} is not a number of bytes: give one like {LARGEST}")
-    return int(text)
-
-
-def check_size(path: Path) -> None:
-    """Raise SceneError for a file too large to be read whole."""
-    size, limit = path.stat().st_size, largest()
-    if size > limit:
-        raise SceneError(
-            f"{path} has {_shown(size)}, but files of its format are held in memory and the limit "
-            f"is {_shown(limit)}: give a part of it, or set {VARIABLE}={size}"
-        )
-
-
-def check_archive(path: Path) -> None:
-    """Raise SceneError for a ZIP archive whose content is over the limit and far over its own size.
-
-    Some formats are ZIP archives with another suffix; this holds for them too.
-    """
+def edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
+    """The first and the last bytes of a file."""
     with path.open("rb") as stream:
-        if stream.read(4) != b"PK\x03\x04" or not zipfile.is_zipfile(path):
-            return
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > max(largest(), _RATIO * path.stat().st_size):
-        raise SceneError(
-            f"{path} unpacks to {_shown(size)}, more than {_RATIO} times its size: "
-            "unpack it yourself and give the file that you want from it"
-        )
-
-
-def _shown(size: int) -> str:
-    return f"{size / 2**30:.3g} GiB" if size >= 2**30 else f"{size / 2**20:.3g} MiB"
-
-
-_EDGE = 4096
-SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljson")
-"""Suffixes of files with a GeoJSON object a line; other suffixes of JSON are looked into."""
+        head = stream.read(size)
+        stream.seek(max(0, path.stat().st_size - size))
+        return head, stream.read()
 
 
 def cut_off(path: Path, where: str) -> SceneError:
@@ -215,29 +174,37 @@ def cut_off(path: Path, where: str) -> SceneError:
 
 
 def check_cut_off(path: Path) -> None:
-    """Raise SceneError for a file that was cut off, as far as its first and last bytes show that.
+    """Raise SceneError for a file that says how long it is, or where it ends, and is shorter.
 
-    What is missing at the end of a file cannot be named, so such a file is refused. It shows that
-    where its format has an end mark, says how long it is, or ends in the middle of a record. The
+    By its suffix, for formats whose readers give what is there without a word. XML, JSON, Parquet,
+    PLY and CSV need no check: what is open in them at the end is an error to their parsers. Other
     formats that are not looked at here show it to their reader, or not at all.
     """
     seen = _CHECKS.get(path.suffix.lower())
-    where = seen(path) if seen is not None and path.is_file() else None
+    where = seen(path) if seen is not None else None
     if where:
         raise cut_off(path, where)
 
 
-def _edges(path: Path, size: int = _EDGE) -> tuple[bytes, bytes]:
-    """The first and the last bytes of a file."""
-    with path.open("rb") as stream:
-        head = stream.read(size)
-        stream.seek(max(0, path.stat().st_size - size))
-        return head, stream.read(size)
+def refuse_unended(path: Path, sound: Callable[[bytes], object]) -> None:
+    """Raise SceneError for a file of lines whose last one has no end and is not sound."""
+    last = edges(path)[1]
+    if b"\n" not in last:
+        last = edges(path, LONGEST)[1]
+    before, _, line = last.rpartition(b"\n")
+    if not (before.strip() and line.strip()):
+        return  # ended, or there is no other line
+    try:
+        whole = sound(line.strip(b"\x1e \t\r"))
+    except (ValueError, RecursionError):
+        whole = False
+    if not whole:
+        raise cut_off(path, "its last line ends in the middle")
 
 
 def _drawing(path: Path) -> str | None:
-    _, tail = _edges(path)
-    return None if tail.rstrip(b"\0\x1a \t\r\n").endswith(b"EOF") else "a DXF ends with EOF"
+    ended = edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
+    return None if ended else "a DXF ends with EOF"
 
 
 def _shorter(path: Path, stated: int) -> str | None:
@@ -247,13 +214,13 @@ def _shorter(path: Path, stated: int) -> str | None:
 
 def _shape(path: Path) -> str | None:
     """A Shapefile says at byte 24 how many 16-bit words it has."""
-    head, _ = _edges(path)
+    head, _ = edges(path)
     return _shorter(path, 2 * struct.unpack_from(">I", head, 24)[0]) if len(head) >= 100 else None
 
 
 def _database(path: Path) -> str | None:
     """SQLite counts its pages; the count holds if it was made by the version that wrote last."""
-    head, _ = _edges(path)
+    head, _ = edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
     page = struct.unpack_from(">H", head, 16)[0]
@@ -264,7 +231,7 @@ def _database(path: Path) -> str | None:
 
 def _stl(path: Path) -> str | None:
     """Binary STL counts its triangles; text ends with endsolid."""
-    head, tail = _edges(path)
+    head, tail = edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
         return None
@@ -274,64 +241,15 @@ def _stl(path: Path) -> str | None:
 
 
 def _off(path: Path) -> str | None:
-    """OFF counts its vertices and faces, a line each."""
+    """OFF counts its vertices and faces, a line each, and a face its corners."""
     text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
     found = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
     if found is None:
         return None
     vertices, faces = int(found[1]), int(found[2])
-    rest = [line for line in text[found.end() :].splitlines()[1:] if line.strip()]
-    there = max(len(rest) - vertices, 0)
-    if there < faces:
-        return f"it has {there} of {faces} faces"
-    words = rest[vertices + faces - 1].split() if faces else []
-    whole = not words or not words[0].isdecimal() or len(words) > int(words[0])
-    return None if whole else f"face {faces - 1} is not whole"
-
-
-def _last_line(path: Path) -> str | None:
-    if not is_sequence(path):
-        return None
-    return unended(path, lambda line: bool(json.loads(line)))
-
-
-def is_sequence(path: Path) -> bool:
-    """Whether a file has a GeoJSON object a line, by its suffix or by its first line."""
-    suffix = path.suffix.lower()
-    if suffix in SEQUENCES:
-        return True
-    if suffix not in (".json", ".geojson") or not path.is_file():
-        return False
-    with path.open("rb") as stream:
-        start = stream.read(_EDGE).lstrip(b"\xef\xbb\xbf \t\r\n")
-        if start.startswith(b"\x1e"):
-            return True
-        if re.search(rb'"type"\s*:\s*"(FeatureCollection|Topology|CityJSON)"', start):
-            return False
-        stream.seek(0)
-        first = stream.readline(LONGEST)
-        if not stream.read(_EDGE).strip():
-            return False
-    try:
-        return isinstance(json.loads(first), dict)
-    except (ValueError, RecursionError):
-        return False
-
-
-def unended(path: Path, sound: Callable[[bytes], bool]) -> str | None:
-    """How a file of lines shows that it was cut off: its last line has no end and is not sound."""
-    size, last = path.stat().st_size, b""
-    for reach in (2**16, 2**21, LONGEST):
-        if b"\n" not in last and len(last) < size:
-            _, last = _edges(path, reach)
-    before, _, line = last.rpartition(b"\n")
-    if not line.strip() or (not before.strip() and len(last) >= size):
-        return None  # ended, or there is no other line
-    try:
-        whole = sound(line.strip(b"\x1e \t\r"))
-    except (ValueError, RecursionError):
-        whole = False
-    return None if whole else "its last line ends in the middle"
+    rest = [line.split() for line in text[found.end() :].splitlines()[1:] if line.strip()]
+    whole = [words for words in rest[vertices:] if len(words) > int(words[0])]
+    return f"it has {len(whole)} of {faces} faces" if len(whole) < faces else None
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
@@ -340,31 +258,27 @@ _CHECKS: dict[str, Callable[[Path], str | None]] = {
     **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _database),
     ".stl": _stl,
     ".off": _off,
-    **dict.fromkeys((*SEQUENCES, ".json", ".geojson"), _last_line),
 }
 
 
 DEEPEST = 100
 """Levels of the deepest geometry that is parsed: far more than any has, and safe on any stack."""
 
-_HEADER = 9
-"""Bytes of a nested geometry at least: byte order, type, number of parts."""
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
 _HOLDERS = (4, 5, 6, 7, 9, 10, 11, 12)
 """Types made of geometries: multi-points to collections, and those of curves."""
 
 
 def text_too_deep(text: str) -> bool:
-    """Whether WKT is nested deeper than `DEEPEST`.
+    """Whether WKT is nested deeper than `DEEPEST`; GEOS, which recurses, might end the process.
 
     >>> text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), text_too_deep("(" * 101)
     (False, True)
     """
     if text.count("(") <= DEEPEST:
         return False
-    letters = np.frombuffer(text.encode(), dtype=np.uint8)
-    levels = (letters == ord("(")).astype(np.int64) - (letters == ord(")"))
-    return int(np.cumsum(levels).max()) > DEEPEST
+    steps = ((found[0] == "(") - (found[0] == ")") for found in re.finditer(r"[()]", text))
+    return max(accumulate(steps)) > DEEPEST
 
 
 def too_deep(wkb: bytes) -> bool:
@@ -374,47 +288,41 @@ def too_deep(wkb: bytes) -> bool:
     >>> too_deep(99 * level), too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
-    if len(wkb) <= DEEPEST * _HEADER:
+    if len(wkb) <= 9 * DEEPEST:  # of a nested geometry there are 9 bytes at least
         return False
-    left: list[int] = []  # parts still to come, of each geometry that is open
-    at, order = 0, "<"
     try:
-        while len(left) <= DEEPEST:
-            order = {0: ">", 1: "<"}.get(wkb[at], order)
-            code = struct.unpack_from(order + "I", wkb, at + 1)[0]
-            at += 9 if code & 0x20000000 else 5  # with an SRID
-            kind, flat = (code & 0xFFFF) % 1000, (code & 0xFFFF) // 1000
-            heights = bool(code & 0x80000000) or flat in (1, 3)
-            measures = bool(code & 0x40000000) or flat in (2, 3)
-            point = 8 * (2 + heights + measures)
-            if kind in _HOLDERS:
-                left.append(struct.unpack_from(order + "I", wkb, at)[0])
-                at += 4
-            else:
-                at = _after(wkb, at, order, kind, point)
-                if left:
-                    left[-1] -= 1
-            while left and left[-1] == 0:
-                left.pop()
-                if left:
-                    left[-1] -= 1
-            if not left:
-                return False
-    except (struct.error, IndexError):  # cut short, before it is too deep
+        _end(wkb, 0, "<", 0)
+    except RecursionError:
+        return True
+    except (struct.error, IndexError):  # no WKB, or cut short before it is too deep
         return False
-    return True
+    return False
 
 
-def _after(wkb: bytes, at: int, order: str, kind: int, point: int) -> int:
-    """Where a geometry without parts ends, whose coordinates begin at `at`."""
+def _end(wkb: bytes, at: int, order: str, level: int) -> tuple[int, str]:
+    """Where the geometry ends that begins at `at`, and the order of bytes that holds there."""
+    if level > DEEPEST:
+        raise RecursionError
+    order = {0: ">", 1: "<"}.get(wkb[at], order)
+    number = struct.Struct(order + "I").unpack_from
+    (code,) = number(wkb, at + 1)
+    at += 9 if code & 0x20000000 else 5  # with an SRID
+    flat, kind = divmod(code & 0xFFFF, 1000)
+    heights = bool(code & 0x80000000) or flat in (1, 3)
+    measures = bool(code & 0x40000000) or flat in (2, 3)
+    point = 8 * (2 + heights + measures)
     if kind == _POINT:
-        return at + point
-    lines = 1
-    if kind == _POLYGON:
-        lines = struct.unpack_from(order + "I", wkb, at)[0]
-        at += 4
-    elif kind not in (_LINE, _ARC):
+        return at + point, order
+    (count,) = number(wkb, at)
+    at += 4
+    if kind in _HOLDERS:
+        for _ in range(count):
+            at, order = _end(wkb, at, order, level + 1)
+    elif kind == _POLYGON:
+        for _ in range(count):
+            at += 4 + point * number(wkb, at)[0]
+    elif kind in (_LINE, _ARC):
+        at += point * count
+    else:
         raise IndexError
-    for _ in range(lines):
-        at += 4 + point * struct.unpack_from(order + "I", wkb, at)[0]
-    return at
+    return at, order

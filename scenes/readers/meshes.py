@@ -104,14 +104,11 @@ def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
         def absolute(self, name: str) -> Path:
             path: Path = super().absolute(name)
-            refuse_special([path])
+            refuse_special(path)
             return path
 
-    with source.path.open("rb") as stream:
-        kind = source.path.suffix[1:].lower()
-        model = trimesh.load_mesh(
-            stream, file_type=kind, resolver=Beside(str(source.path)), process=True
-        )
+    beside = Beside(str(source.path))
+    model = trimesh.load_mesh(source.path, resolver=beside, process=True)
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
     if len(triangles) == 0:
         raise SceneError(f"{source.path} holds no face: give a model with faces")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,45 +73,29 @@ class Reader:
 
     kind : the format's name in messages
     whole : whether the whole file is held in memory
-    explain : the name of a function in the module that has better messages for some errors
     layered : whether a layer can be asked for
     """
 
     function: str
     kind: str
     whole: bool = True
-    explain: str | None = None
     layered: bool = False
-
-    @property
-    def module(self) -> Any:
-        """The module, imported on first use because some take long."""
-        return importlib.import_module(self.function.partition(":")[0])
 
     def __call__(self, source: Source, size: int) -> Iterator[Raw]:
         """Yield the file's chunks; raises SceneError, in one line, for anything that goes wrong."""
         path = str(source.path)
         if source.layer is not None and not self.layered:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
-        explain: Callable[..., str | None] | None = None
-        if self.explain is not None:
-            explain = getattr(self.module, self.explain)
-        with guard.clear_errors(path, self.kind, lambda e: explain(source, e) if explain else None):
+        module, _, function = self.function.partition(":")
+        with guard.clear_errors(path, self.kind):
             if source.path.is_file():
-                guard.check_archive(source.path)
-                if self.whole:
-                    guard.check_size(source.path)
+                guard.check_size(source.path, self.whole)
                 guard.check_cut_off(source.path)
-            yield from getattr(self.module, self.function.partition(":")[2])(source, size)
+            # imported on first use because some take long
+            yield from getattr(importlib.import_module(module), function)(source, size)
 
 
-GDAL = Reader(
-    "scenes.readers.vector:read",
-    "a file of geometries",
-    whole=False,
-    explain="explain",
-    layered=True,
-)
+GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False, layered=True)
 _PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False, layered=True)
 _CITY = Reader("scenes.readers.cityjson:read", "CityJSON", layered=True)
 _SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", whole=False)

@@ -11,7 +11,7 @@ import json
 import re
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
@@ -26,10 +26,17 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.projection import system
 from scenes.readers.geoparquet import to_pandas
-from scenes.readers.guard import cut_off, is_sequence, numbered_lines, reason, refuse_special
+from scenes.readers.guard import (
+    LONGEST,
+    cut_off,
+    edges,
+    numbered_lines,
+    refuse_special,
+    refuse_unended,
+)
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
-from scenes.spec import install, suggestion
+from scenes.spec import suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,12 +48,14 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     The layer is the one asked for, else the first that can hold polygons. Raises SceneError where
     GDAL reports more failures than there are features without geometry, which are named.
     """
-    if re.search(r"[\n\r\t]", str(source.path)):
-        raise SceneError(f"{source.path} has a tab or an end of line in its name: rename it")
-    refuse_special(_opened(source.path))
+    for each in _opened(source.path):
+        refuse_special(each)
+    by_line = is_sequence(source.path)
+    if by_line:
+        refuse_unended(source.path, lambda line: bool(json.loads(line)))
     failures = Failures()
     read = missing = 0
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _explained(source):
         # GDAL's remarks on single features come back as our own notes
         warnings.simplefilter("ignore")
         layer, notes = layer_of(source)
@@ -56,24 +65,24 @@ def read(source: Source, size: int) -> Iterator[Raw]:
             raws = _streamed(source, layer, size)
         else:
             raws = _by_skipping(source, layer, None if whole else size)
-        by_line = is_sequence(source.path)
         while True:
             with failures.heard():
                 raw = next(raws, None)
-            read += 0 if raw is None else len(raw.labels) + len(raw.dropped)
-            missing += 0 if raw is None else int(shapely.is_missing(raw.geometries).sum())
+            if raw is not None:
+                read += len(raw.labels) + len(raw.dropped)
+                missing += int(shapely.is_missing(raw.geometries).sum())
             if failures.count > missing and not by_line:
                 raise SceneError(
                     f"{source.path} cannot be read whole, polygons would be missing: "
-                    f"{failures.texts[0]} (it is damaged: write or copy it again)"
+                    f"{failures.first} (it is damaged: write or copy it again)"
                 )
             if raw is None:
-                _refuse_fewer(source, layer, read)
                 break
             yield replace(raw, crs=_true_crs(source.path, raw.crs), notes=notes + raw.notes)
     if by_line:
         everything = source.where is None and source.rows is None
         yield from lost(source.path, read, failures.count, all_wanted=everything, size=size)
+    _refuse_fewer(source, layer, read)
 
 
 def _refuse_fewer(source: Source, layer: str, read: int) -> None:
@@ -81,6 +90,7 @@ def _refuse_fewer(source: Source, layer: str, read: int) -> None:
 
     GDAL ends a FlatGeobuf file that was cut between two features without a word.
     """
+    stated = 0
     if source.rows is not None:
         stated = source.rows[1] - source.rows[0]
     elif source.path.suffix.lower() == ".fgb":
@@ -88,8 +98,6 @@ def _refuse_fewer(source: Source, layer: str, read: int) -> None:
         if source.where is not None:  # count those that do not meet it, too
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             read = len(pyogrio.raw.read(source.path, **options)[1])
-    else:
-        return
     if read < stated:
         raise cut_off(source.path, f"it has {read} of {stated} features")
 
@@ -103,6 +111,29 @@ def _opened(path: Path) -> Iterator[Path]:
         text = path.read_text(encoding="utf-8", errors="replace")
         for named in re.findall(r"<SrcDataSource[^>]*>([^<]*)<", text):
             yield path.parent / ("/dev/stdin" if "/vsistdin" in named else named.strip())
+
+
+@contextmanager
+def _explained(source: Source) -> Iterator[None]:
+    """Say of two usual errors of GDAL what a user can do."""
+    try:
+        yield
+    except SceneError:
+        raise
+    except pyogrio.errors.DataSourceError as error:
+        found = "not a file that GDAL reads: it is damaged, or of an unknown format"
+        if source.path.is_dir():
+            found = f"a folder: give a file in it, or of map tiles the zoom: {source.path}:zoom=14"
+        raise SceneError(f"{source.path} is {found}") from error
+    except Exception as error:
+        of_sql = any(word in str(error) for word in ("SQL", "such column", "syntax", "token"))
+        if source.where is None or not of_sql:
+            raise
+        known = ", ".join(pyogrio.read_info(source.path, layer=layer_of(source)[0])["fields"])
+        raise SceneError(
+            f"{source.path}: condition {source.where!r} is not valid; "
+            f"its attributes are {known or 'none'}"
+        ) from error
 
 
 def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
@@ -216,83 +247,34 @@ def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
     notes = [f"layer {layer} (others: {', '.join(others)})"] if others else []
     if source.path.is_dir() and source.path.suffix.lower() != ".gdb":
         # GDAL takes a folder for its Shapefiles
-        stems = set(known)
-        unread = sorted(each.name for each in source.path.iterdir() if each.stem not in stems)
+        unread = sorted(each.name for each in source.path.iterdir() if each.stem not in known)
         if unread:
-            more = f" and {len(unread) - 1} more are" if len(unread) > 1 else " is"
-            notes.append(f"of the folder's files, {unread[0]}{more} not read: name a file")
+            told = f"{len(unread)} of the folder's files not read, first {unread[0]}: name a file"
+            notes.append(told)
     return layer, tuple(notes)
 
 
 def _true_crs(path: Path, crs: str | None) -> str | None:
     """The reference system that the file names, where GDAL has put its own guess in its place.
 
-    GeoJSON of 2008 may name a system in `crs`, or say by null that there is none. If GDAL does not
-    know the name, it takes longitude and latitude.
+    GeoJSON of 2008 may name a system in `crs`, before its features or after them, or say by null
+    that there is none. If GDAL does not know the name, it takes longitude and latitude.
     """
     if crs != "EPSG:4326" or path.suffix.lower() not in (".geojson", ".json") or path.is_dir():
         return crs
-    given = _crs_member(path)
-    if given is _ABSENT:
+    head, tail = edges(path)
+    around = head.partition(b'"features"')[0] + tail.rpartition(b"]")[2]
+    member = r'"crs"\s*:\s*(?:\{.*?"(?:name|href)"\s*:\s*)?(null|"[^"]*")'
+    found = re.search(member, around.decode("utf-8", "replace"), re.DOTALL)
+    if found is None:
         return crs
-    about = given.get("properties") if isinstance(given, dict) else None
-    name = about.get("name") if isinstance(about, dict) else None
-    if isinstance(name, str):
-        return crs if system(name) is not None else name
-    return None if given is None else "named by a link"
-
-
-_ABSENT: Any = object()
-_EDGE = 65_536
-
-
-def _crs_member(path: Path) -> Any:
-    """The value of the collection's `crs`, which stands before its features or after them."""
-    with path.open("rb") as stream:
-        head = stream.read(_EDGE)
-        stream.seek(max(0, path.stat().st_size - _EDGE))
-        tail = stream.read()
-    for text in (head.partition(b'"features"')[0], tail.rpartition(b"]")[2]):
-        match = re.search(r'"crs"\s*:\s*', text.decode("utf-8", "replace"))
-        if match:
-            with suppress(ValueError):
-                return json.JSONDecoder().raw_decode(match.string, match.end())[0]
-    return _ABSENT
-
-
-def explain(source: Source, error: Exception) -> str | None:
-    """A better message than the general one for some errors of GDAL; None for others."""
-    text = reason(error)
-    if isinstance(error, UnicodeDecodeError):
-        return (
-            f"{source.path} has text that is not UTF-8: write it as UTF-8, or let pyarrow read it: "
-            + install("geoparquet")
-        )
-    if source.where is not None and any(
-        word in text for word in ("SQL", "such column", "syntax", "token")
-    ):
-        # of SQLite's and OGR's texts, which repeat the whole query, only what is wrong with it
-        wrong = re.search(r"no such column: .*|\S+ not recognised as an available field", text)
-        detail = f": {wrong[0]}" if wrong else ""
-        known = pyogrio.read_info(source.path, layer=layer_of(source)[0])["fields"].tolist()
-        has = f"its attributes are {', '.join(known)}" if known else "it has no attributes"
-        if source.path.suffix.lower() == ".shp" and not known:
-            has += " (they are in a .dbf beside it)"
-        return f"{source.path}: condition {source.where!r} is not valid{detail}; {has}"
-    if "not recognized as being in a supported file format" in text:
-        if source.path.is_dir():
-            hint = f"give a file in it, or of map tiles the zoom: {source.path}:zoom=14"
-            return f"{source.path} is a folder: {hint}"
-        kind = f"{source.path.suffix} file" if source.path.suffix else "file with geometries"
-        return f"{source.path} is not a readable {kind}: it is damaged, or of an unknown format"
-    return None
+    name: str | None = json.loads(found[1])
+    return name if system(name) is None else crs
 
 
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_char_p)
 _FAILURE = 3
 """GDAL's CE_Failure; what is less is a remark on something that was read."""
-
-_KEPT = 100
 
 
 class Failures:
@@ -300,13 +282,12 @@ class Failures:
 
     def __init__(self) -> None:
         self.count = 0
-        self.texts: list[str] = []
+        self.first = ""
 
         def heard(kind: int, _: int, text: bytes | None) -> None:
             if kind >= _FAILURE:
                 self.count += 1
-                if len(self.texts) < _KEPT:
-                    self.texts.append(" ".join((text or b"").decode("utf-8", "replace").split()))
+                self.first = self.first or (text or b"").decode("utf-8", "replace")
 
         # kept here: GDAL holds a bare pointer to it
         self._handler = _HANDLER(heard)
@@ -345,6 +326,23 @@ def _library() -> Any | None:
 
 _GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")
 _KINDS = ("Feature", *_GEOMETRIES, *(f"Multi{kind}" for kind in _GEOMETRIES[:3]))
+_SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljson")
+
+
+def is_sequence(path: Path) -> bool:
+    """Whether a file has a GeoJSON object a line, by its suffix or by its first line."""
+    if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
+        return path.suffix.lower() in _SEQUENCES
+    with path.open("rb") as stream:
+        first, more = stream.readline(LONGEST).strip(), stream.read(4096).strip()
+    if first.startswith((b"\x1e", b"\xef\xbb\xbf\x1e")):
+        return True
+    if re.search(rb'"type"\s*:\s*"(FeatureCollection|Topology|CityJSON)"', first[:4096]):
+        return False
+    try:
+        return bool(more) and isinstance(json.loads(first), dict)
+    except (ValueError, RecursionError):
+        return False
 
 
 def lost(path: Path, read: int, heard: int, *, all_wanted: bool, size: int) -> Iterator[Raw]:
@@ -354,29 +352,22 @@ def lost(path: Path, read: int, heard: int, *, all_wanted: bool, size: int) -> I
     heard : failures that GDAL reported; it reports fewer than there are
     all_wanted : whether no condition left features out, so that their number can be compared
     """
-    if not heard and not (all_wanted and read < _lines(path)):
-        return
+    if not heard:
+        lines = sum(1 for _, line in numbered_lines(path) if not line.isspace())
+        if not all_wanted or read >= lines:
+            return
     unread = _unread(path)
     while notes := list(islice(unread, size)):
         yield Raw([], [], dropped=notes)
 
 
-def _lines(path: Path) -> int:
-    """Lines that hold something; where each one has an end, without decoding them."""
-    return sum(1 for _, line in numbered_lines(path) if not line.isspace())
-
-
 def _unread(path: Path) -> Iterator[Note]:
     for number, line in numbered_lines(path):
         text = line.strip("\x1e\ufeff \t\r\n")
-        if not text:
-            continue
         try:
-            kind = json.loads(text)["type"]
+            if text and json.loads(text)["type"] not in _KINDS:
+                raise KeyError
         except (ValueError, RecursionError):
             yield f"line {number}", "is not JSON"
         except (KeyError, TypeError):
             yield f"line {number}", "is JSON, but not a feature"
-        else:
-            if kind not in _KINDS:
-                yield f"line {number}", "is JSON, but not a feature"

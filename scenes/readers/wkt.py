@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.readers import guard
-from scenes.readers.guard import DEEPEST, numbered_lines, text_too_deep, too_deep
+from scenes.readers.guard import DEEPEST, numbered_lines, refuse_unended, text_too_deep, too_deep
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note
 
@@ -27,9 +26,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
     if whole is not None:
         yield whole
         return
-    where = guard.unended(source.path, _ended)
-    if where:
-        raise guard.cut_off(source.path, where)
+    refuse_unended(source.path, _ended)
     numbered = numbered_lines(source.path)
     crs, first = None, True
     while chunk := list(islice(numbered, size)):

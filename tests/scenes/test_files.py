@@ -140,7 +140,7 @@ def test_a_condition_that_is_not_valid_is_told_with_the_attributes(tmp_path, suf
 def test_a_shapefile_without_its_attributes_says_so(tmp_path):
     path = write(tmp_path / "town.shp")
     (tmp_path / "town.dbf").unlink()
-    with pytest.raises(SceneError, match=r"it has no attributes \(they are in a .dbf beside it\)"):
+    with pytest.raises(SceneError, match="its attributes are none"):
         load(path, where="name = 'x'")
 
 
@@ -148,11 +148,11 @@ def test_a_folder_of_shapefiles_says_what_is_not_read(tmp_path):
     write(tmp_path / "town.shp")
     write(tmp_path / "park.gpkg")
     (note, *_) = load(tmp_path).notes
-    assert note == "of the folder's files, park.gpkg is not read: name a file"
+    assert note == "1 of the folder's files not read, first park.gpkg: name a file"
     (tmp_path / "readme.txt").write_text("x")
     write(tmp_path / "wood.shp")
     notes = load(tmp_path).notes
-    assert notes[1] == "of the folder's files, park.gpkg and 1 more are not read: name a file"
+    assert notes[1] == "2 of the folder's files not read, first park.gpkg: name a file"
 
 
 @pytest.mark.parametrize("name", ["a.svg", "a.wkt", "a.off", "a.obj"])
@@ -190,12 +190,6 @@ def test_text_that_is_not_utf8_is_marked_and_noted(tmp_path, suffix):
     assert len(scene.polygons) == 3
     assert [name for name in scene.attributes["name"] if "\ufffd" in name]
     assert "text of name is not UTF-8: what cannot be read became U+FFFD" in scene.notes
-
-
-def test_text_that_is_not_utf8_without_pyarrow(tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
-    with pytest.raises(SceneError, match="text that is not UTF-8: write it as UTF-8, or let"):
-        load(without_utf8(tmp_path / "old.gpkg"))
 
 
 class TestNotes:
@@ -289,5 +283,5 @@ class TestErrors:
         assert "no geometry" in self.refused(tmp_path / "table.csv")
 
     def test_nul_in_path(self):
-        with pytest.raises(SceneError, match="NUL"):
+        with pytest.raises(SceneError, match=r"cannot be opened: .*null"):
             load("a\0b.geojson")

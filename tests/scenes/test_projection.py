@@ -183,7 +183,7 @@ def test_any_geographic_system_becomes_metres(tmp_path, crs):
     [
         (named("EPSG:999999"), "the reference system EPSG:999999 is not known"),
         (named("of our town"), "the reference system of our town is not known"),
-        ({"type": "link", "properties": {"href": "x.prj"}}, "named by a link is not known"),
+        ({"type": "link", "properties": {"href": "x.prj"}}, "system x.prj is not known"),
         (None, None),
     ],
 )
