@@ -51,26 +51,12 @@ class Law:
     unit: str = "s"
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What one triangulator's triangles of a scene cost at one size.
+EXACT = ("fragments", "quads", "helper_lanes", "partial_quads")
+"""What is counted: see `rasterisers.reference.predict`."""
 
-    fragments, quads, helper_lanes, partial_quads : exact; see `rasterisers.reference.predict`
-    triangulate_s : seconds that triangulating took
-    draw : time of a draw in the unit of, and by a device's law, None without one
-    """
-
-    fragments: int
-    quads: int
-    helper_lanes: int
-    partial_quads: int
-    triangulate_s: float
-    draw: float | None
-
-    @property
-    def lanes(self) -> int:
-        """Lanes that are shaded, four a quad."""
-        return 4 * self.quads
+Cost = dict[str, Any]
+"""What one triangulator's triangles cost: `EXACT`; `triangulate_s`, the seconds that it took; and
+`draw`, the time of a draw by a device's law and in its unit, None without one."""
 
 
 @dataclass(frozen=True)
@@ -91,24 +77,21 @@ class Size:
     costs: dict[str, Cost]
 
     @property
-    def base(self) -> Cost:
-        """The first triangulator's cost."""
-        return next(iter(self.costs.values()))
+    def covered(self) -> int:
+        """Pixels, however they are triangulated."""
+        return int(next(iter(self.costs.values()))["fragments"])
 
     @property
     def saved(self) -> dict[str, float]:
         """Which share of the base's draw time each one saves, of its lanes without a law."""
-        spent = {
-            name: each.lanes if each.draw is None else each.draw
-            for name, each in self.costs.items()
-        }
+        spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
         base = next(iter(spent.values()))
         return {name: 1.0 - each / base if base else 0.0 for name, each in spent.items()}
 
     @property
     def matters(self) -> bool:
         """Whether something is saved, of enough pixels to tell."""
-        return max(self.saved.values()) >= MATTERS and self.base.fragments >= LEAST_PIXELS
+        return max(self.saved.values()) >= MATTERS and self.covered >= LEAST_PIXELS
 
 
 @dataclass(frozen=True)
@@ -195,14 +178,13 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
 def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
     counted = counters(Draw("own", "own", "own", frame, triangles))
     draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
-    exact = ("fragments", "quads", "helper_lanes", "partial_quads")
-    return Cost(**{name: counted[name] for name in exact}, triangulate_s=seconds, draw=draw)
+    return {name: counted[name] for name in EXACT} | {"triangulate_s": seconds, "draw": draw}
 
 
 def sentence(found: Sizes) -> str:
     """Return whether it matters, at which sizes, and where most."""
     base = next(iter(found.sizes[0].costs))
-    covered = max(size.base.fragments for size in found.sizes)
+    covered = max(size.covered for size in found.sizes)
     if covered < LEAST_PIXELS:
         return f"It cannot be told: {covered:,} pixels or fewer are covered. Give a larger size."
     mattering = [size for size in found.sizes if size.matters]
@@ -221,8 +203,8 @@ def sentence(found: Sizes) -> str:
     )
     if found.law and found.law.unit == "s":
         own, other = (most.costs[name] for name in (best, base))
-        more = own.triangulate_s - other.triangulate_s
-        draws = math.ceil(more / ((other.draw or 0.0) - (own.draw or 0.0)))
+        more = own["triangulate_s"] - other["triangulate_s"]
+        draws = math.ceil(more / (other["draw"] - own["draw"]))
         text += f", which pays after {count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
 
@@ -231,7 +213,7 @@ def tables(found: Sizes) -> Iterator[Table]:
     """Yield a table for each measure: the base's, and the others in ratio to it."""
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
-        ("lanes", "lanes shaded", 1.0, ",.0f"),
+        ("quads", "lanes shaded", 4.0, ",.0f"),
         ("partial_quads", "partial quads", 1.0, ",.0f"),
     ]
     if found.law:
@@ -242,7 +224,7 @@ def tables(found: Sizes) -> Iterator[Table]:
     for name, what, per, form in kinds:
         shown = plain_table(f"{found.scene}: {what}; others in ratio to {base}", *heads)
         for size in found.sizes:
-            own, *rest = (getattr(each, name) for each in size.costs.values())
+            own, *rest = (each[name] for each in size.costs.values())
             ratios = (f"{each / own:.3f}" if own else "-" for each in rest)
             sides = str(size.resolution), f"{size.polygon_px:.3g} px"
             shown.add_row(*sides, format(per * own, form), *ratios)

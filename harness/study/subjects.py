@@ -39,9 +39,6 @@ FEWEST_VERTICES = 8
 STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""
 
-BLENDERS = "flips:beauty"
-"""The rule of the most used program, beside the flips that `flips` alone stands for."""
-
 LEAST = "optimal:exact-quads"
 """What regret is measured against: no triangulation shades fewer quads. Large ones are skipped."""
 
@@ -96,7 +93,8 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
         if name not in NOT_NAMED and entry.available() is None
     ]
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
-    steered += [BLENDERS, LEAST]
+    # Beside the flips that `flips` alone stands for, the rule of the most used program, Blender.
+    steered += ["flips:beauty", LEAST]
     if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
         return parse_all([*named, *steered, *(f"listed#{k}" for k in range(count))])

@@ -71,10 +71,10 @@ def test_a_law_makes_seconds_of_counters(city_of_12):
     names = list(TERMS)
     for name, count in (("triangles", len(triangles)), ("draw", 1)):
         law = sizes.Law("scripted", np.array([2e-9 * (each == name) for each in names]))
-        assert sizes._cost(frame, triangles, 0.0, law).draw == pytest.approx(2e-9 * count)
+        assert sizes._cost(frame, triangles, 0.0, law)["draw"] == pytest.approx(2e-9 * count)
     law = sizes.Law("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
     cost = sizes._cost(frame, triangles, 0.0, law)
-    assert cost.draw == pytest.approx(1e-9 * cost.helper_lanes)
+    assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,8 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        return sizes.Cost(sizes.LEAST_PIXELS, lanes // 4, 1, 1, cut, draw)
+        counted = (sizes.LEAST_PIXELS, lanes // 4, 1, 1)
+        return {**dict(zip(sizes.EXACT, counted, strict=True)), "triangulate_s": cut, "draw": draw}
 
     def size(px: int, lanes: int) -> sizes.Size:
         return sizes.Size(
