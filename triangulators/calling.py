@@ -1,6 +1,5 @@
 """Triangulates one polygon by a triangulator's name, and checks what comes back."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import require_numbers
+from triangulators.criteria.cost import require_number
 from triangulators.errors import Skipped, TriangulationError, Unavailable
 from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
@@ -105,16 +104,8 @@ def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.
         raise _outside(outline, choice)
     if state != ALL_LEFT:
         triangles = left_turning(outline.points, triangles)
-    found = None if criterion is None or isinstance(criterion, str) else criteria.find(criterion)
-    if found is None or found.function is None:
-        return triangles
-    require_numbers(found)
-    try:
-        total = found.total(outline.points, triangles)
-    except OverflowError:
-        total = math.inf
-    if not math.isfinite(total):
-        raise TriangulationError(f"criterion {found.name} gives {total}: it has to be a number")
+    if criterion is not None and not isinstance(criterion, str):
+        require_number(criteria.find(criterion), outline.points, triangles)
     return triangles
 
 

@@ -19,9 +19,12 @@ from scipy.optimize import linprog
 
 from harness.export import check_evidence
 from tests.endurance.brute_force import Small, sides_of
-from triangulators import TriangulationError, certify, triangulate
-from triangulators.certificate.certify import check_certificate
-from triangulators.checking.evidence import as_claim, from_claim
+from triangulators import TriangulationError, certify, criteria, triangulate
+from triangulators.certificate.certify import certificate_of
+from triangulators.checking.evidence import Evidence, as_claim
+from triangulators.criteria.cost import cost_of
+from triangulators.polygon import boundary, boundary_area
+from triangulators.verify import verify
 
 Claim = dict[str, Any]
 NAMES = ("half-perimeter", "overdraw", "edge-length")
@@ -29,13 +32,31 @@ SIZES = (4.0, 8.0, 30.0, 1000.0, 2.0**20, 1e13, 1e13, 30.0 / 256.0)
 
 
 def accepted_by_package(line: str) -> bool:
-    """Whether the package's checker accepts a claim."""
+    """Whether the package's checker finds from the evidence of a claim what the claim says."""
     try:
-        polygon, triangles, criterion, certificate = from_claim(line)
-        check_certificate(polygon, triangles, criterion, certificate)
-    except (TriangulationError, ValueError):
+        claim = json.loads(line, object_pairs_hook=_once)
+        if not _well_formed(claim):
+            return False
+        # Closed here: shapely would take a last vertex that repeats the first for the closing one.
+        rings = [[*ring, ring[0]] for ring in claim["rings"]]
+        outline = boundary(polygon := shapely.Polygon(rings[0], rings[1:]))
+        triangles = np.array(claim["triangles"]).reshape(-1, 3)
+        if not polygon.is_valid or not verify(polygon, triangles).conforming:
+            return False
+        edges, potentials = np.array(claim["edges"]).reshape(-1, 2), np.array(claim["potentials"])
+        named = (claim[name] for name in ("scale", "factor", "bits"))
+        evidence = Evidence(*named, edges, potentials, claim["lift"])
+        criterion = criteria.find(claim["criterion"])
+        cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles)
+        true = certificate_of(outline, outline.site[triangles], cost, evidence)
+    except (TriangulationError, ValueError, OverflowError, RecursionError, shapely.GEOSException):
         return False
-    return True
+    return bool(
+        claim["cost"] == true.cost
+        and claim["lower_bound"] <= true.lower_bound
+        and claim["gap"] >= true.gap
+        and (true.proven or not claim["proven"])
+    )
 
 
 def accepted_by_file(line: str) -> bool:

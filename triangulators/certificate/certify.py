@@ -11,7 +11,7 @@ import shapely
 from triangulators import criteria
 from triangulators.certificate.proof import SECONDS, prove
 from triangulators.checking import checker
-from triangulators.checking.evidence import Certificate, Evidence, Refused
+from triangulators.checking.evidence import Certificate, Evidence
 from triangulators.checking.units import (
     LARGEST_SCALE,
     Units,
@@ -20,7 +20,7 @@ from triangulators.checking.units import (
     units_for,
 )
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, cost_of, require_numbers
+from triangulators.criteria.cost import Cost, cost_of, require_number
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_pairs
@@ -68,16 +68,8 @@ def certify(
     outline = checked_boundary(polygon)
     wanted = criteria.find(criterion, **parameters)
     corners = _conforming(outline, triangles)
+    require_number(wanted, outline.points, corners)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
-    found = _certified(outline, corners, cost, seconds, evidence)
-    require_numbers(wanted)
-    return found
-
-
-def _certified(
-    outline: Boundary, corners: np.ndarray, cost: Cost, seconds: float, evidence: bool
-) -> Certificate:
-    """Return the certificate of a triangulation (m, 3), between sites."""
     if outline.holes == 0 and len(outline.edges) <= TABLE:
         units = units_for(outline, corners, cost)
         if not evidence and doubles_add_up(outline, cost):
@@ -130,34 +122,6 @@ def certificate_of(
     else:  # whole numbers, which doubles do not compute exactly: each is off by less than a unit
         bound, proven = bound - len(triangles) * unit, False
     return Certificate(float(total), _down(bound), _gap(total, bound), proven, evidence)
-
-
-def check_certificate(
-    polygon: shapely.Polygon,
-    triangles: np.ndarray,
-    criterion: Criterion | str | Callable[..., float],
-    certificate: Certificate,
-    **parameters: Any,
-) -> None:
-    """Raise `Refused` unless a certificate with evidence holds for a triangulation.
-
-    triangles: (m, 3) indices into `vertices(polygon)`. Raises `TriangulationError` if they are no
-    conforming triangulation, `InvalidPolygon`.
-    """
-    outline = checked_boundary(polygon)
-    corners = _conforming(outline, triangles)
-    if certificate.evidence is None:
-        raise Refused("the certificate has no evidence")
-    cost = cost_of(
-        criteria.find(criterion, **parameters), boundary_area(outline), outline.expected_triangles
-    )
-    true = certificate_of(outline, corners, cost, certificate.evidence)
-    if certificate.cost != true.cost:
-        raise Refused(f"the cost is {true.cost}, not {certificate.cost}")
-    if not certificate.lower_bound <= true.lower_bound:  # NaN is not, either
-        raise Refused(f"the bound is {true.lower_bound}, not {certificate.lower_bound}")
-    if not certificate.gap >= true.gap or (certificate.proven and not true.proven):
-        raise Refused(f"the gap is {true.gap}: optimality is not proven")
 
 
 def _conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:

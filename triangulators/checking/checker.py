@@ -15,9 +15,6 @@ Shared with the search are definitions: a polygon's boundary, the sign of an ori
 triangle costs and in which units.
 """
 
-import operator
-from typing import Any
-
 import numpy as np
 
 from triangulators.checking.edges import Edges, around_hole, edges_of
@@ -43,13 +40,12 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
     edges = edges_of(outline)
     if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) < 0).any():
         raise Refused("a side of a triangle is no edge")
-    pairs = _whole(evidence.edges, "edges").reshape(-1, 2)
+    pairs, potentials, lift = evidence.edges, evidence.potentials, int(evidence.lift)
     if ((pairs < 0) | (pairs >= len(edges.points))).any():
         raise Refused("the evidence has an edge between vertices that are none")
-    potentials, lift = _whole(evidence.potentials, "potentials"), _integer(evidence.lift)
     if len(potentials) != len(pairs):
         raise Refused("potentials and edges differ in number")
-    if max(abs(lift), *(abs(int(p)) for p in _ends(potentials))) >= TOO_LARGE:
+    if abs(lift) >= TOO_LARGE or (abs(potentials.astype(float)) >= TOO_LARGE).any():
         raise Refused("a potential or the lift is too large for exact arithmetic")
     at = edges.find(pairs)  # what is no edge bounds nothing
     if len(np.unique(at[at >= 0])) != np.count_nonzero(at >= 0):
@@ -134,30 +130,3 @@ def _exceeded(
                 p += 1
                 q += 1
     return np.empty(0, dtype=np.int32)
-
-
-def _ends(values: np.ndarray) -> list[int]:
-    return [values.min(), values.max()] if len(values) else [0]
-
-
-def _whole(values: Any, what: str) -> np.ndarray:
-    """Return values as an array of whole numbers; raises `Refused` unless they are."""
-    found = np.asarray(values)
-    try:
-        if found.size == 0:
-            return np.empty(found.shape, dtype=np.int64)
-        if found.dtype == object:
-            listed = [operator.index(value) for value in found.ravel().tolist()]
-            return np.array(listed, dtype=np.int64).reshape(found.shape)
-    except (TypeError, OverflowError):
-        found = np.empty(0)
-    if not np.issubdtype(found.dtype, np.integer) or found.dtype == np.uint64:
-        raise Refused(f"the evidence's {what} are not whole numbers of 64 bits")
-    return found.astype(np.int64)
-
-
-def _integer(value: Any) -> int:
-    try:
-        return operator.index(value)
-    except TypeError:
-        raise Refused("the lift is not a whole number") from None

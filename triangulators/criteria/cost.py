@@ -4,6 +4,7 @@ Kernels get it as a pointer: nothing is copied or counted where they hand it on,
 form serves all criteria. A user's function is in it as the address of a C function.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Any, TypeAlias
@@ -14,7 +15,6 @@ from triangulators.compute.kernels import intrinsic, njit
 from triangulators.criteria import FEATURES, Criterion, exact_quads_of
 from triangulators.criteria.features import COUNT, SIGNATURE, exact_quads, weighted
 from triangulators.errors import TriangulationError
-from triangulators.geometry.predicates import twice_area
 
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
 assert len(FEATURES) == COUNT
@@ -48,62 +48,42 @@ _FIELDS = np.dtype(
 _RECORD = np.dtype((np.record, _FIELDS))
 
 
-_notes: dict[Any, np.ndarray] = {}
-"""By users' functions, (7,): the last triangle for which one was no number, and 1 if any was."""
-
-
 @cache
 def _compiled(function: Callable[..., float]) -> Any:
-    """Return a function of three points as a C function, which lives as long as the process."""
-    import numba
+    """Return a function of three points as a C function, which lives as long as the process.
 
-    from triangulators.compute.storing import cfunc, name_compiled
-
-    if function is exact_quads_of:
-        return cfunc(SIGNATURE, _quads)
-    finite = _finite(getattr(function, "py_func", function))
-    name_compiled(finite)
-    return numba.cfunc(SIGNATURE)(finite)
-
-
-def _finite(function: Callable[..., float]) -> Callable[..., float]:
-    """Return a user's function with `GREATEST` in place of what is no number, or overflows sums.
-
-    A table that compares with NaN finds no triangulation at all, and reads beside its arrays. What
-    is no number is noted for `require_numbers`, but of triangles without area: no result has any.
+    A user's has `GREATEST` in place of what is no number or would overflow sums: a table that
+    compares with NaN finds no triangulation at all, and reads beside its arrays.
     """
     import numba
 
-    inner = numba.njit(function)
-    note = _notes[function] = np.zeros(7)
-    at = note.ctypes.data
+    if function is exact_quads_of:
+        from triangulators.compute.storing import cfunc
+
+        return cfunc(SIGNATURE, _quads)
+    inner = numba.njit(getattr(function, "py_func", function))
 
     def cost(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
         value = float(inner(ax, ay, bx, by, cx, cy))
-        if value != value and twice_area(ax, ay, bx, by, cx, cy) != 0.0:
-            for k, each in enumerate((ax, ay, bx, by, cx, cy, 1.0)):
-                write(at + 8 * k, each)
         return value if abs(value) < GREATEST else GREATEST
 
-    return cost
-
-
-def require_numbers(criterion: Criterion) -> None:
-    """Raise TriangulationError if a user's criterion was no number since the last `cost_of`."""
-    note = _note_of(criterion)
-    if note is not None and note[6]:
-        where = ", ".join(f"({x:.6g}, {y:.6g})" for x, y in note[:6].reshape(3, 2))
-        raise TriangulationError(
-            f"criterion {criterion.name} gives nan for the triangle {where}: it has to be a number"
-        )
-
-
-def _note_of(criterion: Criterion) -> np.ndarray | None:
-    return _notes.get(getattr(criterion.function, "py_func", criterion.function))
+    return numba.cfunc(SIGNATURE)(cost)
 
 
 def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     return exact_quads(ax, ay, bx, by, cx, cy)
+
+
+def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Raise `TriangulationError` if a user's criterion is no number for triangles (m, 3)."""
+    if criterion.function is None:
+        return
+    try:
+        total = criterion.total(points, triangles)
+    except OverflowError:
+        total = math.inf
+    if not math.isfinite(total):
+        raise TriangulationError(f"criterion {criterion.name} gives {total}: it has to be a number")
 
 
 @lru_cache(maxsize=256)
@@ -117,10 +97,7 @@ def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
 def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
     """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
     if criterion.function is not None:
-        function = _compiled(criterion.function)
-        if (note := _note_of(criterion)) is not None:
-            note[6] = 0.0
-        return _record(custom=True, function=function.address, sign=sign)
+        return _record(custom=True, function=_compiled(criterion.function).address, sign=sign)
     weights = sign * criterion.weights_for(polygon_area, triangles)
     is_box = not weights[EDGE_LENGTH + 1 :].any()
     return _record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
@@ -152,19 +129,6 @@ def call(_typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: An
         return builder.call(builder.inttoptr(arguments[0], form.as_pointer()), arguments[1:])
 
     return types.float64(types.int64, *[types.float64] * 6), emit
-
-
-@intrinsic
-def write(_typing: Any, _at: Any, _value: Any) -> Any:
-    """Write a float64 at an address."""
-    from llvmlite import ir
-    from numba import types
-
-    def emit(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[1], builder.inttoptr(arguments[0], ir.DoubleType().as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.float64), emit
 
 
 @njit

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, cost_of, require_numbers, total_cost
+from triangulators.criteria.cost import Cost, cost_of, total_cost
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.polygon import Boundary, boundary_area, checked_boundary, remembered
 from triangulators.starting import Cycle, cycle_of
@@ -74,11 +74,8 @@ def _of_a_and_d(outline: Boundary) -> Front:
 def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
     ring = cycle_of(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
-    found = [criteria.find(wanted) for wanted in (first, second)]
-    pair = [cost_of(criterion, area, count) for criterion in found]
+    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
     fronts = _fronts(ring, pair[0], pair[1])
-    for criterion in found:
-        require_numbers(criterion)
     whole = fronts[0, len(ring.cycle) - 1]
     triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
     return Front(whole.costs, ring.cycle[triangles])
