@@ -1,13 +1,8 @@
 """What computes: names of the devices that OpenGL may offer, and the CPU's cores."""
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
 
 from triangulators.errors import UnknownName
-
-Result = TypeVar("Result")
 
 CPU = "cpu"
 """No device: compiled code."""
@@ -47,14 +42,3 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def shared_out(work: Callable[[int], Result], slices: int) -> list[Result]:
-    """Return `work(0)` to `work(slices - 1)`, by threads; a single slice needs none.
-
-    Compiled code lets threads run at the same time.
-    """
-    if slices == 1:
-        return [work(0)]
-    with ThreadPoolExecutor(cores()) as pool:
-        return list(pool.map(work, range(slices)))

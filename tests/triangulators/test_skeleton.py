@@ -14,8 +14,8 @@ from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
 from triangulators.certificate.skeleton import _ring_of
-from triangulators.checking import checker, edges
-from triangulators.checking.edges import _diagonals_of
+from triangulators.checking import checker
+from triangulators.checking.edges import diagonals_of
 from triangulators.checking.evidence import Refused
 from triangulators.checking.units import units_for, weights_of
 from triangulators.criteria.cost import cost_of, with_fields
@@ -201,7 +201,7 @@ def edges_of_both(polygon):
     start = best_start(outline, cost)
     seen = set(map(tuple, visible_sites(outline.points, start, twins_of(start)).tolist()))
     sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
-    own = _diagonals_of(outline.points, outline.edges, outline.site)
+    own = diagonals_of(outline)
     return np.array(sorted(seen - sides)), np.sort(own, axis=1)
 
 
@@ -222,7 +222,7 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
         ours, checkers = edges_of_both(polygon)
         assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
         small = boundary(shapely.transform(polygon, lambda points: points * 2.0**-14))
-        again = np.sort(_diagonals_of(small.points, small.edges, small.site), axis=1)
+        again = np.sort(diagonals_of(small), axis=1)
         assert again.tolist() == checkers.tolist()
 
 
@@ -231,21 +231,9 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     outline, cost = posed(polygon)
     start = best_start(outline, cost)
     evidence = proof.prove(outline, start, cost).evidence()
-    alone = _diagonals_of(outline.points, outline.edges, outline.site)
     bound = checker.lower_bound(outline, start, cost, evidence)
-    monkeypatch.setattr(edges, "_FEW", 0)
     monkeypatch.setattr(checker, "_FEW", 0)
-    shared_out = _diagonals_of(outline.points, outline.edges, outline.site)
-    assert set(map(tuple, shared_out.tolist())) == set(map(tuple, alone.tolist()))
     assert checker.lower_bound(outline, start, cost, evidence) == bound
     more = replace(evidence, lift=evidence.lift + 1)
     with pytest.raises(Refused, match="potentials exceed"):
         checker.lower_bound(outline, start, cost, more)
-
-
-def test_what_hides_goes_to_the_front():
-    hiding = np.array([(1, 2), (3, 4), (5, 6), (7, 8)], np.int32)
-    edges._to_front(hiding, 2)
-    assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]
-    edges._to_front(hiding, 0)
-    assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]

@@ -15,6 +15,8 @@ Shared with the search are definitions: a polygon's boundary, the sign of an ori
 triangle costs and in which units.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from triangulators.checking.edges import Edges, around_hole, edges_of
@@ -22,7 +24,7 @@ from triangulators.checking.evidence import Evidence, Refused
 from triangulators.checking.units import TOO_LARGE, Units, units_for, weight, weights_of
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.devices import shared_out
+from triangulators.devices import cores
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 
@@ -77,7 +79,8 @@ def _check_potentials(
         found = _exceeded(edges, starts, potential, lift, cost, units, number, slices)
         return list(found.tolist())
 
-    wrong = [each for each in shared_out(worst_of, slices) if each]
+    with ThreadPoolExecutor(min(slices, cores())) as pool:
+        wrong = [each for each in pool.map(worst_of, range(slices)) if each]
     if wrong and len(wrong[0]) == 1:
         raise Refused("a weight is too large for exact arithmetic")
     if wrong:

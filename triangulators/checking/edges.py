@@ -1,12 +1,12 @@
 """Edges of a polygon as `checker` finds them, from its boundary and exact orientations alone.
 
 A pair of sites is an edge if it is a piece of the boundary, or a diagonal: a segment that starts
-into the interior at both ends and meets no other boundary edge. Boundary edges are kept by the
-cells of a grid, and a segment looks only into the cells that it runs through: which cells is
-computed with a margin, orientations are exact.
+into the interior at both ends and meets no other boundary edge. Boxes round the boundary's edges,
+those of two neighbours in one, and of two such again, say which edges a segment may meet: they are
+compared with a margin, orientations are exact.
 
 Order. For each site, those after it are tried. An edge that was met on the way hides what is behind
-it: the last few that did are asked first, so most pairs need no walk through the grid.
+it: the last few that did are asked first, so most pairs need no walk through the boxes.
 """
 
 from typing import NamedTuple
@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.devices import shared_out
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 
-_FEW, _SLICES = 2000, 16  # sites from which on they are shared out among threads; slices
 _HIDING = 8  # edges that are asked whether they hide a site
 
 
@@ -46,7 +44,7 @@ class Edges(NamedTuple):
 def edges_of(outline: Boundary) -> Edges:
     """Return the edges of a polygon."""
     points, n = outline.points, len(outline.points)
-    diagonals = _diagonals_of(points, outline.edges, outline.site)
+    diagonals = diagonals_of(outline)
     pairs = np.sort(np.concatenate((outline.edges, diagonals)).astype(np.int64), axis=1)
     ways = np.zeros(len(pairs), dtype=np.int8)
     ways[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
@@ -87,7 +85,8 @@ class _Sides(NamedTuple):
     """The boundary: points (n, 2), edges (b, 2), interior left, and the edge following (b,) each.
 
     The edges that end at site v are `ending[first[v]:first[v + 1]]`: several where rings touch, and
-    the interior there is what all these corners have on their left.
+    the interior there is what all these corners have on their left. boxes (2 s, 4), least x
+    and y, greatest x and y: that of edge e is row s + e, and row k is round rows 2 k and 2 k + 1.
     """
 
     points: np.ndarray
@@ -95,26 +94,12 @@ class _Sides(NamedTuple):
     following: np.ndarray
     ending: np.ndarray
     first: np.ndarray
+    boxes: np.ndarray
 
 
-class _Grid(NamedTuple):
-    """Cells x cells boxes from `low` (2,) on, of `size` (2,).
-
-    Cell i, column after column, has the edges `items[start[i]:start[i + 1]]`.
-    """
-
-    low: np.ndarray
-    size: np.ndarray
-    cells: int
-    start: np.ndarray
-    items: np.ndarray
-
-
-def _diagonals_of(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarray:
-    """Return the diagonals (k, 2) between sites; edges (b, 2) have the interior left.
-
-    site (n,): see `Boundary`. The lower site of a pair need not be the first.
-    """
+def diagonals_of(outline: Boundary) -> np.ndarray:
+    """Return the diagonals (k, 2) between sites; the lower one of a pair need not be the first."""
+    points, edges = outline.points, outline.edges
     following = np.arange(1, len(edges) + 1, dtype=np.int32)
     ring_start = 0
     for e in range(len(edges)):
@@ -123,93 +108,37 @@ def _diagonals_of(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np
             ring_start = e + 1
     ending = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
     first = np.searchsorted(edges[ending, 1], np.arange(len(points) + 1))
-    sides = _Sides(points, edges, following, ending, first)
-    cells = max(1, min(512, int(np.sqrt(len(edges) / 2.0))))
-    size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
-    low = points.min(axis=0)
-    grid = _Grid(low, size, cells, *_edges_of_cells(points, edges, low, size, cells))
-    sites = np.unique(site).astype(np.int32)
-    slices = _SLICES if len(sites) > _FEW else 1
-
-    def each(number: int) -> np.ndarray:
-        found: np.ndarray = _diagonals(sides, grid, sites, number, slices)
-        return found
-
-    return np.concatenate(shared_out(each, slices))
+    sides = _Sides(points, edges, following, ending, first, _boxes_of(points, edges))
+    found: np.ndarray = _diagonals(sides, np.unique(outline.site))
+    return found
 
 
 @njit
-def _cells(a: float, b: float, low: float, size: float, cells: int) -> tuple[int, int]:
-    """Return the first and last cell, along one axis, of what is between a and b, with a margin."""
-    margin = 1e-6 * size
-    first = int(np.floor((min(a, b) - margin - low) / size))
-    last = int(np.floor((max(a, b) + margin - low) / size))
-    return max(0, first), min(cells - 1, last)
+def _boxes_of(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the boxes (2 s, 4) of `_Sides`; the s - b rows at the end are round nothing."""
+    size = 1
+    while size < len(edges):
+        size *= 2
+    boxes = np.empty((2 * size, 4))
+    for k in range(2 * size - 1, 0, -1):
+        if k < size:
+            low, high = boxes[2 * k], boxes[2 * k + 1]
+            for axis in range(2):
+                boxes[k, axis] = min(low[axis], high[axis])
+                boxes[k, 2 + axis] = max(low[2 + axis], high[2 + axis])
+        elif k < size + len(edges):
+            a, b = points[edges[k - size, 0]], points[edges[k - size, 1]]
+            for axis in range(2):
+                boxes[k, axis], boxes[k, 2 + axis] = min(a[axis], b[axis]), max(a[axis], b[axis])
+        else:
+            boxes[k] = np.array((np.inf, np.inf, -np.inf, -np.inf))
+    return boxes
 
 
 @njit
-def _rows(
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    low: np.ndarray,
-    size: np.ndarray,
-    cells: int,
-    column: int,
-) -> tuple[int, int]:
-    """Return the first and last row of cells that a segment meets in a column."""
-    left, right = low[0] + column * size[0], low[0] + (column + 1) * size[0]
-    if bx < ax:
-        ax, ay, bx, by = bx, by, ax, ay
-    y0, y1 = ay, by
-    if bx > ax:
-        if left > ax:
-            y0 = ay + (by - ay) * ((left - ax) / (bx - ax))
-        if right < bx:
-            y1 = ay + (by - ay) * ((right - ax) / (bx - ax))
-    return _cells(y0, y1, low[1], size[1], cells)
-
-
-@njit
-def _edges_of_cells(
-    points: np.ndarray, edges: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (start, items) of `_Grid`: edges are counted in one sweep and written in another."""
-    start = np.zeros(cells * cells + 2, dtype=np.int64)
-    items = np.empty(0, dtype=np.int32)
-    for sweep in range(2):
-        for e in range(len(edges)):
-            a, b = edges[e, 0], edges[e, 1]
-            ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-            first, last = _cells(ax, bx, low[0], size[0], cells)
-            for column in range(first, last + 1):
-                bottom, top = _rows(ax, ay, bx, by, low, size, cells, column)
-                for row in range(bottom, top + 1):
-                    cell = column * cells + row
-                    # start[cell + 1] is where the next one of `cell` goes: in the end its end.
-                    if sweep == 0:
-                        start[cell + 2] += 1
-                    else:
-                        items[start[cell + 1]] = e
-                        start[cell + 1] += 1
-        if sweep == 0:
-            start = start.cumsum()
-            items = np.empty(start[-1], dtype=np.int32)
-    return start[:-1].copy(), items
-
-
-@njit
-def _starts_inside(
-    points: np.ndarray,
-    edges: np.ndarray,
-    following: np.ndarray,
-    ending: np.ndarray,
-    first: np.ndarray,
-    a: int,
-    b: int,
-) -> bool:
+def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
     """Whether the segment from a to b starts strictly into the interior; see `_Sides`."""
+    points, edges, following, ending, first, _boxes = sides
     for place in range(first[a], first[a + 1]):
         e = ending[place]
         before, after = edges[e, 0], edges[following[e], 1]
@@ -244,125 +173,106 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 
 @njit
-def _meeting(
-    points: np.ndarray,
-    edges: np.ndarray,
-    a: int,
-    b: int,
-    grid: _Grid,
-    asked: np.ndarray,
-    stamp: int,
-) -> int:
+def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
     """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge.
 
-    asked (b,): the stamp of the segment that each edge was last asked about.
+    It starts inside at both ends. scale: the largest coordinate's size; stack: room for two rows
+    for each halving of the boxes. A box is passed over that the segment's own does not meet, or
+    that lies on one side of the line through it by more than rounding.
     """
-    low, size, cells, start, items = grid
+    points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-    first, last = _cells(ax, bx, low[0], size[0], cells)
-    for index in range(last - first + 1):
-        column = first + index if bx >= ax else last - index  # from a on: what blocks is often near
-        bottom, top = _rows(ax, ay, bx, by, low, size, cells, column)
-        for row in range(bottom, top + 1):
-            cell = column * cells + row
-            for place in range(start[cell], start[cell + 1]):
-                e = items[place]
-                if asked[e] == stamp:  # long edges are in many cells
-                    continue
-                asked[e] = stamp
-                c, d = edges[e, 0], edges[e, 1]
-                if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
-                    # Edges at an end leave it elsewhere, or the segment would not start inside;
-                    # unless one is the segment itself.
-                    if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
-                        return -2
-                    continue
-                if _meets(points, a, b, c, d):
-                    return e
+    dx, dy = bx - ax, by - ay
+    low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
+    margin = 1e-14 * scale * (abs(dx) + abs(dy))
+    size = len(boxes) // 2
+    stack[0] = 1
+    height = 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        left, bottom, right, top = boxes[node]
+        if left > high_x or right < low_x or bottom > high_y or top < low_y:
+            continue
+        beside = dx * (0.5 * (bottom + top) - ay) - dy * (0.5 * (left + right) - ax)
+        reach = 0.5 * (abs(dx) * (top - bottom) + abs(dy) * (right - left))
+        if abs(beside) > reach + margin:
+            continue
+        if node < size:
+            stack[height], stack[height + 1] = 2 * node, 2 * node + 1
+            height += 2
+            continue
+        c, d = edges[node - size]
+        if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
+            # Edges at an end leave it elsewhere, or the segment would not start inside; unless
+            # one is the segment itself.
+            if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
+                return -2
+        elif _meets(points, a, b, c, d):
+            return node - size
     return -1
 
 
 @njit
-def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b: int) -> bool:
-    """Whether the segment a-b crosses one of the first `count` edges of `hiding`; it goes first.
+def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
+    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); it goes first.
 
     They have a on their left, so it does if b is on their right and between the rays to their ends.
     """
-    for place in range(count):
+    for place in range(len(hiding)):
         c, d = hiding[place, 0], hiding[place, 1]
         if (
             turn(points, c, d, b) < 0.0
             and turn(points, a, c, b) > 0.0
             and turn(points, a, d, b) < 0.0
         ):
-            _to_front(hiding, place)
+            _to_front(hiding, place, c, d)
             return True
     return False
 
 
 @njit
-def _to_front(hiding: np.ndarray, place: int) -> None:
-    """Move an edge of `hiding` to the first place; those before it go one further."""
-    c, d = hiding[place, 0], hiding[place, 1]
+def _to_front(hiding: np.ndarray, place: int, c: int, d: int) -> None:
+    """Put an edge c-d first, in place of that at `place`; those before it go one further."""
     for at in range(place, 0, -1):
         hiding[at] = hiding[at - 1]
     hiding[0, 0], hiding[0, 1] = c, d
 
 
 @njit(nogil=True)
-def _diagonals(
-    sides: _Sides, grid: _Grid, sites: np.ndarray, number: int, slices: int
-) -> np.ndarray:
-    """Return the pairs of every `slices`-th of `sites`, from `number` on, with later ones."""
-    edges = sides.edges
-    found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
+def _diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
+    """Return the pairs of sites that see each other, but for the boundary's edges.
+
+    `hiding` holds edges that met a segment from the same site; the one that hid something last
+    comes first. It only saves time: an edge that is not in it is met in `_meeting`.
+    """
+    points, edges = sides.points, sides.edges
+    scale = np.abs(points).max()
+    found = np.empty((16 + 4 * len(sites), 2), dtype=np.int32)
+    hiding = np.empty((_HIDING, 2), dtype=np.int32)
+    stack = np.empty(128, dtype=np.int64)
     count = 0
-    seen = np.empty(len(sites), dtype=np.int32)
-    asked = np.full(len(edges), -1, dtype=np.int64)
-    for i in range(number, len(sites), slices):
-        more = _seen_after(sides, grid, sites, i, seen, asked)
-        if count + more > len(found):
-            grown = np.empty((2 * (count + more), 2), dtype=np.int32)
+    for i in range(len(sites)):
+        if count + len(sites) > len(found):
+            grown = np.empty((2 * (count + len(sites)), 2), dtype=np.int32)
             grown[:count] = found[:count]
             found = grown
-        found[count : count + more, 0] = sites[i]
-        found[count : count + more, 1] = seen[:more]
-        count += more
+        a, known = sites[i], 0
+        for b in sites[i + 1 :]:
+            if (
+                not _starts_inside(sides, a, b)
+                or not _starts_inside(sides, b, a)
+                or _is_behind_one(points, a, hiding[:known], b)
+            ):
+                continue
+            met = _meeting(sides, scale, a, b, stack)
+            if met == -1:
+                found[count, 0], found[count, 1] = a, b
+                count += 1
+            elif met >= 0:
+                c, d = edges[met, 0], edges[met, 1]
+                way = turn(points, c, d, a)
+                if way != 0.0:  # in line with a it hides nothing but itself
+                    known = min(known + 1, _HIDING)
+                    _to_front(hiding, known - 1, c if way > 0.0 else d, d if way > 0.0 else c)
     return found[:count]
-
-
-@njit
-def _seen_after(
-    sides: _Sides, grid: _Grid, sites: np.ndarray, i: int, seen: np.ndarray, asked: np.ndarray
-) -> int:
-    """Write the sites after `sites[i]` that it sees to `seen`; return how many there are.
-
-    seen (n,): room; asked (b,): see `_meeting`. `hiding` holds up to eight edges that met a segment
-    from here, with this site on their left, and `known` says how many; the one that hid something
-    last comes first. It only saves time: an edge that is not in it is met in `_meeting`.
-    """
-    points, edges, following, ending, first = sides
-    a = sites[i]
-    hiding = np.empty((_HIDING, 2), dtype=np.int32)
-    known, count = 0, 0
-    for b in sites[i + 1 :]:
-        if (
-            not _starts_inside(points, edges, following, ending, first, a, b)
-            or not _starts_inside(points, edges, following, ending, first, b, a)
-            or _is_behind_one(points, a, hiding, known, b)
-        ):
-            continue
-        stamp = np.int64(a) * len(points) + b  # of this segment and no other
-        met = _meeting(points, edges, a, b, grid, asked, stamp)
-        if met == -1:
-            seen[count] = b
-            count += 1
-        elif met >= 0:
-            c, d = edges[met, 0], edges[met, 1]
-            way = turn(points, c, d, a)
-            if way != 0.0:  # in line with a it hides nothing but itself
-                known = min(known + 1, _HIDING)
-                hiding[known - 1, 0] = c if way > 0.0 else d
-                hiding[known - 1, 1] = d if way > 0.0 else c
-                _to_front(hiding, known - 1)
-    return count
