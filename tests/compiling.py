@@ -15,11 +15,11 @@ from harness.measuring.lower_limits import fewest
 from harness.measuring.processes import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import outlines
-from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.frames import triangulate_polygons, warm_up
 from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import ROOT
-from triangulators import certify, names, triangulate, triangulate_many, warm_up
+from triangulators import certify, names, triangulate, triangulate_many
 from triangulators.compute.compiled_files import is_kept
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
@@ -41,9 +41,9 @@ def compile_everything() -> None:
             subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT),
             subprocess.Popen(reading, cwd=ROOT, stdout=subprocess.DEVNULL),
         ):
-            warm_up([name for name in known if name not in BESIDE])
+            warm_up(*(parse(name) for name in known if name not in BESIDE))
             _scenes(known)
-    warm_up(known)
+    warm_up(*map(parse, known))
     _scenes(known)
 
 
@@ -75,7 +75,7 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
 
 def _half() -> None:
     """Do the second process's half."""
-    warm_up(BESIDE)
+    warm_up(*map(parse, BESIDE))
     polygons = load(SCENES[0]).polygons
     triangulate_many(polygons, "refined")
     frame = make_frame(polygons, View(64))

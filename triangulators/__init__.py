@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from triangulators import criteria as criteria
     from triangulators.calling import triangulate as triangulate
     from triangulators.calling import triangulate_with_gap as triangulate_with_gap
-    from triangulators.calling import warm_up as warm_up
     from triangulators.certificate.certify import certify as certify
     from triangulators.checking.evidence import Certificate as Certificate
     from triangulators.errors import InvalidPolygon as InvalidPolygon
@@ -43,27 +42,18 @@ if TYPE_CHECKING:
     from triangulators.registry import names as names
     from triangulators.registry import parse as parse
 
-_HOME = {
-    "Certificate": "checking.evidence",
-    "InvalidPolygon": "errors",
-    "Ragged": "ragged",
-    "Skipped": "errors",
-    "TriangulationError": "errors",
-    "Triangulations": "ragged",
-    "Unavailable": "errors",
-    "UnknownName": "errors",
-    "certify": "certificate.certify",
-    "find": "registry",
-    "flip": "methods.flips",
-    "full_name": "registry",
-    "names": "registry",
-    "parse": "registry",
-    "triangulate": "calling",
-    "triangulate_many": "many",
-    "triangulate_with_gap": "calling",
-    "vertices": "polygon",
-    "warm_up": "calling",
+_NAMES = {
+    "calling": ("triangulate", "triangulate_with_gap"),
+    "certificate.certify": ("certify",),
+    "checking.evidence": ("Certificate",),
+    "errors": ("InvalidPolygon", "Skipped", "TriangulationError", "Unavailable", "UnknownName"),
+    "many": ("triangulate_many",),
+    "methods.flips": ("flip",),
+    "polygon": ("vertices",),
+    "ragged": ("Ragged", "Triangulations"),
+    "registry": ("find", "full_name", "names", "parse"),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 """Where each name is: it is imported when it is asked for, because compiled code takes a second."""
 
 __all__ = ["criteria", *_HOME]

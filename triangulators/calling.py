@@ -1,7 +1,6 @@
 """Triangulates one polygon by a triangulator's name, and checks what comes back."""
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,12 +8,11 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import require_number
-from triangulators.errors import Skipped, TriangulationError, Unavailable
+from triangulators.errors import TriangulationError
 from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, load, parse
 from triangulators.starting import insert_dropped_vertices, left_turning
-from triangulators.verify import verify
 
 
 def triangulate(
@@ -39,18 +37,7 @@ def triangulate(
         >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()
         [[0, 1, 2]]
     """
-    choice = parse(name)
-    outline = checked_boundary(polygon)
-    function = choice.entry.load()
-    if not choice.entry.builtin:
-        raw = function(polygon, **parameters)
-    elif choice.entry.criteria:
-        wanted = choice.criterion if criterion is None else criterion
-        raw = function(outline, criterion=wanted, **parameters)
-    elif criterion is not None:
-        raise TypeError(f"triangulator {choice.entry.name!r} takes no criterion")
-    else:
-        raw = function(outline, **parameters)
+    outline, choice, raw = _called(polygon, name, criterion, parameters)
     triangles = _checked(outline, raw, choice, criterion)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
 
@@ -70,13 +57,31 @@ def triangulate_with_gap(
         >>> triangulate_with_gap(shapely.box(0, 0, 2, 1), "optimal")[1]
         0.0
     """
-    choice = parse(name)
-    if choice.entry.with_gap is None:
-        return triangulate(polygon, name, criterion=criterion, **parameters), None
-    outline = checked_boundary(polygon)
-    wanted = choice.criterion if criterion is None else criterion
-    raw, gap = load(choice.entry.with_gap)(outline, criterion=wanted, **parameters)
+    outline, choice, raw = _called(polygon, name, criterion, parameters, with_gap=True)
+    raw, gap = raw if choice.entry.with_gap else (raw, None)
     return _checked(outline, raw, choice, criterion), gap
+
+
+def _called(
+    polygon: shapely.Polygon,
+    name: str,
+    criterion: criteria.Criterion | str | Callable[..., float] | None,
+    parameters: dict[str, Any],
+    *,
+    with_gap: bool = False,
+) -> tuple[Boundary, Choice, Any]:
+    """Return what a triangulator gives for a polygon, with its gap where it knows one."""
+    choice = parse(name)
+    entry = choice.entry
+    outline = checked_boundary(polygon)
+    function = load(entry.with_gap) if with_gap and entry.with_gap else entry.load()
+    if not entry.builtin:
+        return outline, choice, function(polygon, **parameters)
+    if entry.criteria:
+        parameters["criterion"] = choice.criterion if criterion is None else criterion
+    elif criterion is not None:
+        raise TypeError(f"triangulator {entry.name!r} takes no criterion")
+    return outline, choice, function(outline, **parameters)
 
 
 def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
@@ -94,45 +99,14 @@ def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.
         raise TriangulationError(
             f"{choice.full_name} returned {triangles.dtype}, expected integer indices"
         )
-    if triangles.dtype != np.int32 or not triangles.flags.c_contiguous:
-        wide = triangles
-        triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-        if wide.dtype.itemsize > 4 and not np.array_equal(wide, triangles):
-            raise _outside(outline, choice)
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     state = all_left(outline.points, triangles)
     if state == OUTSIDE:
-        raise _outside(outline, choice)
+        raise TriangulationError(
+            f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
+        )
     if state != ALL_LEFT:
         triangles = left_turning(outline.points, triangles)
     if criterion is not None and not isinstance(criterion, str):
         require_number(criteria.find(criterion), outline.points, triangles)
     return triangles
-
-
-def _outside(outline: Boundary, choice: Choice) -> TriangulationError:
-    return TriangulationError(
-        f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
-    )
-
-
-def warm_up(names: Sequence[str]) -> float:
-    """Call each of some triangulators once on small polygons; return the seconds it took.
-
-    The first time on a machine that is the time to compile them, later next to nothing.
-
-        >>> warm_up(["fan"]) > 0.0
-        True
-    """
-    holes = [[(2, 2), (2, 4), (4, 4)], [(6, 6), (6, 8), (8, 8)]]
-    square = [(0, 0), (9, 0), (9, 9), (0, 9)]
-    # On no grid, so that it takes the way that doubles take.
-    bent = shapely.Polygon([(0.1, 0), (5, 1.3), (9, 0), (8, 9), (4.7, 7), (0, 9)])
-    polygons = [shapely.Polygon(square), shapely.Polygon(square, holes), bent]
-    start = time.perf_counter()
-    for name in names:
-        for polygon in polygons:
-            try:
-                verify(polygon, triangulate(polygon, name))
-            except (Skipped, Unavailable):
-                continue
-    return time.perf_counter() - start

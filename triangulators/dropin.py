@@ -94,24 +94,19 @@ def _improved(
 def _best(points: np.ndarray, ends: np.ndarray, method: str) -> np.ndarray | None:
     """Return the triangles (m, 3) of a slower method, or None if the rings are no valid polygon."""
     # What these need takes a second to import, which those who flip need not wait for.
-    import shapely
-
     from triangulators.errors import TriangulationError
     from triangulators.methods import flips, optimal
-    from triangulators.optimum.full_table import SMALL, by_full_table
-    from triangulators.polygon import UNSURE, as_polygon, boundary_of_rings, winding
+    from triangulators.optimum.full_table import by_full_table
+    from triangulators.polygon import UNSURE, checked_boundary, polygon_of_rings, winding
 
-    n, optimum = len(points), method == "optimal"
-    small = optimum and len(ends) == 1 and n <= SMALL
-    if small and winding(points[np.arange(-1, n)]) != UNSURE:
+    n = len(points)
+    if method == "optimal" and len(ends) == 1 and winding(points[np.arange(-1, n)]) != UNSURE:
         triangles = np.empty((n - 2, 3), dtype=np.int32)
         if by_full_table(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
             return triangles
-    outline = boundary_of_rings(points, ends)
+    find = optimal.triangulate if method == "optimal" else flips.triangulate_refined
     try:
-        if not shapely.is_valid(as_polygon(outline)):
-            return None
-        find = optimal.triangulate if optimum else flips.triangulate_refined
+        outline = checked_boundary(polygon_of_rings(points, ends))
         return find(outline, criterion="half-perimeter")
     except (TriangulationError, ValueError):  # too few vertices in a ring, for one
         return None

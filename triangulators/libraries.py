@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
-from triangulators.polygon import Boundary, as_polygon, oriented_rings
+from triangulators.polygon import Boundary, oriented_rings, polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
@@ -27,7 +27,9 @@ def delaunay(outline: Boundary) -> np.ndarray:
     GEOS answers in coordinates; they are looked up here.
     """
     try:
-        pieces = shapely.constrained_delaunay_triangles(as_polygon(outline))
+        pieces = shapely.constrained_delaunay_triangles(
+            polygon_of_rings(outline.points, outline.ends)
+        )
     except shapely.GEOSException as error:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)

@@ -7,21 +7,16 @@ filter is sure; every other polygon, valid or not, is left to GEOS, whose words 
 are.
 """
 
-from collections.abc import Callable
-from functools import lru_cache, wraps
+from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import InvalidPolygon
-from triangulators.geometry.predicates import FILTER, on_segment, orient, touching
-
-Result = TypeVar("Result")
-
-_BRUTE_FORCE = 2000  # edges and vertices; beyond, those that touch are looked for with a tree
+from triangulators.geometry.predicates import FILTER, orient, touching
 
 MOST_SIMPLE = 96  # vertices up to which all pairs of a ring's edges are looked at
 
@@ -208,10 +203,12 @@ def _numbers(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
     return site, np.column_stack((ring, np.roll(ring, -1)))
 
 
-def as_polygon(outline: Boundary) -> shapely.Polygon:
-    """Return the polygon that a `Boundary` was made of."""
-    rings = np.split(outline.points, outline.ends[:-1])
-    return shapely.Polygon(rings[0], rings[1:])
+def polygon_of_rings(points: np.ndarray, ends: np.ndarray) -> shapely.Polygon:
+    """Return the polygon of rings given as in `rings_of`."""
+    rings = np.split(points, ends[:-1])
+    # Closed here: shapely would take a last vertex that repeats the first for the closing one.
+    closed = [np.concatenate((ring, ring[:1])) for ring in rings]
+    return shapely.Polygon(closed[0], closed[1:])
 
 
 def oriented_rings(points: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
@@ -253,23 +250,11 @@ def vertices_on(
     """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.
 
     edges (k, 2) int32; allowed: how far off, see `predicates.on_segment`. Edges that none lies on
-    are left out. Where there are many, an index of all vertices finds those in an edge's box.
+    are left out.
     """
     points, candidates = outline.points, np.unique(outline.edges)
-    if len(edges) * len(candidates) <= _BRUTE_FORCE**2:
-        found = touching(points, edges, candidates, allowed)
-    else:
-        tails, heads = points[edges.T]
-        low, high = np.minimum(tails, heads) - allowed, np.maximum(tails, heads) + allowed
-        tree = shapely.STRtree(shapely.points(points[candidates]))
-        near = tree.query(shapely.box(*low.T, *high.T)).T.tolist()
-        found = [(number, int(candidates[place])) for number, place in near]
-        found = [
-            (number, v)
-            for number, v in found
-            if v not in edges[number]
-            and on_segment(points, v, edges[number, 0], edges[number, 1], allowed)
-        ]
+    candidates = candidates[np.argsort(points[candidates, 0])]
+    found = touching(points, edges, candidates, allowed)
     inside: dict[tuple[int, int], list[int]] = {}
     for number, v in sorted(found):
         a, b = edges[number].tolist()
@@ -285,24 +270,3 @@ def boundary_area(outline: Boundary) -> float:
     shifted = outline.points - outline.points[0]
     a, b = shifted[outline.edges[:, 0]], shifted[outline.edges[:, 1]]
     return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) / 2.0
-
-
-def remembered(most: int) -> Callable[[Callable[[Boundary], Result]], Callable[[Boundary], Result]]:
-    """Decorate a function of a `Boundary`: its results for the last `most` outlines are kept.
-
-    Outlines of equal vertices and rings are one. Callers share a result: they must not change it.
-    """
-
-    def decorate(compute: Callable[[Boundary], Result]) -> Callable[[Boundary], Result]:
-        @lru_cache(maxsize=most)
-        def kept(points: bytes, ends: tuple[int, ...]) -> Result:
-            corners = np.frombuffer(points).reshape(-1, 2).copy()  # a writable one, as earcut wants
-            return compute(boundary_of_rings(corners, np.array(ends, np.uint32)))
-
-        @wraps(compute)
-        def look_up(outline: Boundary) -> Result:
-            return kept(outline.points.tobytes(), tuple(outline.ends.tolist()))
-
-        return look_up
-
-    return decorate

@@ -1,6 +1,6 @@
 """Many polygons, and their triangulations, as arrays."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -48,9 +48,6 @@ class Triangulations(Sequence[np.ndarray]):
             raise IndexError(f"polygon {index} of {len(self)}")
         index %= len(self)
         return self.triangles[self.starts[index] : self.starts[index + 1]]
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return (self[index] for index in range(len(self)))
 
 
 def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:

@@ -1,12 +1,12 @@
 """Triangulators by name: the built-in ones, entry points, and `module:function` strings."""
 
 import difflib
-import importlib
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,7 +64,14 @@ class Entry:
         missing = self.available()
         if missing:
             raise Unavailable(f"triangulator {self.name!r} is not available; install: {missing}")
-        return load(self.function) if self.builtin else _third_party_function(self.function)
+        try:
+            function = load(self.function)
+        except (ImportError, AttributeError, ValueError) as error:
+            hint = _hint(self.function.partition(":")[0])
+            raise UnknownName(f"triangulator {self.function!r}: {error}{hint}") from error
+        if not callable(function):
+            raise UnknownName(f"triangulator {self.function!r}: not a function")
+        return function
 
 
 def _ours(
@@ -196,10 +203,7 @@ class Choice(NamedTuple):
 @cache
 def load(reference: str) -> Function:
     """Import what "module:function" names."""
-    module, _, attribute = reference.partition(":")
-    function: Any = importlib.import_module(module)
-    for part in attribute.split("."):
-        function = getattr(function, part)
+    function: Function = resolve_name(reference)
     return function
 
 
@@ -236,23 +240,12 @@ def find(name: str) -> Entry:
         return Entry(name, f"from {point.value}", point.value, builtin=False)
     if ":" in name:  # imported when it is loaded: it may do anything
         return Entry(name, f"user's function {name}", name, builtin=False)
+    raise UnknownName(f"unknown triangulator {name!r}{_hint(name)} (known: {', '.join(names())})")
+
+
+def _hint(name: str) -> str:
     near = difflib.get_close_matches(name, names(), n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise UnknownName(f"unknown triangulator {name!r}{hint} (known: {', '.join(names())})")
-
-
-def _third_party_function(reference: str) -> Function:
-    known = difflib.get_close_matches(reference.partition(":")[0], names(), n=1)
-    hint = f"; did you mean {known[0]!r}?" if known else ""
-    try:
-        function = load(reference)
-    except ImportError as error:
-        raise UnknownName(f"triangulator {reference!r}: {error}{hint}") from error
-    except AttributeError as error:
-        raise UnknownName(f"triangulator {reference!r}: {error}") from error
-    if not callable(function):
-        raise UnknownName(f"triangulator {reference!r}: not a function")
-    return function
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def parse(text: str) -> Choice:

@@ -72,7 +72,14 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     loose = unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
     if loose:
-        junctions, gaps = split_edges(outline, loose)
+        on_edges = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
+        balance: Counter[Edge] = Counter()
+        for (a, b), times in loose.items():
+            inside = on_edges.get((a, b), [])
+            junctions += [(vertex, (a, b)) for vertex in inside]
+            for tail, head in pairwise([a, *inside, b]):
+                balance[min(tail, head), max(tail, head)] += times if tail < head else -times
+        gaps = [edge for edge, times in balance.items() if times]
         problems += [
             f"gap or overlap along the edge between vertices {a} and {b}" for a, b in gaps[:5]
         ]
@@ -114,20 +121,3 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
         times = int(balance[index])
         loose[(a, b) if times > 0 else (b, a)] = abs(times)
     return loose
-
-
-def split_edges(
-    outline: Boundary, loose: Counter[Edge]
-) -> tuple[list[tuple[int, Edge]], list[Edge]]:
-    """Split unmatched edges at the vertices on them: return (T-junctions, edges still left)."""
-    junctions: list[tuple[int, Edge]] = []
-    balance: Counter[Edge] = Counter()
-    on_edges = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
-    for (a, b), times in loose.items():
-        inside = on_edges.get((a, b), [])
-        junctions += [(vertex, (a, b)) for vertex in inside]
-        chain = [a, *inside, b]
-        for tail, head in pairwise(chain):
-            key, sign = ((tail, head), 1) if tail < head else ((head, tail), -1)
-            balance[key] += sign * times
-    return junctions, [edge for edge, times in balance.items() if times]

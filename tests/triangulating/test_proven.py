@@ -36,7 +36,7 @@ def polygons() -> list[Polygon]:
 @pytest.fixture
 def apart(monkeypatch):
     """Let no skeleton connect the rings, and let the linear program not be asked."""
-    monkeypatch.setattr(proof, "cuts_of", lambda *_: None)
+    monkeypatch.setattr(proof, "by_table", lambda *_: None)
     monkeypatch.setattr(optimal, "PROVEN", 0)
 
 

@@ -5,9 +5,8 @@ import shutil
 import subprocess
 import sys
 import time
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from subprocess import PIPE
 
 import pytest
 
@@ -157,27 +156,3 @@ def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
     assert files.kept().files == 3
     assert files.remove_old() == 1
     assert {folder.name for folder in here.iterdir()} == {current, "other-1"}
-
-
-HOLDING = """
-import fcntl, sys
-with open(sys.argv[1], "ab") as stream:
-    fcntl.lockf(stream, fcntl.LOCK_EX)
-    print("held", flush=True)
-    sys.stdin.read()
-"""
-
-
-def test_a_process_that_was_stopped_while_it_compiles_is_not_waited_for(monkeypatch, tmp_path):
-    pytest.importorskip("fcntl")
-    file = tmp_path / "compiling.lock"
-    monkeypatch.setattr(storing, "PATIENCE_S", 0.2)
-    monkeypatch.setattr(storing, "_lock_file", cache(lambda: file.open("ab")))
-    command = [sys.executable, "-c", HOLDING, str(file)]
-    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, text=True) as holder:
-        assert holder.stdout.readline() == "held\n"
-        with storing._alone("a kernel"):
-            pass
-        holder.communicate("")
-    with storing._alone("a kernel"):  # what waited has given it up
-        pass

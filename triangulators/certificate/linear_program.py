@@ -16,7 +16,7 @@ sum round a triangle or a ring.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import highspy
 import numpy as np
@@ -41,18 +41,6 @@ _OPTIONS: dict[str, Any] = {
     "primal_feasibility_tolerance": 1e-10,
     "dual_feasibility_tolerance": 1e-10,
 }
-
-
-class Solution(NamedTuple):
-    """potentials (e,) float64 of each edge; share (t,): how much each triangle is chosen.
-
-    bound: the dual's value; solved: whether the program was solved to the end.
-    """
-
-    potentials: np.ndarray
-    share: np.ndarray
-    bound: float
-    solved: bool
 
 
 class Program:
@@ -84,8 +72,11 @@ class Program:
         order = np.concatenate((np.flatnonzero(candidates.side != 0), inner))
         _grow_tree(len(candidates.points), candidates.edges, order, self.free)
 
-    def solve(self, seconds: float, *, at_a_corner: bool = False) -> Solution:
-        """Solve by the interior-point method of HiGHS; the potentials have about twelve digits.
+    def solve(self, seconds: float, *, at_a_corner: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Return potentials (e,) of the edges, and how much each triangle is chosen, (t,).
+
+        Solved by the interior-point method of HiGHS; the potentials have about twelve digits. All
+        are zero where it was not solved to the end.
 
         It is many times faster than the simplex method where there are tens of thousands of
         constraints, as many of them are met with equality. at_a_corner: go on from there to a
@@ -99,8 +90,8 @@ class Program:
         edges, rows = len(self.candidates.edges), np.union1d(self.start, self.inside)
         most = np.where(self.free, _FARTHEST, 0.0)
         model.addVars(edges, -most, most)
-        side = self.candidates.side.astype(float)
-        model.changeColsCost(edges, np.arange(edges, dtype=np.int32), side)
+        ring = self.candidates.side.astype(float)
+        model.changeColsCost(edges, np.arange(edges, dtype=np.int32), ring)
         model.changeObjectiveSense(highspy.ObjSense.kMaximize)
         model.addRows(
             len(rows),
@@ -114,12 +105,11 @@ class Program:
         model.run()
         # HiGHS calls it unknown whether a solution is optimal that is not at a corner.
         ends = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
-        solved = model.getModelStatus() in ends
         potentials, share = np.zeros(edges), np.zeros(len(self.candidates.triangles))
-        if solved:
+        if model.getModelStatus() in ends:
             potentials = np.array(model.getSolution().col_value) / self.scale
             share[rows] = np.abs(model.getSolution().row_dual)
-        return Solution(potentials, share, float(np.dot(side, potentials)), solved)
+        return potentials, share
 
 
 @njit

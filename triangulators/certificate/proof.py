@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates, candidates_of
-from triangulators.certificate.linear_program import Program, Solution
+from triangulators.certificate.linear_program import Program
 from triangulators.certificate.local_minimality import exclude, extend
-from triangulators.certificate.skeleton import by_table, cuts_of, remaining
+from triangulators.certificate.skeleton import by_table
 from triangulators.checking.evidence import Evidence
 from triangulators.checking.units import Units, units_for, weights_of
 from triangulators.criteria.cost import Cost
@@ -78,18 +78,16 @@ class _Best:
         potentials bound the optimum from below in any case.
         """
         c = self.candidates
-        left = remaining(c, alive)
-        cut = cuts_of(c, left)
-        table = None if cut is None else by_table(c, left, cut, cost, self.units)
+        table = by_table(c, alive, cost, self.units)
         if table is not None:
-            self.offer(_numbers(c, table.triangles))
-            return table.potentials, 0
+            self.offer(_numbers(c, table[0]))
+            return table[1], 0
         timed = 0.0 < seconds < np.inf
         asked = timed or (seconds > 0.0 and int(alive.sum()) <= _QUICK_ROWS)
         light = self.weights / self.units.factor
         if asked:
             program = Program(c, light, alive, self.best)
-            found = self._tried(alive, program.solve(seconds))
+            found = self._tried(alive, *program.solve(seconds))
             if self._is_proof(*found):
                 return found
         else:
@@ -100,20 +98,22 @@ class _Best:
             self.offer(better)
         if asked and not self._is_proof(*found):
             program = Program(c, light, alive, self.best)
-            again = self._tried(alive, program.solve(seconds, at_a_corner=True))
+            again = self._tried(alive, *program.solve(seconds, at_a_corner=True))
             found = max(found, again, key=lambda each: self._bound(*each))
         return found
 
-    def _tried(self, alive: np.ndarray, solution: Solution) -> tuple[np.ndarray, int]:
+    def _tried(
+        self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
+    ) -> tuple[np.ndarray, int]:
         """Offer a program's triangles that are chosen by more than half, if they fit together."""
         c = self.candidates
-        chosen = np.flatnonzero(solution.share > 0.5)
+        chosen = np.flatnonzero(share > 0.5)
         ahead = c.triangles[chosen] < np.roll(c.triangles[chosen], -1, axis=1)
         ways = np.where(ahead, 1, -1).ravel()
         # Each side of the boundary once, each diagonal as often from the left as from the right.
         if np.array_equal(np.bincount(c.sides[chosen].ravel(), ways, len(c.edges)), c.side):
             self.offer(chosen)
-        return self._rounded(alive, solution.potentials)
+        return self._rounded(alive, potentials)
 
     def _rounded(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
         """Round potentials to whole numbers; the lift makes up for what that breaks."""

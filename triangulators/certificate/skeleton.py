@@ -14,8 +14,6 @@ three sides among them: it is empty, and a cut inside it would have to leave it 
 remaining triangle, whether any triangulation has it or not.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
@@ -27,44 +25,24 @@ from triangulators.geometry.predicates import cross, turn
 from triangulators.optimum.visible_lists import NOTHING, far_costs
 
 
-class Table(NamedTuple):
-    """Triangles (m, 3) of an optimum, and potentials (e,) int64 of the edges."""
-
-    triangles: np.ndarray
-    potentials: np.ndarray
-
-
-def remaining(candidates: Candidates, alive: np.ndarray) -> np.ndarray:
-    """Return which edges (e,) are left: the boundary's, and those of triangles alive (t,)."""
-    left = candidates.side != 0
-    left[candidates.sides[alive]] = True
-    return left
-
-
-def cuts_of(candidates: Candidates, left: np.ndarray) -> np.ndarray | None:
-    """Return which edges (e,) to cut along: diagonals of the skeleton that connect all rings.
-
-    left (e,): the edges that remain. None where the skeleton leaves rings apart.
-    """
-    c = candidates
-    cut = np.zeros(len(c.edges), dtype=np.bool_)
-    parts = _connect(c.points, c.edges, c.side, left, cut, np.arange(len(c.points)))
-    return cut if parts == 1 else None
-
-
 def by_table(
-    candidates: Candidates, left: np.ndarray, cut: np.ndarray, cost: Cost, units: Units
-) -> Table | None:
-    """Return an optimum of the triangles of edges that are `left`, where `cut` makes one ring.
+    candidates: Candidates, alive: np.ndarray, cost: Cost, units: Units
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return an optimum (m, 3) of the triangles that are `alive` (t,), and potentials (e,) int64.
 
-    None where they are no triangulation.
+    None where diagonals of the skeleton leave rings apart, or where there is no triangulation.
     """
     c = candidates
-    ring = _ring_of(c, cut)
-    first, last = _places(c, left & ~cut & (c.side == 0), ring)
+    left = c.side != 0  # the edges that remain
+    left[c.sides[alive]] = True
+    cut = np.zeros(len(c.edges), dtype=np.bool_)
+    if _connect(c.points, c.edges, c.side, left, cut) > 1:
+        return None
+    ring, inner = _ring_of(c, cut), left & ~cut & (c.side == 0)
+    first, last = _places(c, inner, ring)
     if (first < 0).any() or (last < 0).any():
         return None
-    n, inner = len(ring), np.flatnonzero(left & ~cut & (c.side == 0))
+    n, inner = len(ring), np.flatnonzero(inner)
     # Sides of the ring are pairs as well; their edges' potentials are 0, but for the closing one's.
     low = np.concatenate((np.minimum(first, last), np.arange(n - 1), [0]))
     high = np.concatenate((np.maximum(first, last), np.arange(1, n), [n - 1]))
@@ -80,37 +58,26 @@ def by_table(
     potentials[inner] = np.where(first < last, -by_pair[: len(inner)], by_pair[: len(inner)])
     closing = np.flatnonzero(c.side)[0]
     potentials[closing] = c.side[closing] * by_pair[-1]
-    return Table(ring[triangles], potentials)
-
-
-@njit(nogil=True)
-def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent: np.ndarray) -> int:
-    """Join the sites of each ring in `parent` (n,), 0..n - 1; return how many rings there are."""
-    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
-    for e in range(len(edges)):
-        if side[e] != 0:
-            on_boundary[edges[e, 0]] = on_boundary[edges[e, 1]] = True
-    rings = on_boundary.sum()
-    for e in range(len(edges)):
-        if side[e] != 0:
-            rings -= join(parent, edges[e, 0], edges[e, 1])
-    return rings
+    return ring[triangles], potentials
 
 
 @njit(nogil=True)
 def _connect(
-    points: np.ndarray,
-    edges: np.ndarray,
-    side: np.ndarray,
-    left: np.ndarray,
-    cut: np.ndarray,
-    parent: np.ndarray,
+    points: np.ndarray, edges: np.ndarray, side: np.ndarray, left: np.ndarray, cut: np.ndarray
 ) -> int:
     """Mark in `cut` diagonals that connect rings and are not crossed; return how many parts remain.
 
-    parent (n,): 0..n - 1, a forest in which sites of one part have one root.
+    left (e,): the edges that remain. Sites of one part have one root in `parent`.
     """
-    parts = _join_rings(points, edges, side, parent)
+    parent = np.arange(len(points))
+    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
+    parts = 0
+    for e in range(len(edges)):
+        if side[e] != 0:
+            for v in edges[e]:
+                parts += not on_boundary[v]
+                on_boundary[v] = True
+            parts -= join(parent, edges[e, 0], edges[e, 1])
     # Only diagonals between parts can connect them, and only edges whose boxes meet can cross.
     low = np.empty(len(edges))
     widest = 0.0

@@ -47,7 +47,7 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
         raise Refused("the evidence has an edge between vertices that are none")
     if len(potentials) != len(pairs):
         raise Refused("potentials and edges differ in number")
-    if abs(lift) >= TOO_LARGE or (abs(potentials.astype(float)) >= TOO_LARGE).any():
+    if max(map(abs, [lift, *potentials.tolist()])) >= TOO_LARGE:
         raise Refused("a potential or the lift is too large for exact arithmetic")
     at = edges.find(pairs)  # what is no edge bounds nothing
     if len(np.unique(at[at >= 0])) != np.count_nonzero(at >= 0):

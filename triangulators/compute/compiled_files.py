@@ -7,9 +7,8 @@ imports, directly or not: one edit makes the modules anew that it reaches, and n
 that, a file's name holds the types that it was compiled for and the processor, with its features.
 
 Nothing is ever overwritten with something else, so several versions of the sources, and several
-processes that compile at once, share one place: NUMBA_CACHE_DIR, or the user's cache folder, or
-where neither can be written, the folder of this file. `raster-harness cache clear` removes old
-code.
+processes that compile at once, share one place: NUMBA_CACHE_DIR, or the user's cache folder.
+`raster-harness cache clear` removes old code.
 """
 
 import hashlib
@@ -42,21 +41,9 @@ _IMPORT = re.compile(
 @lru_cache(maxsize=1)
 def place() -> Path:
     """Return the folder of all compiled code of this Numba and Python."""
-    of = f"numba{version('numba')}-{sys.implementation.cache_tag}"
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folders = (
-        [Path(chosen)]
-        if chosen
-        else [user_cache_path("raster-harness", appauthor=False), Path(__file__).parent]
-    )
-    for folder in folders:
-        try:
-            (folder / "compiled" / of).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder / "compiled" / of, os.W_OK):
-            return folder / "compiled" / of
-    return folders[0] / "compiled" / of
+    folder = Path(chosen) if chosen else user_cache_path("raster-harness", appauthor=False)
+    return folder / "compiled" / f"numba{version('numba')}-{sys.implementation.cache_tag}"
 
 
 @lru_cache(maxsize=1024)

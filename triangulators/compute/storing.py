@@ -4,7 +4,6 @@ import gc
 import hashlib
 import pickle
 import re
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -21,9 +20,6 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from triangulators.compute.compiled_files import digest, dotted, place
-
-PATIENCE_S = 60.0
-"""Longer than any kernel takes; a process that was stopped keeps its locks."""
 
 
 def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -74,40 +70,28 @@ def _alone(what: str) -> Iterator[None]:
     """Let no other process compile the same: who comes second waits, and loads it.
 
     A lock on one byte of a file, which the system takes from a process that ends. Where it cannot
-    be had, or who has it was stopped, both compile.
+    be had, both compile.
     """
-    if _Files.only_kept:
-        yield
-        return
     byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
-    held = _lock(byte)
+    _lock("LOCK_EX", byte)
     try:
         yield
     finally:
-        if held:
+        _lock("LOCK_UN", byte)
+
+
+def _lock(way: str, byte: int) -> None:
+    if not _Files.only_kept:
+        with suppress(ImportError, OSError):
             import fcntl
 
-            fcntl.lockf(_lock_file(), fcntl.LOCK_UN, 1, byte)
-
-
-def _lock(byte: int) -> bool:
-    """Take the lock on a byte; False where that cannot be done, or not within `PATIENCE_S`."""
-    until = time.monotonic() + PATIENCE_S
-    with suppress(ImportError, OSError):
-        import fcntl
-
-        while time.monotonic() < until:
-            try:
-                fcntl.lockf(_lock_file(), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-                return True
-            except BlockingIOError:  # another process has it
-                time.sleep(0.02)
-    return False
+            fcntl.lockf(_lock_file(), getattr(fcntl, way), 1, byte)
 
 
 @lru_cache(maxsize=1)
 def _lock_file() -> IO[bytes]:
     """Stays open: closing it would give up all its locks."""
+    place().mkdir(parents=True, exist_ok=True)
     return (place().parent / "compiling.lock").open("ab")
 
 

@@ -332,19 +332,15 @@ def read_weights(criterion: str, text: str, names: tuple[str, ...]) -> dict[str,
     Raises `UnknownName` unless there are as many figures as names, each finite and not negative,
     one of them positive.
     """
-    given = f"criterion '{criterion}{MARK}{text}'"
-    form = f"{criterion}{MARK}{BETWEEN.join(names)}"
-    parts = text.split(BETWEEN)
-    if len(parts) != len(names):
-        raise UnknownName(f"{given}: give {len(names)} weights, {form}, not {len(parts)}")
     try:
-        values = [float(part) for part in parts]
+        values = [float(part) for part in text.split(BETWEEN)]
     except ValueError:
-        raise UnknownName(f"{given}: the weights of {form} are numbers") from None
-    if not all(math.isfinite(value) and value >= 0.0 for value in values):
-        raise UnknownName(f"{given}: the weights of {form} are finite and not negative")
-    if not any(values):
-        raise UnknownName(f"{given}: one of the weights of {form} must be above zero")
+        values = []
+    if len(values) != len(names) or not (0.0 < sum(values) < math.inf and min(values) >= 0.0):
+        raise UnknownName(
+            f"criterion '{criterion}{MARK}{text}': give {criterion}{MARK}{BETWEEN.join(names)}, "
+            f"{len(names)} finite numbers, none negative and one above zero"
+        )
     return dict(zip(names, values, strict=True))
 
 

@@ -181,17 +181,23 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
 def touching(
     points: np.ndarray, edges: np.ndarray, vertices: np.ndarray, allowed: float
 ) -> list[tuple[int, int]]:
-    """Return (edge, vertex) for each of the vertices (k,) that lies inside an edge (b, 2)."""
+    """Return (edge, vertex) for each of the vertices (k,) that lies inside an edge (b, 2).
+
+    vertices: in ascending order of x, so that few are looked at for a short edge.
+    """
     found = [(0, 0) for _ in range(0)]
+    x_of = points[vertices, 0]
     for edge in range(len(edges)):
         a, b = edges[edge]
         low_x = min(points[a, 0], points[b, 0]) - allowed
         high_x = max(points[a, 0], points[b, 0]) + allowed
         low_y = min(points[a, 1], points[b, 1]) - allowed
         high_y = max(points[a, 1], points[b, 1]) + allowed
-        for v in vertices:
-            x, y = points[v, 0], points[v, 1]
-            near = low_x <= x <= high_x and low_y <= y <= high_y and v not in (a, b)
+        for place in range(np.searchsorted(x_of, low_x), len(vertices)):
+            v = vertices[place]
+            if x_of[place] > high_x:
+                break
+            near = low_y <= points[v, 1] <= high_y and v not in (a, b)
             if near and on_segment(points, v, a, b, allowed):
                 found.append((edge, v))
     return found

@@ -7,6 +7,7 @@ the paper's recursion gives the same and removes duplicates.
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,13 @@ from triangulators.criteria.cost import cheapest, cost_of
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.geometry.predicates import orient
 from triangulators.methods.counting import count_of_cycle
-from triangulators.polygon import Boundary, boundary_area, checked_boundary, remembered
+from triangulators.polygon import (
+    Boundary,
+    boundary,
+    boundary_area,
+    checked_boundary,
+    polygon_of_rings,
+)
 from triangulators.starting import Cycle, cycle_of
 
 Mode = Literal["conforming", "paper"]
@@ -114,14 +121,15 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
     Raises `Skipped` for holes, for more than 20,000, and where the list ends before k.
     """
-    everything = _listed(outline)
+    everything = _listed(polygon_of_rings(outline.points, outline.ends).wkb)
     if not 0 <= k < len(everything):
         raise Skipped(f"listed: the list ends at number {len(everything) - 1}, before {k}")
     return everything[k].copy()
 
 
-@remembered(8)
-def _listed(outline: Boundary) -> list[np.ndarray]:
+@lru_cache(maxsize=8)
+def _listed(wkb: bytes) -> list[np.ndarray]:
+    outline = boundary(shapely.from_wkb(wkb))
     ring = cycle_of(outline, "listed")
     if count_of_cycle(ring, MOST_PAPER) > MOST_PAPER:
         raise Skipped(f"listed: the polygon has more than {MOST_PAPER} triangulations")

@@ -6,6 +6,7 @@ weighted sum of the two criteria reaches only the corners of the front's convex 
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,13 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, cost_of, total_cost
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.polygon import Boundary, boundary_area, checked_boundary, remembered
+from triangulators.polygon import (
+    Boundary,
+    boundary,
+    boundary_area,
+    checked_boundary,
+    polygon_of_rings,
+)
 from triangulators.starting import Cycle, cycle_of
 
 MOST = 100_000  # points in the front of a sub-polygon
@@ -60,15 +67,15 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """
     if len(outline.edges) > LIMIT:
         raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
-    triangles = _of_a_and_d(outline).triangles
+    triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ends).wkb).triangles
     if not 0 <= k < len(triangles):
         raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
     return triangles[k].copy()
 
 
-@remembered(32)
-def _of_a_and_d(outline: Boundary) -> Front:
-    return _front(outline, "overdraw", "shape")
+@lru_cache(maxsize=32)
+def _of_a_and_d(wkb: bytes) -> Front:
+    return _front(boundary(shapely.from_wkb(wkb)), "overdraw", "shape")
 
 
 def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:

@@ -1,5 +1,8 @@
 """Triangulations by a simple rule: fan, strip, greedy, largest triangle first."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from triangulators.compute.kernels import njit
@@ -19,11 +22,23 @@ MOST_LARGEST = 1500
 
 def fan(outline: Boundary) -> np.ndarray:
     """Return all diagonals from one vertex; raises `Skipped` for holes and where none sees all."""
+    return _of_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
+
+
+def strip(outline: Boundary) -> np.ndarray:
+    """Return a zigzag of diagonals, as a triangle strip would be drawn.
+
+    Raises `Skipped` for holes and where no start gives a valid one.
+    """
+    return _of_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
+
+
+def _of_ring(outline: Boundary, name: str, rule: Callable[..., Any], why_not: str) -> np.ndarray:
     if outline.holes:
-        raise Skipped("fan: the polygon has holes")
-    triangles = _fan_of(outline.points, outline.edges[:, 0].copy())
+        raise Skipped(f"{name}: the polygon has holes")
+    triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
     if len(triangles) == 0:
-        raise Skipped("fan: no vertex sees the whole polygon")
+        raise Skipped(f"{name}: {why_not}")
     return triangles
 
 
@@ -46,19 +61,6 @@ def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
         if valid:
             return triangles
     return triangles[:0]
-
-
-def strip(outline: Boundary) -> np.ndarray:
-    """Return a zigzag of diagonals, as a triangle strip would be drawn.
-
-    Raises `Skipped` for holes and where no start gives a valid one.
-    """
-    if outline.holes:
-        raise Skipped("strip: the polygon has holes")
-    triangles = _zigzag(outline.points, outline.edges[:, 0].copy())
-    if len(triangles) == 0:
-        raise Skipped("strip: no zigzag stays inside the polygon")
-    return triangles
 
 
 @njit

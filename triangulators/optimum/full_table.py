@@ -37,7 +37,7 @@ of zero; then the exact predicate does.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -233,31 +233,25 @@ def weight(dx: float, dy: float, box: np.ndarray) -> float:
     return cost
 
 
-class _Sums(NamedTuple):
-    """What the sums of a table are made of.
-
-    by_box: the coefficient of bounding-box areas; exact: whether float64 determinants are; none:
-    the sum of what has no triangulation; sign, base: of what a diagonal costs (see `_fill_int`),
-    and sign is 0 where sums are floats.
-    """
-
-    by_box: float
-    exact: bool
-    none: float
-    sign: int
-    base: int
-
-
 @njit(nogil=True)
 def _trace(
-    table: np.ndarray, x: np.ndarray, y: np.ndarray, sums: _Sums, triangles: np.ndarray
+    table: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    by_box: float,
+    exact: bool,
+    sign: int,
+    base: int,
+    triangles: np.ndarray,
 ) -> bool:
     """Write the n - 2 triangles behind a table into `triangles`; False if there are none.
 
-    No apex was kept: the n - 2 that are needed are found again, from the same sums. Where those are
-    integers (sign is not 0) the sum is known, and the first apex that has it will do.
+    by_box: the coefficient of bounding-box areas; exact: whether float64 determinants are; sign,
+    base: of what a diagonal costs (see `_fill_int`), and sign is 0 where sums are floats. No apex
+    was kept: the n - 2 that are needed are found again, from the same sums. Where those are
+    integers the sum is known, and the first apex that has it will do.
     """
-    n, (by_box, exact, none, sign, base) = len(triangles) + 2, sums
+    n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
     height, found = 1, 0
@@ -326,8 +320,7 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
         base = 0 if sign > 0 else int((w + h) / unit)
         _fill_int(space, n, sign, base)
         whole, x, y = space[_TABLE:], space[_X], space[_Y]
-        sums = _Sums(0.0, True, float(_NO_INT), sign, base)
-        if not _trace(whole, x, y, sums, triangles):
+        if not _trace(whole, x, y, 0.0, True, sign, base, triangles):
             return np.inf
         total = abs(box[0]) * unit * float(whole[0, n - 1])
     else:
@@ -338,7 +331,7 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
         # The filter's bound is a multiple of two products, each below the span's square.
         doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
         table = _fill_float(u, v, n, box, doubt, unit == 0.0 and _is_convex(u, v, n))
-        if not _trace(table, u, v, _Sums(box[1], unit > 0.0, _NONE, 0, 0), triangles):
+        if not _trace(table, u, v, box[1], unit > 0.0, 0, 0, triangles):
             return np.inf
         total = table[0, n - 1]
     if area <= 0.0:
