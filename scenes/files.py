@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import Cleaned, Locate, clean
+from scenes.cleaning.clean import Cleaned, clean
 from scenes.cleaning.projection import Projection, is_geographic, off_globe, system, units
 from scenes.readers.guard import existing
 from scenes.readers.reader import GDAL, Raw, Source, reader_of
@@ -124,20 +124,43 @@ def read_chunks(
     Raises SceneError as `read` does, but a file without polygons yields chunks without polygons.
     """
     source = Source(existing(path), layer, where, rows, attributes)
-    placing = Placing(path, project)
     raws = _raws(source, size)
     if rows is None:  # a file may have no feature at all
         raws = chain([next(raws, Raw([], []))], raws)
+    units, crs, projection = "units", None, None
+    decided, said = False, set[str]()
     for raw in raws:
-        placed, notes = placing.place(raw)
-        cleaned = clean(placed.geometries, placed.labels, placing.back)
+        given = np.empty(len(raw.geometries), dtype=object)
+        given[:] = raw.geometries
+        notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(given).any())]
+        coordinates, owner = shapely.get_coordinates(given, return_index=True)
+        off = np.zeros(len(given), dtype=bool)
+        off[owner[off_globe(coordinates)]] = True
+        if not decided:
+            crs = raw.crs
+            if len(coordinates):
+                decided = True
+                # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
+                # GeoJSON without `crs`, so where many features are off the globe, it is a plane
+                some = len(np.unique(owner))
+                few = off.sum() <= max(1, FEW_OFF * some) and off.sum() < some
+                globe = given[~off] if few else None
+                units, crs, projection, told = _placing(path, raw, globe, project)
+                notes += told
+        fresh = tuple(note for note in notes if note not in said)
+        said.update(fresh)
+        placed = replace(raw, geometries=given)
+        if projection is not None:
+            placed = _projected(placed, off, projection)
+        cleaned = clean(
+            placed.geometries, placed.labels, projection.inverse if projection else None
+        )
         cleaned.dropped[:0] = placed.dropped
         cleaned.repaired[:0] = placed.repaired
         table = placed.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
-        placed_on = (placing.units, placing.crs, placing.projection)
-        yield Chunk(cleaned, table, *placed_on, notes, labels=placed.labels)
+        yield Chunk(cleaned, table, units, crs, projection, fresh, labels=placed.labels)
 
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:
@@ -179,99 +202,57 @@ _OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of long
 _TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
 
 
-class Placing:
-    """Puts all chunks of one file on the same map, which the first chunk with a geometry decides.
+def _projected(raw: Raw, off: NDArray[np.bool_], projection: Projection) -> Raw:
+    """The chunk on its map; geometries that cannot be on it are named and left out.
 
-    name : the file, for messages
-    project : None: the file's reference system decides; False: never; True: coordinates without a
-        known system are longitude and latitude
-    units : those of the geometries that `place` returns
-    crs : the reference system of the file's coordinates; None if they have none
-    projection : the map, if the file's coordinates are longitude and latitude
+    off : which have a vertex off the globe
     """
+    torn = projection.torn(np.asarray(raw.geometries)) & ~off
+    dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
+    dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
+    kept = raw.rows(np.flatnonzero(~off & ~torn))
+    projected = projection.project(kept.geometries)
+    return replace(kept, geometries=projected, dropped=raw.dropped + dropped)
 
-    def __init__(self, name: str, project: bool | None = None) -> None:
-        self.units = "units"
-        self.crs: str | None = None
-        self.projection: Projection | None = None
-        self._name = name
-        self._project = project
-        self._decided = False
-        self._said: set[str] = set()
 
-    @property
-    def back(self) -> Locate | None:
-        """From the map to the file's coordinates; None if nothing was projected."""
-        return None if self.projection is None else self.projection.inverse
+def _placing(
+    path: str, raw: Raw, globe: NDArray[Any] | None, project: bool | None
+) -> tuple[str, str | None, Projection | None, list[str]]:
+    """The units, reference system and map of a file, by its first chunk with a geometry, and notes.
 
-    def place(self, raw: Raw) -> tuple[Raw, tuple[str, ...]]:
-        """The chunk with its geometries placed, and notes on the file that no earlier chunk had.
-
-        Geometries that cannot be on the map are named and left out. Raises SceneError if the user
-        wants a projection that is not possible.
-        """
-        given = np.empty(len(raw.geometries), dtype=object)
-        given[:] = raw.geometries
-        notes = list(raw.notes)
-        if shapely.has_z(given).any():
-            notes.append("heights (Z) dropped")
-        coordinates, owner = shapely.get_coordinates(given, return_index=True)
-        off = np.zeros(len(given), dtype=bool)
-        off[owner[off_globe(coordinates)]] = True
-        if not self._decided:
-            self.crs = raw.crs
-        if not self._decided and len(coordinates):
-            self._decided = True
-            # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
-            # GeoJSON without `crs`, so where many features are off the globe, it is a plane
-            some = len(np.unique(owner))
-            few = off.sum() <= max(1, FEW_OFF * some) and off.sum() < some
-            notes += self._decide(raw, given[~off], on_globe=bool(few))
-        fresh = tuple(note for note in notes if note not in self._said)
-        self._said.update(fresh)
-        if self.projection is None:
-            return replace(raw, geometries=given), fresh
-        torn = self.projection.torn(given) & ~off
-        dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
-        dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
-        kept = raw.rows(np.flatnonzero(~off & ~torn))
-        projected = self.projection.project(kept.geometries)
-        return replace(kept, geometries=projected, dropped=raw.dropped + dropped), fresh
-
-    def _decide(self, raw: Raw, given: NDArray[Any], *, on_globe: bool) -> list[str]:
-        """Choose the map, by the geometries that are on the globe; returns notes."""
-        known = system(raw.crs)
-        geographic = is_geographic(raw.crs) and on_globe
-        off = known is not None and known.is_geographic and not geographic
-        self.crs = None if off else raw.crs
-        self.units = units(self.crs) or raw.units if raw.units == "units" else raw.units
-        if self._project or (geographic and self._project is None):
-            self.crs = raw.crs if geographic and raw.crs else self._assumed(raw.crs, on_globe)
-            self.projection = Projection.of(self.crs, given)
-            self.units = "m"
-            name = known.name if geographic and known is not None else "taken as WGS 84"
-            return [f"longitude and latitude ({name}) projected to metres, {self.projection}"]
-        if raw.crs is None:
-            can_have_one = Path(self._name).suffix.lower() in (".shp", ".gpkg", ".fgb")
-            return ["no reference system, coordinates used as they are"] if can_have_one else []
-        if known is None:
-            shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
-            return [f"the reference system {shown} is not known, coordinates used as they are"]
-        if off:
-            return [f"coordinates are not degrees as in {known.name}, used as they are"]
-        return [f"coordinates in {known.name}, {self.units}"]
-
-    def _assumed(self, crs: str | None, on_globe: bool) -> str:
-        """The system to take for coordinates that are projected because the user says so."""
-        known = system(crs)
+    globe : the geometries that are on the globe; None where these are too few for degrees
+    project : None: the file's reference system decides; False: never; True: coordinates without a
+        known system are longitude and latitude. Raises SceneError if that is not possible.
+    """
+    known = system(raw.crs)
+    geographic = is_geographic(raw.crs) and globe is not None
+    if project or (geographic and project is None):
         if known is not None and not known.is_geographic:
-            raise SceneError(f"{self._name} is in {known.name} already: leave project=True out")
-        if not on_globe:
+            raise SceneError(f"{path} is in {known.name} already: leave project=True out")
+        if globe is None:
             raise SceneError(
-                f"the coordinates of {self._name} are not longitude and latitude: "
-                "leave project=True out"
+                f"the coordinates of {path} are not longitude and latitude: leave project=True out"
             )
-        return _DEGREES
+        crs = raw.crs if geographic and raw.crs else _DEGREES
+        projection = Projection.of(crs, globe)
+        name = known.name if geographic and known is not None else "taken as WGS 84"
+        note = f"longitude and latitude ({name}) projected to metres, {projection}"
+        return "m", crs, projection, [note]
+    off = known is not None and known.is_geographic and not geographic
+    used = None if off else raw.crs
+    unit = units(used) or raw.units if raw.units == "units" else raw.units
+    if known is not None:
+        note = f"coordinates in {known.name}, {unit}"
+        if off:
+            note = f"coordinates are not degrees as in {known.name}, used as they are"
+        return unit, used, None, [note]
+    if raw.crs is not None:
+        shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
+        note = f"the reference system {shown} is not known, coordinates used as they are"
+        return unit, used, None, [note]
+    can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb")
+    note = "no reference system, coordinates used as they are"
+    return unit, used, None, [note] * can_have_one
 
 
 def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:

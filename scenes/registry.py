@@ -2,7 +2,8 @@
 
 import importlib
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
@@ -206,7 +207,12 @@ def load(
     declared = inspect.signature(function).parameters.values()
     if any(each.name == "seed" or each.kind is each.VAR_KEYWORD for each in declared):
         arguments["seed"] = seed
-    made = function(**arguments) if name in ENTRIES else _called(name, function, arguments)
+    if name in ENTRIES:
+        made = function(**arguments)
+    else:
+        with _contained(f"scene {name} failed"):
+            made = function(**arguments)
+            made = list(made) if isinstance(made, Iterable) else made
     scene = _as_scene(name, made, {**parameters, "seed": seed})
     return scene if limit is None else scene.head(converted("limit", limit, int))
 
@@ -260,49 +266,34 @@ def _function(scene: Entry) -> Callable[..., Any]:
     missing = scene.available()
     if missing:
         raise SceneError(f"scene {scene.name} needs data that are not installed: {missing}")
-    try:
+    placed = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
+    with _contained(f"scene {placed} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
-    except (KeyboardInterrupt, MemoryError):
-        raise
-    except BaseException as error:  # a module may also end the process as it is imported
-        raise SceneError(f"scene {_placed(scene)} cannot be imported: {_said(error)}") from error
     if not callable(loaded):
-        raise SceneError(f"scene {_placed(scene)} is not a function")
+        raise SceneError(f"scene {placed} is not a function")
     return loaded
 
 
-def _placed(scene: Entry) -> str:
-    return scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
-
-
-def _called(name: str, function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """What a third party's function returns; SceneError if it fails or would end the process."""
+@contextmanager
+def _contained(what: str) -> Iterator[None]:
+    """Turn what a third party's code raises into a SceneError, also what would end the process."""
     try:
-        made = function(**arguments)
-        if isinstance(made, Iterable):
-            made = list(made)
+        yield
     except (SceneError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:
         if debugging():
             raise
-        raise SceneError(f"scene {name} failed: {_said(error)}") from error
-    if isinstance(made, (Scene, list)):
-        return made
-    raise SceneError(f"scene {name} returned {type(made).__name__}, not a Scene or polygons")
+        said = reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
+        raise SceneError(f"{what}: {said}") from error
 
 
-def _said(error: BaseException) -> str:
-    """An error as one line; one that would end the process is shown by its name."""
-    if isinstance(error, Exception):
-        return reason(error)
-    return f"it raised {type(error).__name__}({error})"
-
-
-def _as_scene(name: str, made: Scene | list[Any], parameters: dict[str, Any]) -> Scene:
+def _as_scene(name: str, made: Any, parameters: dict[str, Any]) -> Scene:
     """What a builder returned, as a Scene: a third party's may return bare polygons."""
     if isinstance(made, Scene):
         return replace(made, parameters=parameters | made.parameters)
+    if not isinstance(made, list):
+        raise SceneError(f"scene {name} returned {type(made).__name__}, not a Scene or polygons")
     try:
         cleaned = clean(made)
     except TypeError as error:

@@ -52,23 +52,16 @@ def install(extra: str) -> str:
     found = [
         each.read_text("direct_url.json") for each in metadata.distributions(name=DISTRIBUTION)
     ]
-    about: dict[str, Any] = {
-        "url": Path(__file__).parents[1].as_uri(),
-        "dir_info": {"editable": True},
-    }
-    if found:
-        about = json.loads(next(filter(None, found), "{}"))
-    url = about.get("url")
-    if url is None:
-        return f'{pip} "{DISTRIBUTION}[{extra}]"'
+    here = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    about: dict[str, Any] = json.loads(next(filter(None, found), "{}")) if found else here
     if "dir_info" in about:
-        folder = Path(unquote(urlsplit(url).path))
-        where = "." if folder == Path.cwd() else str(folder)
-        return f'{pip} {"-e " * bool(about["dir_info"].get("editable"))}"{where}[{extra}]"'
+        folder = unquote(urlsplit(about["url"]).path)
+        return f'{pip} {"-e " * bool(about["dir_info"].get("editable"))}"{folder}[{extra}]"'
+    source = f" @ {about['url']}" if about else ""
     if "vcs_info" in about:
         version = about["vcs_info"]
-        url = f"{version['vcs']}+{url}@{version['commit_id']}"
-    return f'{pip} "{DISTRIBUTION}[{extra}] @ {url}"'
+        source = f" @ {version['vcs']}+{about['url']}@{version['commit_id']}"
+    return f'{pip} "{DISTRIBUTION}[{extra}]{source}"'
 
 
 def parsed(text: str) -> tuple[str, dict[str, str]]:

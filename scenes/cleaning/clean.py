@@ -5,7 +5,7 @@ Closed contours become filled polygons by the rules of fonts and SVG.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -38,15 +38,6 @@ class Cleaned:
     repaired: list[Note]
 
 
-def counted_notes(kind: str, notes: Iterable[Note]) -> Counter[tuple[str, str]]:
-    """Count notes of a kind by their reasons, without what differs from polygon to polygon.
-
-    >>> counted_notes("dropped", [("feature 3", "crosses itself at 1 2"), ("b", "crosses itself")])
-    Counter({('dropped', 'crosses itself'): 2})
-    """
-    return Counter((kind, usual_reason(reason)) for _, reason in notes)
-
-
 def usual_reason(reason: str) -> str:
     """Return a reason without its place.
 
@@ -72,8 +63,8 @@ class Noted:
 
     def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
         """Count notes of a kind, each of `times` polygons, and keep the first of them."""
-        for which, count in counted_notes(kind, notes).items():
-            self.counts[which] += times * count
+        for _, reason in notes:
+            self.counts[kind, usual_reason(reason)] += times
         kept = self.kept.setdefault(kind, [])
         kept += notes[: NOTES_KEPT - len(kept)]
 
@@ -120,7 +111,7 @@ def clean(
         reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
         dropped.append((names[source[i]], reason))
     plain = _without_empty_holes(shapely.remove_repeated_points(parts[keep]))
-    polygons, source = _oriented(plain), source[keep]
+    polygons, source = shapely.orient_polygons(plain), source[keep]
     # Of coordinates beyond 2^53 units, rounding decides, and turning a ring rounds otherwise.
     sound = shapely.area(polygons) > 0
     dropped += [(names[source[i]], "its area is lost in rounding") for i in np.flatnonzero(~sound)]
@@ -200,15 +191,6 @@ def _without_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
     for i in empty:
         holes = [hole for hole in polygons[i].interiors if not hole.is_empty]
         result[i] = shapely.Polygon(polygons[i].exterior, holes)
-    return result
-
-
-def _oriented(polygons: NDArray[Any]) -> NDArray[Any]:
-    """The same polygons, exteriors counter-clockwise and holes clockwise."""
-    wrong = ~shapely.is_ccw(shapely.get_exterior_ring(polygons))
-    wrong |= shapely.get_num_interior_rings(polygons) > 0
-    result = polygons.copy()
-    result[wrong] = shapely.orient_polygons(polygons[wrong])
     return result
 
 

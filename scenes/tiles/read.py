@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import mapbox_earcut
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -91,8 +90,7 @@ def usable(layer: Layer, pixels: int) -> Usable:
     for which, why in cleaned.repaired:
         label, _, number = which.rpartition(" #")
         if int(number) in crossing:
-            told = _drawn_by_earcut(up[int(number)])
-            dropped.append((label, f"{why.partition(';')[0]}; {told}"))
+            dropped.append((label, f"{why.partition(';')[0]}; left out"))
         else:
             repaired.append((label, why))
     for index in sorted(far - crossing):
@@ -102,17 +100,6 @@ def usable(layer: Layer, pixels: int) -> Usable:
     scale = pixels / layer.extent
     drawn = shapely.transform(kept, lambda xy: xy * scale)
     return Usable(layer.name, layer.extent, drawn, dropped, repaired)
-
-
-def _drawn_by_earcut(polygon: shapely.Polygon) -> str:
-    """What a map client makes of an invalid polygon: the share of its area that earcut draws."""
-    rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygon)]
-    points = np.concatenate(rings)
-    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-    rows = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-    drawn = shapely.area(shapely.polygons(points[rows])).sum()
-    share = drawn / shapely.make_valid(polygon).area
-    return f"left out (earcut's triangles have {share:.1%} of its area)"
 
 
 @dataclass

@@ -142,11 +142,6 @@ def layer_of(name: str, found: list[Any]) -> Layer:
     return _layer(name, found[0])
 
 
-def decode(tile: bytes) -> list[Layer]:
-    """Read all layers of a tile; raises as the two above."""
-    return [layer_of(*each) for each in layers_of(tile).items()]
-
-
 def _layer(name: str, layer: Any) -> Layer:
     version = layer.version if layer.HasField("version") else None
     if version not in (1, 2):

@@ -125,7 +125,7 @@ class Installed:
 @pytest.mark.parametrize(
     ("about", "wanted"),
     [
-        ({"url": ROOT.as_uri(), "dir_info": {"editable": True}}, '-e ".[tiles]"'),
+        ({"url": ROOT.as_uri(), "dir_info": {"editable": True}}, f'-e "{ROOT}[tiles]"'),
         ({"url": "file:///src/a%20b", "dir_info": {"editable": True}}, '-e "/src/a b[tiles]"'),
         ({"url": "file:///src/harness", "dir_info": {}}, '"/src/harness[tiles]"'),
         (
