@@ -319,5 +319,5 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    assert Skybox.problem() is None, Skybox.problem()
+    assert Skybox.sources.problem() is None, Skybox.sources.problem()
     main(Path(sys.argv[1]))

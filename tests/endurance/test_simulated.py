@@ -52,7 +52,7 @@ def opened(monkeypatch):
         beside = ROOT.parent / "shared" / "data" / BESIDE[design]
         if beside.is_dir():
             monkeypatch.setenv(design.sources.variable, str(beside))
-        if problem := design.problem():
+        if problem := design.sources.problem():
             pytest.skip(f"{name}: {problem}")
         return get("simulated")(Device(name, software=True))
 

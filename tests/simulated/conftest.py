@@ -27,7 +27,7 @@ def _sources(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def buildable(_sources: None) -> None:
     """Skip the test where Skybox cannot be built, with what a user would be told."""
-    if problem := skybox.Skybox.problem():
+    if problem := skybox.SOURCES.problem():
         pytest.skip(f"skybox: {problem}")
 
 

@@ -12,7 +12,7 @@ from harness.frame import bare_frame
 from harness.rasterisers import Options
 from harness.rasterisers.simulated import attila
 from harness.rasterisers.simulated.attila import BINDING, Attila, Parameters, trace
-from harness.rasterisers.simulated.building import Tree
+from harness.rasterisers.simulated.building import Sources
 
 SQUARE = np.array([[0, 0], [64, 0], [64, 64], [1, 64]], np.int32) * 256 // 2
 BOTH = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -142,13 +142,13 @@ def test_sources_are_held_against_one_digest(tmp_path, monkeypatch):
     (tmp_path / "src").mkdir()
     (tmp_path / "src" / "a.cpp").write_text("int a;\n")
     monkeypatch.setenv("ITS_SOURCES", str(tmp_path))
-    wrong = Tree("ITS_SOURCES", "clone it", ("src",), "0" * 64)
-    assert "is not as it was published: clone it" in str(wrong.problem())
+    wrong = Sources("ITS_SOURCES", "clone it", ("src",), "0" * 64, ())
+    assert "is not as it was published: clone it" in wrong.problem()
     with pytest.raises(NoRasteriser, match="clone it"):
         wrong.folder()
     # `sha256sum src/a.cpp | sha256sum`
     digest = "fb3315490ee3f4e3dc5ed456de18e740d0eb7b0558926e7aee7b60eba4fbca56"
-    right = Tree("ITS_SOURCES", "clone it", ("src",), digest)
+    right = Sources("ITS_SOURCES", "clone it", ("src",), digest, ())
     assert right.problem() is None
     assert right.folder() == tmp_path
     monkeypatch.chdir(tmp_path.parent)
@@ -157,4 +157,4 @@ def test_sources_are_held_against_one_digest(tmp_path, monkeypatch):
     (tmp_path / "src" / "b.cpp").touch()
     assert right.problem() is not None
     monkeypatch.delenv("ITS_SOURCES")
-    assert "ITS_SOURCES is not set" in str(right.problem())
+    assert "ITS_SOURCES is not set" in right.problem()

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from hashlib import sha256
 
 import pytest
 
@@ -40,7 +41,7 @@ def test_a_name_that_cannot_be_is_refused_in_a_line(name, said):
         find_device("simulated", name)
 
 
-def test_without_sources_or_tools_one_line_says_what_to_do(monkeypatch, tmp_path, harness):
+def test_without_sources_one_line_says_what_to_do(monkeypatch, tmp_path, harness):
     monkeypatch.delenv(VARIABLE, raising=False)
     arguments = ("run", "--scene", "paper", "--rasterisers", "simulated", "--device", "skybox")
     code, _, told = harness(*arguments)
@@ -48,11 +49,16 @@ def test_without_sources_or_tools_one_line_says_what_to_do(monkeypatch, tmp_path
     assert f"{VARIABLE} is not set: clone" in told
     assert len(told.strip().splitlines()) == 1
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    with pytest.raises(NoRasteriser, match=r"there is no .*VX_config\.vh: clone"):
+    with pytest.raises(NoRasteriser, match=f"{tmp_path} is not as it was published: clone"):
         find_device("simulated", "skybox")
+
+
+def test_without_tools_one_line_says_what_to_do(monkeypatch, tmp_path):
+    nothing = building.Sources("HERE", "", (), sha256().hexdigest(), skybox.SOURCES.tools)
+    monkeypatch.setenv("HERE", str(tmp_path))
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    lacking = building.lacking(skybox.Skybox.tools)
-    assert str(lacking) == "verilator, g++, make not installed: run make simulated"
+    lacking = "verilator, g++, make not installed: run make simulated"
+    assert nothing.problem() == lacking
 
 
 def test_a_file_that_was_changed_is_refused(buildable, monkeypatch, tmp_path):
@@ -60,7 +66,7 @@ def test_a_file_that_was_changed_is_refused(buildable, monkeypatch, tmp_path):
     changed = tmp_path / "other" / "hw" / "rtl" / "raster" / "VX_raster_qe.sv"
     changed.write_text(changed.read_text() + "\n")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "other"))
-    with pytest.raises(NoRasteriser, match=r"VX_raster_qe\.sv is not as it was published"):
+    with pytest.raises(NoRasteriser, match="is not as it was published"):
         find_device("simulated", "skybox")
 
 
@@ -92,7 +98,7 @@ def test_a_run_has_cycles_for_its_time_and_compare_finds_one_added(
     ]
     base, head = str(tmp_path / "base"), str(tmp_path / "head")
     told, _ = ends_well(harness("compare", base, head))
-    assert "no counter differs, cycles are their times" in told
+    assert "no counter differs" in told
     assert "cycles" in told.splitlines()[4].split()
 
     later = records_of(tmp_path / "head")

@@ -14,7 +14,7 @@ from harness.frame import Frame
 from harness.rasterisers import load
 from harness.rasterisers.base import Counters, Device, Options, Rasteriser, Triangles
 from harness.rasterisers.reference import SHADED
-from harness.rasterisers.simulated.building import Lacking, Sources, lacking
+from harness.rasterisers.simulated.building import Sources
 from scenes.spec import parsed
 
 DESIGNS = {
@@ -29,7 +29,7 @@ class Design(ABC):
     Class attributes: `name`; `parameters`, a frozen dataclass of what its designer would turn, each
     with the value it has as published; `choices`, the values of those that have but a few;
     `counters`, the names that `count` returns beside `counters.CYCLES`; `cuts`, as a rasteriser's;
-    `sources` and `tools`, what it is built from and with.
+    `sources`, what it is built from.
     """
 
     name: ClassVar[str]
@@ -38,19 +38,13 @@ class Design(ABC):
     counters: ClassVar[tuple[str, ...]]
     cuts: ClassVar[bool] = False
     sources: ClassVar[Sources]
-    tools: ClassVar[tuple[str, ...]]
 
     details: dict[str, Any]
     """What it was built from and with, JSON-ready."""
 
-    @classmethod
-    def problem(cls) -> Lacking | None:
-        """Say what lacks to simulate it here, or None."""
-        return cls.sources.problem() or lacking(cls.tools)
-
     @abstractmethod
     def __init__(self, parameters: Any) -> None:
-        """Build it, or find it built; raises NoRasteriser where `problem` says something."""
+        """Build it, or find it built; raises NoRasteriser where sources or tools lack."""
 
     @abstractmethod
     def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
@@ -117,7 +111,9 @@ class Simulated(Rasteriser):
     @classmethod
     def devices(cls) -> list[Device]:
         """The designs that can be simulated here, as they were published."""
-        return [Device(name, software=True) for name in DESIGNS if not design(name).problem()]
+        return [
+            Device(name, software=True) for name in DESIGNS if not design(name).sources.problem()
+        ]
 
     @classmethod
     def find(cls, name: str) -> Device | None:
@@ -131,13 +127,13 @@ class Simulated(Rasteriser):
             if (value := getattr(parameters, each.name)) != each.default
         ]
         written = found.name + ":" * bool(changed) + ",".join(changed)
-        return None if found.problem() else Device(written, software=True)
+        return None if found.sources.problem() else Device(written, software=True)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
         """What lacks."""
         wanted = [parsed(name)[0]] if name else list(DESIGNS)
-        return "; ".join(f"{each}: {design(each).problem()}" for each in wanted)
+        return "; ".join(f"{each}: {design(each).sources.problem()}" for each in wanted)
 
     def __init__(self, device: Device) -> None:
         found, parameters = read(device.name)

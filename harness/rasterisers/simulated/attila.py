@@ -26,14 +26,15 @@ from harness.frame import Frame
 from harness.rasterisers.base import Counters, Options, Triangles
 from harness.rasterisers.reference import SHADED
 from harness.rasterisers.simulated import Design
-from harness.rasterisers.simulated.building import Tree, built, digest, version
+from harness.rasterisers.simulated.building import Sources, built, digest, version
 
-SOURCES = Tree(
+SOURCES = Sources(
     "RASTER_HARNESS_ATTILA",
     "clone attila-gpu/attila-sim, check out commit a64b572, build nothing in it, "
     "and let the variable name the folder",
     ("src", "test/config"),
     "17620373f4eb3e78a9dd9b2e63fb74a21a34218a94e6ce8564bc7a2148862a46",
+    ("g++", "make", "bison", "flex"),
 )
 SHIPPED = Path("test", "config", "bGPU.ini")
 """The configuration that the authors' own regression tests run with."""
@@ -97,7 +98,6 @@ class Attila(Design):
     choices: ClassVar[dict[str, tuple[Any, ...]]] = {"bound": tuple(BINDING)}
     counters = (*SHADED, *STATISTICS, "busiest_pipe_quads")
     sources = SOURCES
-    tools = ("g++", "make", "bison", "flex")
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters

@@ -1,7 +1,7 @@
 """Programs that are built from a design's sources, each once and kept in the user's cache.
 
 The sources are their authors'. Nothing of them is in this package: a user gets them, names their
-folder by a variable of the environment, and each file is held against a digest before it is used.
+folder by a variable of the environment, and they are held against a digest before they are used.
 """
 
 import hashlib
@@ -10,12 +10,10 @@ import os
 import shutil
 import subprocess
 import tempfile
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from harness.errors import NoRasteriser
 from harness.machine.system import cache_file
@@ -26,94 +24,46 @@ LAST_LINES = 3
 """How much of a failed build's output is quoted."""
 
 
-class Lacking(NamedTuple):
-    """What a design cannot be simulated without, and what to do; a clause each."""
-
-    what: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.what}: {self.remedy}"
-
-
-def lacking(tools: Sequence[str]) -> Lacking | None:
-    """Say which programs are not here, or None."""
-    missing = [tool for tool in tools if shutil.which(tool) is None]
-    return Lacking(f"{', '.join(missing)} not installed", f"run {INSTALL}") if missing else None
-
-
 @dataclass(frozen=True)
-class Sources(ABC):
-    """The sources of one design.
+class Sources:
+    """The sources of one design, held against one digest.
 
     variable : names their folder
     get : how to get them, as an order
+    parts : the files that are used, and the folders of which all files are
+    digest : SHA-256 of a line a file, sorted by name, as sha256sum writes them
+    tools : programs that build them
     """
 
     variable: str
     get: str
+    parts: tuple[str, ...]
+    digest: str
+    tools: tuple[str, ...]
 
-    def problem(self) -> Lacking | None:
-        """Say what is wrong with them, or None."""
+    def problem(self) -> str | None:
+        """Say what lacks or is wrong with them, and what to do, or None."""
         given = os.environ.get(self.variable)
         if not given:
-            return Lacking(f"{self.variable} is not set", self.get)
-        wrong = self._wrong(Path(given))
-        return Lacking(f"{self.variable}: {wrong}", self.get) if wrong else None
+            return f"{self.variable} is not set: {self.get}"
+        if self._found(Path(given)) != self.digest:
+            return f"{self.variable}: {given} is not as it was published: {self.get}"
+        missing = [tool for tool in self.tools if shutil.which(tool) is None]
+        return f"{', '.join(missing)} not installed: run {INSTALL}" if missing else None
 
     def folder(self) -> Path:
         """Return the folder, absolute; raises NoRasteriser where `problem` says something."""
         if problem := self.problem():
-            raise NoRasteriser(str(problem))
+            raise NoRasteriser(problem)
         return Path(os.environ[self.variable]).absolute()
 
-    @abstractmethod
-    def _wrong(self, root: Path) -> str | None:
-        """Say in a clause what of the folder is not as it was published, or None."""
-
-
-@dataclass(frozen=True)
-class Files(Sources):
-    """Some files, each held against a digest.
-
-    digests : a file as sha256sum writes it, of all files that are used
-    """
-
-    digests: Path
-
-    def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file that is used, by its name in the folder."""
-        lines = self.digests.read_text().splitlines()
-        return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines)}
-
-    def _wrong(self, root: Path) -> str | None:
-        for name, digest in self.files().items():
-            file = root / name
-            if not file.is_file():
-                return f"there is no {file}"
-            if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-                return f"{file} is not as it was published"
-        return None
-
-
-@dataclass(frozen=True)
-class Tree(Sources):
-    """Many files, held against one digest of all that their folders hold.
-
-    parts : the folders that are used
-    digest : SHA-256 of a line a file, sorted by name, as sha256sum writes them
-    """
-
-    parts: tuple[str, ...]
-    digest: str
-
-    def _wrong(self, root: Path) -> str | None:
-        files = (file for part in self.parts for file in (root / part).rglob("*"))
+    def _found(self, root: Path) -> str:
         found = hashlib.sha256()
-        for file in sorted(file for file in files if file.is_file()):
+        places = (file for part in self.parts for file in (root / part, *(root / part).rglob("*")))
+        for file in sorted(file for file in places if file.is_file()):
             name = file.relative_to(root).as_posix()
             found.update(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {name}\n".encode())
-        return None if found.hexdigest() == self.digest else f"{root} is not as it was published"
+        return found.hexdigest()
 
 
 @cache

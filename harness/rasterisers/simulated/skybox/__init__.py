@@ -24,6 +24,7 @@ rectangle's corners, and those are looked at. At 1024 px |a|, |b| <= 2**18 and d
 edge are at most 1024 px, so 2 * 2**18 * 2**10 = 2**29 is the most: 32 bits hold every triangle.
 """
 
+import hashlib
 import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -39,15 +40,20 @@ from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers.base import Counters, Options, Triangles, per_polygon
 from harness.rasterisers.reference import SHADED, tile_box, tile_span
 from harness.rasterisers.simulated import Design
-from harness.rasterisers.simulated.building import Files, built, digest, version
+from harness.rasterisers.simulated.building import Sources, built, digest, version
 from triangulators.compute.kernels import njit
 
 HERE = Path(__file__).parent
 WRAPPER = (HERE / "top.sv", HERE / "bench.cpp")
-SOURCES = Files(
+LISTED = (HERE / "sources.sha256").read_bytes()
+"""Of each file that is used its digest and its name."""
+
+SOURCES = Sources(
     "RASTER_HARNESS_SKYBOX",
     "clone vortexgpgpu/skybox at commit d06a9982 and let the variable name its folder",
-    HERE / "sources.sha256",
+    tuple(line.split()[1].decode() for line in LISTED.splitlines()),
+    hashlib.sha256(LISTED).hexdigest(),
+    ("verilator", "g++", "make"),
 )
 RTL = Path("hw", "rtl")
 COUNTS = ("nodes", "tested_blocks", "beats", "quads", "partial_quads", "fragments")
@@ -101,7 +107,6 @@ class Skybox(Design):
     counters = (*SHADED, "tiles", "nodes", "tested_blocks", "beats")
     cuts = True
     sources = SOURCES
-    tools = ("verilator", "g++", "make")
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -126,13 +131,13 @@ class Skybox(Design):
         window = whole if frame.scissor is None else frame.window
         drawn = (frame.points, triangles, frame.draws(triangles), window)
         todo = work(*drawn, of.tile, exact=of.bins == "exact")
-        found = run(self._program, todo, window, of.shader, of.fetch)
-        counts = dict(zip(COUNTS, found.counts.T, strict=True))
+        counted, cycles, _ = run(self._program, todo, window, of.shader, of.fetch)
+        counts = dict(zip(COUNTS, counted.T, strict=True))
         counts["helper_lanes"] = 4 * counts["quads"] - counts["fragments"]
         counts["tiles"] = np.bincount(todo.pairs[:, 0], minlength=len(triangles))
         return {
             **{name: per_polygon(frame, triangles, each) for name, each in counts.items()},
-            CYCLES: found.cycles.sum(),
+            CYCLES: cycles.sum(),
         }
 
 
@@ -250,29 +255,16 @@ def bins(
     return found[:number].copy()
 
 
-class Run(NamedTuple):
-    """What a run of the program found.
-
-    counts : (m, 6) of each triangle, columns as `COUNTS`
-    cycles : (d,) of each draw
-    quads : (q, 2) the triangle, and y / 2, x / 2 and the mask in 14, 14 and 4 bits
-    """
-
-    counts: NDArray[np.int64]
-    cycles: NDArray[np.int64]
-    quads: NDArray[np.uint32]
-
-
 def program(rtl: Path, parameters: Mapping[str, int]) -> tuple[Path, dict[str, object]]:
     """Return the program of the slice, built if it was not, and what it was built from.
 
     rtl : the folder hw/rtl of Skybox
     parameters : of the module `top`
     """
-    files = [rtl / Path(name).relative_to(RTL) for name in SOURCES.files()]
+    files = [rtl / Path(name).relative_to(RTL) for name in SOURCES.parts]
     facts = {
         "parameters": dict(parameters),
-        "tools": {tool: version(tool) for tool in Skybox.tools[:2]},
+        "tools": {tool: version(tool) for tool in SOURCES.tools[:2]},
     }
     key = digest([*files, *WRAPPER], facts)
     folders = [f"-I{rtl / part}" for part in ("", "libs", "raster")]
@@ -296,12 +288,14 @@ def run(
     shader: float = 0.0,
     fetch: int = 0,
     keep_quads: bool = False,
-) -> Run:
-    """Draw the work and count.
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint32]]:
+    """Draw the work; return counts, cycles and, if `keep_quads`, quads.
 
     window : first column and row, last column and row of the pixels that are drawn
-    shader : cycles that a quad is shaded for, a multiple of 1/16
-    fetch : least cycles from one triangle in a tile to the next
+    shader, fetch : as in `Parameters`
+
+    Counts (m, 6) are of each triangle, columns as `COUNTS`, cycles (d,) of each draw; quads (q, 2)
+    are the triangle, and y / 2, x / 2 and the mask in 14, 14 and 4 bits.
     """
     left, bottom, right, top = window
     sizes = [len(work.pairs), len(work.edges), len(work.ends), round(16 * shader), fetch]
@@ -319,4 +313,4 @@ def run(
     counts = told[:counted].reshape(-1, len(COUNTS)).astype(np.int64)
     halves = told[counted : counted + 2 * len(work.ends)]
     quads = told[counted + len(halves) + 1 :].view(np.uint32).reshape(-1, 2)
-    return Run(counts, halves.view(np.int64) if len(halves) else np.empty(0, np.int64), quads)
+    return counts, np.frombuffer(halves.tobytes(), np.int64), quads
