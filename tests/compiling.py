@@ -69,7 +69,8 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
     for rasteriser in (get(name)(find_device(name)) for name in ("reference", "binning")):
         rasteriser.count(frame, triangles, Options())
         if rasteriser.name == "reference":
-            rasteriser.image(frame, triangles, Options())
+            with rasteriser.prepare(frame, triangles, Options()) as drawing:
+                drawing.sample(1)
     lane_maps(frame, triangles)
 
 

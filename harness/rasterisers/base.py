@@ -7,15 +7,16 @@ So nothing here may import a GL library at module level.
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import string
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
-from weakref import WeakValueDictionary
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +25,13 @@ from harness.errors import NoRasteriser, UsageError, unknown
 from harness.figures.counters import Counter
 from harness.machine import system
 from harness.settings import MOST_WORK, ORDERS, SAMPLES, Order
+from scenes.spec import install
 
 if TYPE_CHECKING:
     from harness.frame import Frame
     from scenes.scene import Viewing
 
-K = TypeVar("K")
-V = TypeVar("V")
 Triangles = NDArray[np.int32]
-Image = NDArray[np.uint8]
 Counters = dict[str, NDArray[np.int64]]
 """Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
 gives a total."""
@@ -173,6 +172,12 @@ class Rasteriser(ABC):
     known: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of the devices it can run on somewhere, whether or not they work here."""
 
+    module: ClassVar[str] = ""
+    """What must be installed, by the extra of the rasteriser's name."""
+
+    remedies: ClassVar[Mapping[str, str]] = {}
+    """What makes a device work here, by its name without a number; "": any other."""
+
     device: Device
 
     @classmethod
@@ -197,7 +202,11 @@ class Rasteriser(ABC):
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
         """Say in a clause how to make the device `name`, or any device, work here."""
-        return f"choose one of: {', '.join(cls.known)}" if name else "see `raster-harness doctor`"
+        if cls.module and importlib.util.find_spec(cls.module) is None:
+            return f"run: {install(cls.name)}"
+        told = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
+        choose = f"choose one of: {', '.join(cls.known)}" if name else "see `raster-harness doctor`"
+        return told or choose
 
     @classmethod
     @abstractmethod
@@ -377,14 +386,6 @@ def check_size(width: int, height: int, most: int) -> None:
         raise UsageError(
             f"{width}x{height} px is more than the device's {most}; lower --resolution"
         )
-
-
-def shared(kept: WeakValueDictionary[K, V], key: K, make: Callable[[], V]) -> V:
-    """Return what is kept by that key for as long as somebody uses it; made if there is none."""
-    found = kept.get(key)
-    if found is None:
-        found = kept[key] = make()
-    return found
 
 
 @cache

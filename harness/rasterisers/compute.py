@@ -5,7 +5,6 @@ of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal,
 It is where the paper's overdraw criterion is exact. `scanline` finds each row's span by division.
 """
 
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,7 +47,7 @@ class BoundingBox(GLRasteriser):
         for part in batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
             counts.bind_to_storage_buffer(4)
-            _Jobs(self.context, frame, part).run(self._tally)
+            _Dispatched(self.context, self._tally, frame, part).run()
             self.ctx.memory_barrier()
             totals += np.frombuffer(counts.read(), np.uint32)[: totals.size].reshape(totals.shape)
         self.context.check("counting")
@@ -68,39 +67,33 @@ class Scanline(BoundingBox):
 
 
 class _Dispatched(Drawing):
-    def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
-        self.context = owner
-        self.program = program
-        self.picture = owner.picture(frame.width, frame.height)
-        self.jobs = _Jobs(owner, frame, triangles)
-
-    def sample(self, repeats: int) -> Sample:
-        """Dispatch `repeats` times; each waits for the one before."""
-        self.context.activate()
-        self.picture.bind_to_image(0, read=False, write=True)
-        run = partial(self.jobs.run, self.program)
-        return self.context.timed(repeats, run, self.context.ctx.memory_barrier)
-
-
-class _Jobs:
     """Triangles on the device, cut by rows into jobs of at most JOB_PIXELS."""
 
-    def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
+    def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
         jobs = split_rows(frame, triangles)
+        self.context = owner
+        self.program = program
+        self.size = (frame.width, frame.height)
         self.number = len(jobs)
         self.window = tuple(frame.window.tolist())
         self.buffers = (*owner.upload(frame, triangles), owner.buffer(jobs))
 
-    def run(self, program: Any) -> None:
+    def run(self) -> None:
         """Start one workgroup a job."""
         if not self.number:
             return
         for binding, buffer in enumerate(self.buffers):
             buffer.bind_to_storage_buffer(binding)
-        program["number"] = self.number
-        program["window"] = self.window
+        self.program["number"] = self.number
+        self.program["window"] = self.window
         columns = min(self.number, MAX_GROUPS)
-        program.run(columns, -(-self.number // columns))
+        self.program.run(columns, -(-self.number // columns))
+
+    def sample(self, repeats: int) -> Sample:
+        """Dispatch `repeats` times; each waits for the one before."""
+        self.context.activate()
+        self.context.picture(*self.size).bind_to_image(0, read=False, write=True)
+        return self.context.timed(repeats, self.run, self.context.ctx.memory_barrier)
 
 
 def split_rows(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:

@@ -1,4 +1,4 @@
-"""An OpenGL context, the few calls that moderngl has no name for, and a frame's triangles in it."""
+"""An OpenGL context, and the few calls that moderngl has no name for."""
 
 import ctypes
 from collections.abc import Callable, Iterator
@@ -11,17 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
 from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader
-from harness.rasterisers.probe import STRINGS
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
 QUERY_RESULT = 0x8866
-SUBPIXEL_BITS = 0x0D50
-MAX_RENDERBUFFER_SIZE = 0x84E8
-MAX_FRAGMENT_STORAGE_BLOCKS = 0x90DA
-
 DEPTH_BUFFER_BIT = 0x0100
 
 MODERN = 450
@@ -62,25 +57,22 @@ class Context:
         self._backend = backend
         self._target: tuple[tuple[int, ...], Any] = (), None
         self._picture: Any = None
-        self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
-        self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
-        self._delete_queries = self._function("glDeleteQueries", None, "int", "pointer")
-        self.begin_query = self._function("glBeginQuery", None, "uint", "uint")
-        self.end_query = self._function("glEndQuery", None, "uint")
-        self._query_result = self._function(
-            "glGetQueryObjectui64v", None, "uint", "uint", "pointer"
-        )
-        self.flush = self._function("glFlush", None)
-        self.clear = self._function("glClear", None, "uint")
-        self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
+        self._gen_queries = self._function("glGenQueries", "int", "pointer")
+        self._delete_queries = self._function("glDeleteQueries", "int", "pointer")
+        self.begin_query = self._function("glBeginQuery", "uint", "uint")
+        self.end_query = self._function("glEndQuery", "uint")
+        self._query_result = self._function("glGetQueryObjectui64v", "uint", "uint", "pointer")
+        self.flush = self._function("glFlush")
+        self.clear = self._function("glClear", "uint")
+        self.max_size = int(self.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
         self.max_samples = int(self.ctx.max_samples)
 
-    def _function(self, name: str, result: Any, *kinds: str) -> Any:
+    def _function(self, name: str, *kinds: str) -> Any:
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
         address = self._backend.load(name)
         if not address:
-            raise NoRasteriser(f"the OpenGL driver has no {name}; install a newer one")
-        return ctypes.CFUNCTYPE(result, *(types[kind] for kind in kinds))(address)
+            raise OSError(f"the OpenGL driver has no {name}")
+        return ctypes.CFUNCTYPE(None, *(types[kind] for kind in kinds))(address)
 
     def activate(self) -> None:
         """Make this the current context."""
@@ -88,17 +80,6 @@ class Context:
             self._backend.__enter__()
             Context._current = self
         self.ctx.gc()
-
-    def strings(self) -> dict[str, str]:
-        """Return vendor, renderer, version and shading language as the driver reports them."""
-        get_string = self._function("glGetString", ctypes.c_char_p, "uint")
-        return {key: (get_string(name) or b"").decode() for key, name in STRINGS.items()}
-
-    def integer(self, name: int) -> int:
-        """Return one integer of the driver's state."""
-        value = (ctypes.c_int * 4)()
-        self._get_integer(name, value)
-        return int(value[0])
 
     def require(self, *extensions: str) -> None:
         """Raise NoRasteriser if the driver lacks any of the extensions."""
@@ -118,12 +99,22 @@ class Context:
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
     def program(self, vertex: str, fragment: str, *, deep: bool = False) -> Any:
-        """Build a program of two files in shaders/; `deep` if vertices have depths."""
+        """Build a program of two files in shaders/; `deep` if vertices have depths.
+
+        Raises
+        ------
+        NoRasteriser
+            if the driver cannot, as where fragment shaders have no storage buffers
+        """
         header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
-        return self.ctx.program(
-            vertex_shader=header + shader(f"{vertex}.glsl"),
-            fragment_shader=header + shader(f"{fragment}.glsl"),
-        )
+        try:
+            return self.ctx.program(
+                vertex_shader=header + shader(f"{vertex}.glsl"),
+                fragment_shader=header + shader(f"{fragment}.glsl"),
+            )
+        except moderngl.Error as error:
+            said = " ".join(str(error).split())
+            raise NoRasteriser(f"the OpenGL driver builds no shaders: {said}") from error
 
     def compute(self, *names: str, define: str = "") -> Any:
         """Build a compute shader of files in shaders/, one after another."""
@@ -238,47 +229,3 @@ class Context:
         """Free the context and all that is in it."""
         self.ctx.release()
         Context._current = None
-
-
-class BoundMesh:
-    """Triangles on the device, bound to a program and a framebuffer."""
-
-    def __init__(
-        self, owner: Context, program: Any, target: Any, frame: Frame, triangles: Triangles
-    ) -> None:
-        self.owner = owner
-        self.program = program
-        self.target = target
-        self.frame = frame
-        self.draws = frame.draws(triangles)
-        points, polygons, indices = owner.upload(frame, triangles)
-        content = [(points, "2i", "position"), (polygons, "1u", "polygon")]
-        if frame.depths is not None:
-            content.append((owner.buffer(frame.depths), "1i", "depth"))
-        self.vertices = owner.ctx.vertex_array(program, content, indices)
-
-    def bind(self) -> None:
-        """Make the framebuffer and the viewport current; before `draw`."""
-        width, height = self.frame.width, self.frame.height
-        self.target.use()
-        self.target.viewport = (0, 0, width, height)
-        self.target.scissor = self.frame.scissor
-        self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
-        ctx = self.owner.ctx
-        (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
-
-    def draw(self, instances: int = 1) -> None:
-        """Submit the triangles, `instances` times in one call for each tile."""
-        for rows in self.draws:
-            self.draw_rows(rows, instances)
-
-    def begin(self) -> None:
-        """Begin a tile or a view: with a depth test nothing is near yet."""
-        if self.frame.depths is not None:
-            self.owner.clear(DEPTH_BUFFER_BIT)
-
-    def draw_rows(self, rows: slice, instances: int = 1) -> None:
-        """Submit some of the triangles, `instances` times in one call."""
-        self.begin()
-        count = 3 * (rows.stop - rows.start)
-        self.vertices.render(vertices=count, first=3 * rows.start, instances=instances)

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -152,11 +153,6 @@ def of_webgpu() -> Found:
     return _found(list(_webgpu_kinds()))
 
 
-def egl_listing() -> dict[str, Any]:
-    """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
-    return ask([(("egl", "list"), {})])[0]
-
-
 def _found(kinds: Sequence[Kind]) -> Found:
     answers = ask([(kind.asked, kind.environment) for kind in kinds])
     devices: list[Device] = []
@@ -203,8 +199,8 @@ VARIABLES = re.compile(
 
 ROOT = Path("/")
 
-KEPT, MOST_KEPT = "drivers.json", 64
-"""File of the answers that are kept: those of some ten environments."""
+KEPT, MOST_KEPT = "drivers", 64
+"""Folder of the answers that are kept, in a file each: those of some ten environments."""
 
 
 Question = tuple[tuple[str, str], Mapping[str, str]]
@@ -216,50 +212,33 @@ def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
 
     Those whose answer is not kept are asked at once.
     """
-    kept = _read()
-    keys = [_key(*question) for question in questions]
-    asked = dict(zip(keys, questions, strict=True))
-    running = {
-        key: subprocess.Popen(
+    files = [system.cache_file(KEPT) / f"{_key(*question)}.json" for question in questions]
+    kept = [_read(file) for file in files]
+    running = [
+        subprocess.Popen(
             [sys.executable, "-P", str(PROBE), *arguments],
             env={**os.environ, **environment},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
-        for key, (arguments, environment) in asked.items()
-        if key not in kept
-    }
-    fresh = {key: _answer(process) for key, process in running.items()}
-    # What gave no answer may give one the next time.
-    told = {key: answer for key, answer in fresh.items() if not answer.get("failed")}
-    if told and sys.platform == "linux":
-        _write(kept | told)
-    return [(kept | fresh)[key] for key in keys]
+        for (arguments, environment), answer in zip(questions, kept, strict=True)
+        if answer is None
+    ]
+    fresh = iter(running)
+    return [answer or _answer(next(fresh), file) for file, answer in zip(files, kept, strict=True)]
 
 
 def forget() -> None:
     """Ask everything anew."""
-    system.cache_file(KEPT).unlink(missing_ok=True)
+    shutil.rmtree(system.cache_file(KEPT), ignore_errors=True)
 
 
-def _read() -> dict[str, dict[str, Any]]:
+def _read(file: Path) -> dict[str, Any] | None:
     try:
-        kept = json.loads(system.cache_file(KEPT).read_text())
-        return {
-            key: answer
-            for key, answer in kept.items()
-            if isinstance(answer["devices"], list) and isinstance(answer["problems"], list)
-        }
-    except (OSError, ValueError, AttributeError, KeyError, TypeError):
-        return {}
-
-
-def _write(kept: Mapping[str, Any]) -> None:
-    file = system.cache_file(KEPT)
-    with suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        atomic.write(file, json.dumps(dict(list(kept.items())[-MOST_KEPT:])).encode())
+        return json.loads(file.read_text()) or None
+    except (OSError, ValueError):
+        return None
 
 
 def _key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
@@ -277,20 +256,23 @@ def _key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
     return hashlib.sha256(repr(about).encode()).hexdigest()[:24]
 
 
-def _answer(process: subprocess.Popen[str]) -> dict[str, Any]:
-    """Wait for what the program prints; one that hangs or dies found no device."""
+def _answer(process: subprocess.Popen[str], file: Path) -> dict[str, Any]:
+    """Wait for what the program prints, and keep it; one that hangs or dies found no device."""
     try:
         out, complaints = process.communicate(timeout=PROBE_SECONDS)
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        return _failed(f"no answer within {PROBE_SECONDS:.0f} s")
+        return {"devices": [], "problems": [f"no answer within {PROBE_SECONDS:.0f} s"]}
     if process.returncode:
         last = complaints.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
-        return _failed(f"the driver failed: {last[0]}")
-    result: dict[str, Any] = json.loads(out.splitlines()[-1])
+        return {"devices": [], "problems": [f"the driver failed: {last[0]}"]}
+    told = out.splitlines()[-1]
+    if sys.platform == "linux":
+        with suppress(OSError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write(file, told.encode())
+            for old in sorted(file.parent.iterdir(), key=os.path.getmtime)[:-MOST_KEPT]:
+                old.unlink()
+    result: dict[str, Any] = json.loads(told)
     return result
-
-
-def _failed(problem: str) -> dict[str, Any]:
-    return {"devices": [], "problems": [problem], "failed": True}

@@ -1,5 +1,6 @@
 """OpenGL on an EGL device: counted with atomics in one pass, timed in another."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
@@ -10,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser
-from harness.frame import Frame
+from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers import context, devices
 from harness.rasterisers.base import (
     Counters,
     Device,
     Drawing,
-    Image,
     Options,
     Rasteriser,
     Sample,
@@ -24,7 +24,7 @@ from harness.rasterisers.base import (
     batches,
     per_polygon,
 )
-from harness.rasterisers.context import BoundMesh, Context
+from harness.rasterisers.context import Context
 from harness.rasterisers.reference import SHADED, visible
 from triangulators.devices import is_software, matches
 
@@ -43,62 +43,58 @@ class GLRasteriser(Rasteriser):
     """
 
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
+    remedies: ClassVar[Mapping[str, str]] = {
+        "gpu": "EGL finds no such GPU; install its vendor's driver, or choose llvmpipe",
+        "zink": f"run: {devices.INSTALL_VULKAN}",
+        "": f"run: {devices.INSTALL}",
+    }
+    drawn_by: ClassVar[str] = ""
+    """How the renderer's name begins, where it is not the device's."""
 
     @classmethod
     def devices(cls) -> list[Device]:
         """List GPUs, then llvmpipe, softpipe and zink on lavapipe, as far as they open."""
         return list(devices.of_egl()[0])
 
-    @classmethod
-    def remedy(cls, name: str | None = None) -> str:
-        """Say how to get a device."""
-        if name and name.startswith("gpu"):
-            return "EGL finds no such GPU; install its vendor's driver, or choose llvmpipe"
-        if name == "zink":
-            return f"run: {devices.INSTALL_VULKAN}"
-        return f"run: {devices.INSTALL}"
-
     def __init__(self, device: Device) -> None:
         device.require_environment()
-        self.context = Context(self._open(device))
+        try:
+            self.context = Context(self._open(device))
+        except Exception as error:  # glcontext raises plain Exception
+            raise NoRasteriser(f"{device.name}: {error}; {self.remedy(device.name)}") from error
         self.ctx = self.context.ctx
-        strings = self.context.strings()
-        if not self._matches(device, strings["renderer"]):
+        told = self.ctx.info
+        renderer = told["GL_RENDERER"]
+        if not matches(self.drawn_by or device.name, renderer):
             self.context.close()
             raise NoRasteriser(
-                f"asked for {device.name}, but OpenGL opened '{strings['renderer']}'; "
+                f"asked for {device.name}, but OpenGL opened '{renderer}'; "
                 f"{self.remedy(device.name)}"
             )
         if self.ctx.version_code < context.MODERN:
             self.context.require(*context.OLDER_EXTENSIONS)
         self.device = replace(
             device,
-            software=is_software(strings["renderer"]),
+            software=is_software(renderer),
             details={
                 **device.details,
-                **strings,
-                "subpixel_bits": self.context.integer(context.SUBPIXEL_BITS),
-                "max_size": self.context.max_size,
-                "max_samples": self.context.max_samples,
+                "vendor": told["GL_VENDOR"],
+                "renderer": renderer,
+                "version": told["GL_VERSION"],
+                "subpixel_bits": told["GL_SUBPIXEL_BITS"],
             },
         )
         self.context.check("opening the device")
 
     def _open(self, device: Device) -> Any:
         """Create a context, an object with glcontext's methods."""
-        try:
-            return glcontext.get_backend_by_name("egl")(
-                mode="standalone",
-                glversion=330,
-                device_index=device.details["egl_index"],
-                libgl="libGL.so.1",
-                libegl="libEGL.so.1",
-            )
-        except Exception as error:  # glcontext raises plain Exception
-            raise NoRasteriser(f"{device.name}: {error}; {self.remedy(device.name)}") from error
-
-    def _matches(self, device: Device, renderer: str) -> bool:
-        return matches(device.name, renderer)
+        return glcontext.get_backend_by_name("egl")(
+            mode="standalone",
+            glversion=330,
+            device_index=device.details["egl_index"],
+            libgl="libGL.so.1",
+            libegl="libEGL.so.1",
+        )
 
     def close(self) -> None:
         """Close the context."""
@@ -117,14 +113,12 @@ class OpenGL(GLRasteriser):
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
-        if self.context.integer(context.MAX_FRAGMENT_STORAGE_BLOCKS) < 1:
-            raise NoRasteriser(f"{device.name} has no storage buffers in fragment shaders")
         self._in_order = self.device.details["renderer"] in IN_ORDER
         self._built: dict[bool, tuple[Any, Any]] = {}
-        self._programs(deep=False)
+        self.programs(deep=False)
         self.context.check("building the shaders")
 
-    def _programs(self, *, deep: bool) -> tuple[Any, Any]:
+    def programs(self, *, deep: bool) -> tuple[Any, Any]:
         """Return the programs that draw and that count, with a depth test if `deep`."""
         if deep not in self._built:
             counting = "count_in_order.frag" if self._in_order else "count.frag"
@@ -135,22 +129,14 @@ class OpenGL(GLRasteriser):
             self._built[deep] = draw, count
         return self._built[deep]
 
-    def _mesh(
-        self, frame: Frame, triangles: Triangles, options: Options, *, counting: bool = False
-    ) -> BoundMesh:
-        deep = frame.depths is not None
-        target = self.context.target(frame.width, frame.height, options.samples, deep=deep)
-        program = self._programs(deep=deep)[counting]
-        return BoundMesh(self.context, program, target, frame, triangles)
-
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.offsets) - 1, len(SHADED)), np.int64)
         passed = 0
         for part in batches(frame, triangles):
-            totals += self._tally(self._mesh(frame, part, options, counting=True), part)
+            totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
             # Drawn again, without counting: storage writes change what a driver may skip.
-            mesh = self._mesh(frame, part, options)
+            mesh = Mesh(self, frame, part, options)
             mesh.bind()
             with self.context.queries(1) as (query,):
                 self.context.begin_query(context.SAMPLES_PASSED, query)
@@ -173,7 +159,7 @@ class OpenGL(GLRasteriser):
             counters["depth_ties"] = per_polygon(frame, triangles, ties)
         return counters
 
-    def _tally(self, mesh: BoundMesh, triangles: Triangles) -> NDArray[np.int64]:
+    def _tally(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
         """Return (p, 4) counts in the order of SHADED.
 
         Each quad is counted by the lane that is its first covered one; where lanes cannot tell
@@ -199,7 +185,7 @@ class OpenGL(GLRasteriser):
             found[:, 3] = found[:, 1] - found[:, 3]  # it counts whole ones
         return found
 
-    def _draw_in_order(self, mesh: BoundMesh, number: int) -> None:
+    def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
         last = self.context.buffer(np.zeros(columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
@@ -212,35 +198,35 @@ class OpenGL(GLRasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
-        mesh = self._mesh(frame, triangles, options)
-        return _Timed(self.context, mesh, options.work, self.device.software)
-
-    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        """Draw once and return the picture, (height, width, 4) RGBA, top row first."""
-        triangles = self._ready(frame, triangles, options)
-        self.context.activate()
-        mesh = self._mesh(frame, triangles, options)
-        source = target = mesh.target
-        target.scissor = None
-        target.clear(0.0, 0.0, 0.0, 0.0)
-        mesh.program["work"] = options.work
-        mesh.bind()
-        mesh.draw()
-        target.scissor = None
-        if options.samples > 1:
-            source = self.context.target(frame.width, frame.height)
-            self.ctx.copy_framebuffer(source, target)
-        pixels = np.frombuffer(source.read(components=4), np.uint8)
-        self.context.check("reading the picture")
-        return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
+        return Mesh(self, frame, triangles, options)
 
 
-class _Timed(Drawing):
-    def __init__(self, owner: Context, mesh: BoundMesh, work: int, software: bool) -> None:
-        self.context = owner
-        self.mesh = mesh
-        self.work = work
-        self.software = software
+class Mesh(Drawing):
+    """Triangles on the device, bound to a program and a framebuffer."""
+
+    def __init__(
+        self,
+        owner: OpenGL,
+        frame: Frame,
+        triangles: Triangles,
+        options: Options,
+        *,
+        counting: bool = False,
+    ) -> None:
+        deep = frame.depths is not None
+        self.context = owner.context
+        self.software = owner.device.software
+        self.frame = frame
+        self.work = options.work
+        self.draws = frame.draws(triangles)
+        self.program = owner.programs(deep=deep)[counting]
+        size = (frame.width, frame.height)
+        self.target = self.context.target(*size, options.samples, deep=deep)
+        points, polygons, indices = self.context.upload(frame, triangles)
+        content = [(points, "2i", "position"), (polygons, "1u", "polygon")]
+        if frame.depths is not None:
+            content.append((self.context.buffer(frame.depths), "1i", "depth"))
+        self.vertices = owner.ctx.vertex_array(self.program, content, indices)
 
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
@@ -251,12 +237,38 @@ class _Timed(Drawing):
         of its own there, too. With a depth test each draw begins with nothing near, also on a GPU.
         """
         self.context.activate()
-        self.mesh.program["work"] = self.work
-        self.mesh.bind()
-        if not self.software and self.mesh.frame.depths is None:
-            return self.context.timed(1, partial(self.mesh.draw, repeats), self.context.flush)
-        draws = self.mesh.draws
-        following = cycle(draws)
+        self.program["work"] = self.work
+        self.bind()
+        if not self.software and self.frame.depths is None:
+            return self.context.timed(1, partial(self.draw, repeats), self.context.flush)
+        following = cycle(self.draws)
+        calls = repeats * len(self.draws)
         return self.context.timed(
-            repeats * len(draws), lambda: self.mesh.draw_rows(next(following)), self.context.flush
+            calls, lambda: self.draw_rows(next(following)), self.context.flush
         )
+
+    def bind(self) -> None:
+        """Make the framebuffer and the viewport current; before `draw`."""
+        width, height = self.frame.width, self.frame.height
+        self.target.use()
+        self.target.viewport = (0, 0, width, height)
+        self.target.scissor = self.frame.scissor
+        self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
+        ctx = self.context.ctx
+        (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
+
+    def draw(self, instances: int = 1) -> None:
+        """Submit the triangles, `instances` times in one call for each tile."""
+        for rows in self.draws:
+            self.draw_rows(rows, instances)
+
+    def begin(self) -> None:
+        """Begin a tile or a view: with a depth test nothing is near yet."""
+        if self.frame.depths is not None:
+            self.context.clear(context.DEPTH_BUFFER_BIT)
+
+    def draw_rows(self, rows: slice, instances: int = 1) -> None:
+        """Submit some of the triangles, `instances` times in one call."""
+        self.begin()
+        count = 3 * (rows.stop - rows.start)
+        self.vertices.render(vertices=count, first=3 * rows.start, instances=instances)

@@ -2,48 +2,34 @@
 
 import ctypes
 import ctypes.util
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from harness.errors import NoRasteriser
 from harness.rasterisers.base import Device
 from harness.rasterisers.opengl import OpenGL
 
 INSTALL = "apt-get install -y libosmesa6"
-LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 
 OSMESA_RGBA, UNSIGNED_BYTE = 0x1908, 0x1401
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
-VERSIONS = ((4, 5), (3, 3))
 SIDE = 16
 """Side of OSMesa's own buffer, px; everything is drawn into framebuffer objects instead."""
-
-
-def library() -> ctypes.CDLL | None:
-    """Load libOSMesa, None where it is not installed."""
-    for name in (*LIBRARIES, ctypes.util.find_library("OSMesa")):
-        if name:
-            try:
-                return ctypes.CDLL(name)
-            except OSError:
-                continue
-    return None
 
 
 class OSMesaContext:
     """A core-profile context with the methods moderngl asks of a context.
 
+    library : the file's name
+
     Raises
     ------
-    NoRasteriser
-        if OSMesa is not installed or has no such context
+    OSError
+        if it has no such context
     """
 
-    def __init__(self) -> None:
-        found = library()
-        if found is None:
-            raise NoRasteriser(f"OSMesa is not installed; run: {INSTALL} (Mesa 25.1 dropped it)")
-        self._library = found
+    def __init__(self, library: str) -> None:
+        self._library = found = ctypes.CDLL(library)
         found.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
         found.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         found.OSMesaGetProcAddress.restype = ctypes.c_void_p
@@ -51,17 +37,13 @@ class OSMesaContext:
         found.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] * 3
         found.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         self._pixels = (ctypes.c_ubyte * (4 * SIDE * SIDE))()
-        self._context = next(filter(None, (self._create(*version) for version in VERSIONS)), None)
-        if self._context is None:
-            raise NoRasteriser("OSMesa has no OpenGL 3.3 core context; install a newer Mesa")
-        self.__enter__()
-
-    def _create(self, major: int, minor: int) -> int | None:
         wanted = (OSMESA_FORMAT, OSMESA_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-        attributes = (*wanted, OSMESA_MAJOR, major, OSMESA_MINOR, minor, 0)
+        attributes = (*wanted, OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)  # or what is newer
         values = (ctypes.c_int * len(attributes))(*attributes)
-        context: int | None = self._library.OSMesaCreateContextAttribs(values, None)
-        return context
+        self._context: int | None = found.OSMesaCreateContextAttribs(values, None)
+        if self._context is None:
+            raise OSError("OSMesa has no OpenGL 3.3 core context")
+        self.__enter__()
 
     def load(self, name: str) -> int:
         """Return the address of an OpenGL function, 0 if there is none."""
@@ -79,9 +61,7 @@ class OSMesaContext:
 
     def release(self) -> None:
         """Free the context."""
-        if self._context is not None:
-            self._library.OSMesaDestroyContext(self._context)
-            self._context = None
+        self._library.OSMesaDestroyContext(self._context)
 
 
 class OSMesa(OpenGL):
@@ -89,6 +69,8 @@ class OSMesa(OpenGL):
 
     name = "osmesa"
     known: ClassVar[tuple[str, ...]] = ("osmesa",)
+    remedies: ClassVar[Mapping[str, str]] = {"": f"run: {INSTALL} (Mesa 25.1 dropped it)"}
+    drawn_by: ClassVar[str] = "llvmpipe"
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -100,13 +82,5 @@ class OSMesa(OpenGL):
         environment = {"GALLIUM_DRIVER": "llvmpipe", "LP_NUM_THREADS": "0"}
         return [Device("osmesa", True, environment, {"library": installed})]
 
-    @classmethod
-    def remedy(cls, name: str | None = None) -> str:  # noqa: ARG003 - it has but one
-        """Say how to install it."""
-        return f"run: {INSTALL} (Mesa 25.1 dropped it)"
-
     def _open(self, device: Device) -> Any:
-        return OSMesaContext()
-
-    def _matches(self, device: Device, renderer: str) -> bool:
-        return renderer.lower().startswith("llvmpipe")
+        return OSMesaContext(device.details["library"])

@@ -1,9 +1,9 @@
 """Ask EGL or WebGPU what it can open: a program, run in the environment of the device looked for.
 
 `probe.py egl hardware` opens each EGL device that is not software, `probe.py egl software` the
-first that is, `probe.py egl list` none; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL)
-opens nothing but the drivers' lists. Each prints one JSON object. It stands alone, so that it
-starts quickly and so that a driver that crashes takes only the probe with it.
+first that is; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) opens nothing but the
+drivers' lists. Each prints one JSON object. It stands alone, so that it starts quickly and so that
+a driver that crashes takes only the probe with it.
 """
 
 import ctypes
@@ -12,8 +12,6 @@ import sys
 from typing import Any
 
 EGL_EXTENSIONS = 0x3055
-EGL_DRM_DEVICE_FILE = 0x3233
-STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02, "shading_language": 0x8B8C}
 MAX_DEVICES = 32
 
 ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "backend_type")
@@ -21,7 +19,7 @@ ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "b
 
 
 def egl_devices() -> list[dict[str, Any]]:
-    """List EGL's devices: index, whether software, DRM file; opens none of them.
+    """List EGL's devices: index, whether software; opens none of them.
 
     Raises
     ------
@@ -46,31 +44,19 @@ def egl_devices() -> list[dict[str, Any]]:
     devices = []
     for index in range(number.value):
         extensions = (query_string(found[index], EGL_EXTENSIONS) or b"").decode()
-        drm = "EGL_EXT_device_drm " in extensions + " "
-        file = query_string(found[index], EGL_DRM_DEVICE_FILE) if drm else None
-        devices.append(
-            {
-                "egl_index": index,
-                "software": "EGL_MESA_device_software" in extensions,
-                "file": file.decode() if file else None,
-            }
-        )
+        software = "EGL_MESA_device_software" in extensions
+        devices.append({"egl_index": index, "software": software})
     return devices
 
 
 def open_device(index: int) -> dict[str, str]:
     """Open an OpenGL context on an EGL device and return the driver's strings."""
-    import glcontext
+    import moderngl
 
-    context = glcontext.get_backend_by_name("egl")(
-        mode="standalone",
-        glversion=330,
-        device_index=index,
-        libgl="libGL.so.1",
-        libegl="libEGL.so.1",
-    )
-    get_string = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(context.load("glGetString"))
-    return {key: (get_string(name) or b"").decode() for key, name in STRINGS.items()}
+    names = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
+    where: dict[str, Any] = {"backend": "egl", "device_index": index, **names}
+    told = moderngl.create_standalone_context(**where).info
+    return {name: told[f"GL_{name.upper()}"] for name in ("vendor", "renderer", "version")}
 
 
 def egl(kind: str) -> dict[str, Any]:
@@ -81,8 +67,6 @@ def egl(kind: str) -> dict[str, Any]:
     except OSError as error:
         result["problems"].append(str(error))
         return result
-    if kind == "list":
-        return {**result, "devices": found}
     devices = [device for device in found if device["software"] == (kind == "software")]
     for device in devices[:1] if kind == "software" else devices:
         try:

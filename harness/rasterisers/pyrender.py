@@ -6,7 +6,8 @@ Polygons become roofs; a model's views are drawn as they are projected, each a f
 """
 
 import importlib.util
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +20,6 @@ from harness.rasterisers.base import (
     Counters,
     Device,
     Drawing,
-    Image,
     Options,
     Rasteriser,
     Sample,
@@ -28,7 +28,6 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.reference import colours
 from harness.rasterisers.spans import DEEPEST
-from scenes.spec import install
 from triangulators.devices import is_software, matches
 
 FIELD_OF_VIEW = np.radians(40.0)
@@ -56,6 +55,11 @@ class Pyrender(Rasteriser):
     counters: ClassVar[tuple[str, ...]] = ()
     deep = True
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
+    module: ClassVar[str] = "pyrender"
+    remedies: ClassVar[Mapping[str, str]] = {
+        "osmesa": f"run: {osmesa.INSTALL}",
+        "": f"run: {devices.INSTALL}",
+    }
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -68,18 +72,11 @@ class Pyrender(Rasteriser):
                 number = str(device.details["egl_index"])
                 platform = {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": number}
                 environment = {**device.environment, **platform}
-                found.append(Device(device.name, device.software, environment, device.details))
+                found.append(replace(device, environment=environment))
         for device in osmesa.OSMesa.devices():
             environment = {**device.environment, "PYOPENGL_PLATFORM": "osmesa"}
-            found.append(Device(device.name, True, environment, device.details))
+            found.append(replace(device, environment=environment))
         return found
-
-    @classmethod
-    def remedy(cls, name: str | None = None) -> str:
-        """Say how to get it."""
-        if importlib.util.find_spec("pyrender") is None:
-            return f"run: {install('pyrender')}"
-        return f"run: {osmesa.INSTALL if name == 'osmesa' else devices.INSTALL}"
 
     def __init__(self, device: Device) -> None:
         device.require_environment()
@@ -90,47 +87,30 @@ class Pyrender(Rasteriser):
             import pyrender
         except ImportError as error:
             raise NoRasteriser(f"pyrender cannot be loaded: {error}; {self.remedy()}") from error
-        self.device = device
-        self.module: Any = pyrender
-        self._renderer: Any = None
-        renderer = self._open((8, 8))
-        if not matches("llvmpipe" if device.software else device.name, renderer):
-            self.close()
-            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{renderer}'")
-        self.device = Device(
-            device.name,
-            is_software(renderer),
-            device.environment,
-            {**device.details, "renderer": renderer},
-        )
-
-    def _open(self, size: tuple[int, int]) -> str:
-        """Make the renderer's viewport `size`; returns GL_RENDERER."""
-        if self._renderer is None:
-            try:
-                self._renderer = self.module.OffscreenRenderer(*size)
-            except Exception as error:  # pyrender lets whatever PyOpenGL raises through
-                raise NoRasteriser(
-                    f"pyrender cannot open {self.device.name}: {error}; "
-                    f"{self.remedy(self.device.name)}"
-                ) from error
-        self._renderer.viewport_width, self._renderer.viewport_height = size
+        self.pyrender: Any = pyrender
+        try:
+            self.renderer: Any = pyrender.OffscreenRenderer(8, 8)
+        except Exception as error:  # pyrender lets whatever PyOpenGL raises through
+            raise NoRasteriser(
+                f"pyrender cannot open {device.name}: {error}; {self.remedy(device.name)}"
+            ) from error
         from OpenGL import GL
 
-        self._renderer._platform.make_current()
-        return str(GL.glGetString(GL.GL_RENDERER).decode())
+        told = GL.glGetString(GL.GL_RENDERER).decode()
+        if not matches("llvmpipe" if device.software else device.name, told):
+            self.close()
+            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{told}'")
+        details = {**device.details, "renderer": told}
+        self.device = replace(device, software=is_software(told), details=details)
 
     def close(self) -> None:
         """Free the renderer and its context."""
-        if self._renderer is not None:
-            self._renderer.delete()
-            self._renderer = None
+        self.renderer.delete()
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         return {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        self._open((frame.width, frame.height))
         return _Drawn(self, frame, triangles)
 
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
@@ -145,7 +125,7 @@ class _Drawn(Drawing):
     def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
         self.owner = owner
         self.size = (frame.width, frame.height)
-        self._module = module = owner.module
+        self._module = module = owner.pyrender
         self.flags = (
             module.RenderFlags.FLAT | module.RenderFlags.SKIP_CULL_FACES | module.RenderFlags.RGBA
         )
@@ -179,25 +159,15 @@ class _Drawn(Drawing):
         scene.add(camera, pose=pose)
         return scene
 
-    def draw(self, scene: Any) -> Image:
-        """Draw and read back one frame."""
-        colour, _ = self.owner._renderer.render(scene, flags=self.flags)
-        if colour.shape[2] == 3:  # OSMesa's has no alpha
-            colour = np.dstack([colour, np.full(colour.shape[:2], 255, np.uint8)])
-        return np.ascontiguousarray(colour)
-
     def sample(self, repeats: int) -> Sample:
         """Draw all `repeats` times; each frame is read back, which waits for it."""
-        self.owner._open(self.size)
+        renderer = self.owner.renderer
+        renderer.viewport_width, renderer.viewport_height = self.size
         watch = Stopwatch()
         for _ in range(repeats):
             for scene in self.scenes:
-                self.draw(scene)
+                renderer.render(scene, flags=self.flags)
         return watch.stop()
-
-    def close(self) -> None:
-        for scene in self.scenes:
-            scene.clear()
 
 
 def camera_pose(width: float, height: float) -> np.ndarray:
@@ -232,9 +202,10 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
     dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
 
     # A wall's corners are its own: they have its colour, not the roof's.
-    following = next_in_ring(frame)
-    first = 2 * len(plan) + np.arange(len(plan))
-    top, bottom = len(plan) + np.arange(len(plan)), first
+    following = np.arange(1, len(plan) + 1)
+    following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
+    top = len(plan) + np.arange(len(plan))
+    bottom = len(plan) + top
     walls = np.concatenate(
         [
             np.column_stack([bottom, bottom[following], top[following]]),
@@ -260,10 +231,3 @@ def projected(frame: Frame, triangles: Triangles) -> Solid:
     return Solid(
         points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
     )
-
-
-def next_in_ring(frame: Frame) -> NDArray[np.int64]:
-    """Return (n,) for each of the frame's points the next one in its ring."""
-    following = np.arange(1, len(frame.points) + 1, dtype=np.int64)
-    following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
-    return following

@@ -17,7 +17,6 @@ from harness.rasterisers import spans
 from harness.rasterisers.base import (
     Counters,
     Drawing,
-    Image,
     OnCpu,
     Options,
     Sample,
@@ -111,21 +110,11 @@ class Reference(OnCpu):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _Filling(frame, triangles)
 
-    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        """Draw once and return the picture, (height, width, 4) RGBA, top row first."""
-        triangles = self._ready(frame, triangles, options)
-        with _Filling(frame, triangles) as filling:
-            filling.sample(1)
-            picture = filling.picture[::-1]
-            return np.ascontiguousarray(picture).view(np.uint8).reshape(*picture.shape, 4)
-
 
 class _Filling(Drawing):
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
         self.frame = frame
-        self.points = frame.points
         self.triangles = triangles
-        self.window = frame.window
         self.colours = colours(frame.owner(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
         self._rasterise(self.triangles[:0])  # compiles
@@ -137,13 +126,11 @@ class _Filling(Drawing):
         return watch.stop()
 
     def _rasterise(self, triangles: Triangles) -> None:
-        if self.frame.depths is not None:
-            visible(self.frame, triangles, self.picture)
-            return
-        spans.fill(self.points, triangles, self.colours, self.picture, self.window)
-
-    def close(self) -> None:
-        self.picture = np.empty((0, 0), np.uint32)
+        frame = self.frame
+        if frame.depths is not None:
+            visible(frame, triangles, self.picture)
+        else:
+            spans.fill(frame.points, triangles, self.colours, self.picture, frame.window)
 
 
 def colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:

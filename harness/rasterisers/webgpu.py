@@ -3,11 +3,9 @@
 Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measuring page too.
 """
 
-import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +25,6 @@ from harness.rasterisers.base import (
     batches,
     check_size,
     shader,
-    shared,
 )
 from harness.rasterisers.reference import SHADED, predict
 from scenes.spec import install
@@ -86,6 +83,13 @@ class WebGPU(Rasteriser):
     counters: ClassVar[tuple[str, ...]] = SHADED
     cuts = True
     known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "swiftshader", "warp")
+    module = "wgpu"
+    remedies: ClassVar[Mapping[str, str]] = {
+        "lavapipe": f"run: {devices.INSTALL_VULKAN}",
+        "llvmpipe": f"run: {devices.INSTALL}",
+        "swiftshader": "run: apt-get install -y chromium, which brings it along",
+        "": "WebGPU finds no such adapter; install its vendor's driver, or choose another",
+    }
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -97,29 +101,18 @@ class WebGPU(Rasteriser):
         """Whether it can draw with `options`: how samples lie in a pixel is not told."""
         return options.samples == 1
 
-    @classmethod
-    def remedy(cls, name: str | None = None) -> str:
-        """Say how to get a device."""
-        if importlib.util.find_spec("wgpu") is None:
-            return f"run: {install('webgpu')}"
-        if name == "lavapipe":
-            return f"run: {devices.INSTALL_VULKAN}"
-        if name == "llvmpipe":
-            return f"run: {devices.INSTALL}"
-        if name == "swiftshader":
-            return "run: apt-get install -y chromium, which brings it along"
-        return "WebGPU finds no such adapter; install its vendor's driver, or choose another"
-
     def __init__(self, device: Device) -> None:
         adapter = _find_adapter(device)
         limits = {name: adapter.limits[name] for name in LIMITS}
-        self.has_timer = "timestamp-query" in adapter.features
-        features = ["timestamp-query"] if self.has_timer else []
-        self.gpu = adapter.request_device_sync(required_features=features, required_limits=limits)
+        features = {"timestamp-query"} & set(adapter.features)
+        self.gpu = adapter.request_device_sync(
+            required_features=list(features), required_limits=limits
+        )
         from wgpu.backends.wgpu_native import lib  # the standard does not tell a timestamp's step
 
-        self.period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
-        self._targets: WeakValueDictionary[tuple[int, int], Target] = WeakValueDictionary()
+        period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
+        self.period_ns = period_ns if features else None
+        self._target: Any = None
         self.max_size = int(limits["max-texture-dimension-2d"])
         self._step = 1
         self.draw = self._pipeline("draw", "shade", WRITE_ALL, DRAWN)
@@ -134,10 +127,8 @@ class WebGPU(Rasteriser):
                 **told,
                 "renderer": told["device"],
                 "version": f"WebGPU on {told['backend_type']} {told['description']}".strip(),
-                "max_size": self.max_size,
                 "subpixel_bits": bits,
                 "step": self._step,
-                "timer": self.has_timer,
             },
         )
 
@@ -165,24 +156,23 @@ class WebGPU(Rasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         frame = self._on_grid(frame)
-        target = self.target(frame)
         polygons = len(frame.offsets) - 1
         totals = np.zeros((polygons, 3), np.int64)
         for part in batches(frame, triangles, MOST_LANES):
-            totals += self._tally_once(target, frame, part).reshape(polygons, 3)
+            totals += self._tally_once(frame, part).reshape(polygons, 3)
         fragments = totals[:, 0]
         quads, whole = np.rint(totals[:, 1:] / (TWELVE, 4)).astype(np.int64).T
         values = (fragments, quads, 4 * quads - fragments, quads - whole)
         return dict(zip(SHADED, values, strict=True))
 
-    def _tally_once(self, target: "Target", frame: Frame, part: Triangles) -> NDArray[np.uint32]:
+    def _tally_once(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self.buffer(rows, "VERTEX")
-        counts = self.buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE")
+        counts = self.buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE|COPY_SRC")
         size = self.buffer(_size(frame), "UNIFORM")
         encoder = self.gpu.create_command_encoder()
-        render = target.begin(encoder)
+        render = begin_pass(encoder, self.target(frame))
         render.set_pipeline(self._tally)
         render.set_bind_group(0, self.group(self._tally, size, counts))
         render.set_vertex_buffer(0, triangles)
@@ -192,8 +182,6 @@ class WebGPU(Rasteriser):
         render.end()
         self.gpu.queue.submit([encoder.finish()])
         found = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
-        for buffer in (triangles, counts, size):
-            buffer.destroy()
         return found[: 3 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
@@ -201,22 +189,29 @@ class WebGPU(Rasteriser):
 
     def _on_grid(self, frame: Frame) -> Frame:
         """Return the frame on the device's own grid, where it is drawn as it is counted."""
-        if self._step == 1:
-            return frame
         return replace(frame, points=on_coarser_grid(frame.points, self._step))
 
-    def target(self, frame: Frame) -> "Target":
-        """Return a picture to draw into, shared with whoever uses one of that size now."""
-        key = frame.width, frame.height
-        check_size(*key, self.max_size)
-        return shared(self._targets, key, lambda: Target(self.gpu, *key))
+    def target(self, frame: Frame) -> Any:
+        """Return a view of a texture to draw into; the last one, if of that size.
+
+        Raises
+        ------
+        UsageError
+            if it is too large
+        """
+        check_size(frame.width, frame.height, self.max_size)
+        size = (frame.width, frame.height, 1)
+        if self._target is None or self._target.texture.size != size:
+            usage = "RENDER_ATTACHMENT|COPY_SRC"
+            self._target = self.gpu.create_texture(
+                size=size, format=FORMAT, usage=usage
+            ).create_view()
+        return self._target
 
     def buffer(self, array: NDArray[Any], usage: str) -> Any:
         """Upload an array; an empty one gets four bytes, for WebGPU binds no empty buffers."""
         content = np.ascontiguousarray(array if array.size else np.zeros(1, np.uint32))
-        return self.gpu.create_buffer_with_data(
-            data=content, usage=f"{usage}|COPY_SRC" if usage == "STORAGE" else usage
-        )
+        return self.gpu.create_buffer_with_data(data=content, usage=usage)
 
     def group(self, pipeline: Any, *buffers: Any) -> Any:
         """Bind buffers to a pipeline, by their number."""
@@ -267,23 +262,10 @@ def _size(frame: Frame) -> NDArray[np.float32]:
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
 
 
-class Target:
-    """A picture to draw into, freed when nothing refers to it any more."""
-
-    def __init__(self, device: Any, width: int, height: int) -> None:
-        self.size = (width, height)
-        self.texture = device.create_texture(
-            size=(width, height, 1), format=FORMAT, usage="RENDER_ATTACHMENT|COPY_SRC"
-        )
-        self.view = self.texture.create_view()
-
-    def begin(self, encoder: Any, timestamps: Mapping[str, Any] | None = None) -> Any:
-        """Begin a render pass over the picture, whose earlier content stays."""
-        attachment = {"view": self.view, "load_op": "load", "store_op": "store"}
-        return encoder.begin_render_pass(
-            color_attachments=[attachment],
-            **({"timestamp_writes": dict(timestamps)} if timestamps else {}),
-        )
+def begin_pass(encoder: Any, target: Any, timestamps: Mapping[str, Any] | None = None) -> Any:
+    """Begin a render pass over the target, whose earlier content stays."""
+    attachment = {"view": target, "load_op": "load", "store_op": "store"}
+    return encoder.begin_render_pass(color_attachments=[attachment], timestamp_writes=timestamps)
 
 
 class _Timed(Drawing):
@@ -306,7 +288,7 @@ class _Timed(Drawing):
         self.target = owner.target(frame)
         told = "{vendor} {device}".format_map(owner.device.details).lower()
         self.one_pass = not owner.device.software and any(name in told for name in IMMEDIATE)
-        self.period_ns = owner.period_ns if owner.has_timer else None
+        self.period_ns = owner.period_ns
         if self.period_ns is not None:
             self._queries = self.gpu.create_query_set(type="timestamp", count=2)
             self._answers = self.gpu.create_buffer(size=16, usage="QUERY_RESOLVE|COPY_SRC")
@@ -338,11 +320,11 @@ class _Timed(Drawing):
         """Return one pass's commands, with a timestamp before the first and after the last."""
         encoder = self.gpu.create_command_encoder()
         stamps: dict[str, Any] = {}
-        if self.period_ns is not None and (first or last):
-            stamps["query_set"] = self._queries
+        if self.period_ns is not None:
             stamps |= {"beginning_of_pass_write_index": 0} if first else {}
             stamps |= {"end_of_pass_write_index": 1} if last else {}
-        render = self.target.begin(encoder, stamps)
+        stamps |= {"query_set": self._queries} if stamps else {}
+        render = begin_pass(encoder, self.target, stamps or None)
         render.set_pipeline(self._pipeline)
         render.set_bind_group(0, self._group)
         render.set_vertex_buffer(0, self._points)
@@ -355,11 +337,3 @@ class _Timed(Drawing):
         if stamps and last:
             encoder.resolve_query_set(self._queries, 0, 2, self._answers, 0)
         return encoder.finish()
-
-    def close(self) -> None:
-        """Free the buffers."""
-        for buffer in (self._points, self._polygons, self._indices, self._view):
-            buffer.destroy()
-        if self.period_ns is not None:
-            self._queries.destroy()
-            self._answers.destroy()

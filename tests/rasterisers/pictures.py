@@ -3,11 +3,14 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.measuring import tasks
-from harness.rasterisers import Device, Image, Options, Rasteriser, Triangles
+from harness.rasterisers import Device, Options, Rasteriser, Triangles
 from harness.rasterisers.reference import predict
+
+Image = NDArray[np.uint8]
 
 
 def image(name: str, device: Device, frame: Frame, triangles: Triangles, options: Options) -> Image:
@@ -16,11 +19,28 @@ def image(name: str, device: Device, frame: Frame, triangles: Triangles, options
 
 
 def image_of(rasteriser: Rasteriser, frame: Frame, triangles: Triangles, options: Options) -> Image:
-    if hasattr(rasteriser, "image"):
-        return rasteriser.image(frame, triangles, options)
     with rasteriser.prepare(frame, triangles, options) as drawing:
-        read = {"webgpu": _of_webgpu, "pyrender": _of_pyrender}.get(rasteriser.name, _of_compute)
-        return read(drawing, frame)
+        return READERS.get(rasteriser.name, _of_compute)(drawing, frame)
+
+
+def _of_opengl(drawing: Any, frame: Frame) -> Image:
+    drawing.context.activate()
+    source = target = drawing.target
+    target.scissor = None
+    target.clear(0.0, 0.0, 0.0, 0.0)
+    drawing.sample(1)
+    target.scissor = None
+    if target.samples:
+        source = drawing.context.target(frame.width, frame.height)
+        drawing.context.ctx.copy_framebuffer(source, target)
+    pixels = np.frombuffer(source.read(components=4), np.uint8)
+    return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
+
+
+def _of_reference(drawing: Any, _: Frame) -> Image:
+    drawing.sample(1)
+    picture = np.ascontiguousarray(drawing.picture[::-1])
+    return picture.view(np.uint8).reshape(*picture.shape, 4)
 
 
 def _of_webgpu(drawing: Any, frame: Frame) -> Image:
@@ -28,7 +48,7 @@ def _of_webgpu(drawing: Any, frame: Frame) -> Image:
     pixels = np.zeros((frame.height, frame.width, 4), np.uint8)
     layout = {"bytes_per_row": 4 * frame.width, "rows_per_image": frame.height}
     encoder = gpu.create_command_encoder()
-    cleared = {"view": drawing.target.view, "load_op": "clear", "store_op": "store"}
+    cleared = {"view": drawing.target, "load_op": "clear", "store_op": "store"}
     encoder.begin_render_pass(color_attachments=[{**cleared, "clear_value": (0, 0, 0, 0)}]).end()
     gpu.queue.submit([encoder.finish()])
     drawing.sample(1)
@@ -38,16 +58,28 @@ def _of_webgpu(drawing: Any, frame: Frame) -> Image:
 
 
 def _of_pyrender(drawing: Any, _: Frame) -> Image:
-    return [drawing.draw(scene) for scene in drawing.scenes][-1]
+    drawing.sample(1)  # sets the size
+    for scene in drawing.scenes:
+        colour, _ = drawing.owner.renderer.render(scene, flags=drawing.flags)
+    opaque = np.full(colour.shape[:2], 255, np.uint8)
+    return np.dstack([colour, opaque])[..., :4]  # OSMesa's has no alpha
 
 
 def _of_compute(drawing: Any, frame: Frame) -> Image:
-    texture = drawing.picture
+    texture = drawing.context.picture(frame.width, frame.height)
     texture.write(np.zeros((frame.height, frame.width), np.uint32))
     drawing.sample(1)
     pixels = np.frombuffer(texture.read(), np.uint8)
     return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
 
+
+READERS = {
+    "opengl": _of_opengl,
+    "osmesa": _of_opengl,
+    "reference": _of_reference,
+    "webgpu": _of_webgpu,
+    "pyrender": _of_pyrender,
+}
 
 SIZE = 16
 

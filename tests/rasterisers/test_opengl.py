@@ -32,8 +32,8 @@ def test_image_equals_the_references(llvmpipe, reference):
     frame, triangles = random_triangles(seed=9, size=300, number=60, grid=64)
     for order in ("native", "shuffled", "morton", "walk"):
         options = Options(order=order, seed=2)
-        drawn = llvmpipe.image(frame, triangles, options)
-        assert np.array_equal(drawn, reference.image(frame, triangles, options))
+        drawn = pictures.image_of(llvmpipe, frame, triangles, options)
+        assert np.array_equal(drawn, pictures.image_of(reference, frame, triangles, options))
 
 
 def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
@@ -42,7 +42,7 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
     four = llvmpipe.count(frame, triangles, Options(samples=4))
     assert four["fragments"][0] > one["fragments"][0]
     assert 4 * four["quads"][0] == four["fragments"][0] + four["helper_lanes"][0]
-    area = llvmpipe.image(frame, triangles, Options(samples=4))[..., 3].sum() / 255
+    area = pictures.image_of(llvmpipe, frame, triangles, Options(samples=4))[..., 3].sum() / 255
     assert area == pytest.approx(four["samples_passed"] / 4, rel=0.01)
 
 
@@ -56,14 +56,15 @@ def test_fragment_work_changes_no_pixel(llvmpipe):
     frame, triangles = random_triangles(seed=10, size=256, number=30, grid=64)
     hard = Options(work=200)
     assert np.array_equal(
-        llvmpipe.image(frame, triangles, Options()), llvmpipe.image(frame, triangles, hard)
+        pictures.image_of(llvmpipe, frame, triangles, Options()),
+        pictures.image_of(llvmpipe, frame, triangles, hard),
     )
     with llvmpipe.prepare(frame, triangles, hard) as drawing:
         drawing.sample(1)
-        assert drawing.mesh.program["work"].value == 200
+        assert drawing.program["work"].value == 200
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.sample(1)
-        assert drawing.mesh.program["work"].value == 0
+        assert drawing.program["work"].value == 0
 
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])
@@ -73,9 +74,9 @@ def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software
         drawn = []
-        draw = drawing.mesh.draw_rows
+        draw = drawing.draw_rows
         monkeypatch.setattr(
-            drawing.mesh, "draw_rows", lambda rows, n=1: [drawn.append(n), draw(rows, n)]
+            drawing, "draw_rows", lambda rows, n=1: [drawn.append(n), draw(rows, n)]
         )
         assert drawing.sample(10).wall > 0
     assert drawn == calls

@@ -13,7 +13,7 @@ from harness.measuring.worker import Worker
 from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, submission
-from harness.rasterisers.pyrender import extrude, next_in_ring
+from harness.rasterisers.pyrender import extrude
 from harness.rasterisers.reference import Reference
 from harness.triangulating.frames import original
 from tests.models.various import solid
@@ -93,8 +93,10 @@ def test_walls_stand_under_the_rings(frame):
 
 def test_rings_close_on_themselves(frame):
     # As a worker gets it, which is where walls are built.
-    following = next_in_ring(pickle.loads(pickle.dumps(frame)))
-    assert sorted(following) == list(range(len(frame.points)))
+    solid = extrude(pickle.loads(pickle.dumps(frame)), np.empty((0, 3), np.int32))
+    number = len(frame.points)
+    following = solid.faces[:number, 1] - 2 * number
+    assert sorted(following) == list(range(number))
     assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
 
 
@@ -120,7 +122,7 @@ def test_views_of_a_model_are_drawn_as_they_are_projected(tmp_path):
         picture = worker.call(pictures.image, "pyrender", device, frame, rows, Options())
         assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
         assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0
-    exact = Reference().image(frame, rows[frame.draws(rows)[-1]], Options())
+    exact = pictures.image_of(Reference(), frame, rows[frame.draws(rows)[-1]], Options())
     drawn = exact[..., 3] > 0
     sky = np.rint(np.array(pyrender.SKY) * 255)
     built = abs(picture - sky).max(axis=2) > 2

@@ -11,6 +11,7 @@ from harness.errors import UsageError
 from harness.frame import WHOLE
 from harness.rasterisers import Options, find_device, get, spans
 from harness.rasterisers.reference import TILES, colours, count_tiles, predict
+from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
 from triangulators import criteria
@@ -53,7 +54,7 @@ def test_counts_are_per_polygon_and_do_not_depend_on_order(reference):
 
 def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     frame, triangles = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
-    picture = reference.image(frame, triangles, Options())
+    picture = pictures.image_of(reference, frame, triangles, Options())
     assert picture.shape == (SIZE, SIZE, 4)
     mask = covered(frame.points)[::-1]
     colour = colours(np.zeros(1, np.int32)).view(np.uint8)
@@ -67,7 +68,7 @@ def test_no_triangles_cost_nothing(reference):
     assert all(
         values.tolist() == [0] for values in reference.count(frame, nothing, Options()).values()
     )
-    assert not reference.image(frame, nothing, Options()).any()
+    assert not pictures.image_of(reference, frame, nothing, Options()).any()
 
 
 def test_every_repeat_is_drawn(reference, monkeypatch):

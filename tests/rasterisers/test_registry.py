@@ -1,6 +1,5 @@
 """Rasterisers and devices by name, and what is said when one is missing."""
 
-import json
 import os
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -185,12 +184,13 @@ def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatc
 
 def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
     question = (("a",), {})
-    for damaged in ("", "[]", '{"x": 1}', '{"x": {"devices": 1}}'):
+    for damaged in ("", '{"devices": ['):
         devices.ask([question])
-        (tmp_path / "cache" / "drivers.json").write_text(damaged)
+        (file,) = (tmp_path / "cache" / "drivers").iterdir()
+        file.write_text(damaged)
     assert devices.ask([question])[0]["problems"] == []
-    assert times_asked(program) == 5
+    assert times_asked(program) == 3
     program.write_text("raise SystemExit('no')")
     for _ in range(2):
         assert devices.ask([question])[0]["problems"] == ["the driver failed: no"]
-    assert len(json.loads((tmp_path / "cache" / "drivers.json").read_text())) == 1
+    assert list((tmp_path / "cache" / "drivers").iterdir()) == [file]

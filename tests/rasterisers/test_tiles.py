@@ -13,7 +13,7 @@ from harness.heatmaps import lane_maps
 from harness.measuring.records import _views_of
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
-from harness.rasterisers.context import BoundMesh
+from harness.rasterisers.opengl import Mesh
 from harness.rasterisers.pyrender import Pyrender
 from harness.rasterisers.reference import Reference, outlines
 from tests.rasterisers import pictures
@@ -41,12 +41,16 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     for options in (NATIVE, Options(order="shuffled", seed=1)):
         require_the_references_counts(on_device, reference, *tiles, options)
     # What is drawn later hides what was drawn before, so this is of the order, too.
-    assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+    assert np.array_equal(
+        call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
+    )
     # The picture is the viewport's again where no scissor is set, and the other way round.
     whole = replace(tiles[0], scissor=None)
     image = call(pictures.image, whole, tiles[1], NATIVE)
-    assert np.array_equal(image, reference.image(whole, tiles[1], NATIVE))
-    assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+    assert np.array_equal(image, pictures.image_of(reference, whole, tiles[1], NATIVE))
+    assert np.array_equal(
+        call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
+    )
 
 
 def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
@@ -113,9 +117,9 @@ def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, monkeypatch):
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
     assert llvmpipe.count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
     calls: list[slice] = []
-    draw = BoundMesh.draw_rows
+    draw = Mesh.draw_rows
     monkeypatch.setattr(
-        BoundMesh, "draw_rows", lambda mesh, rows, *more: (calls.append(rows), draw(mesh, rows))
+        Mesh, "draw_rows", lambda mesh, rows, *more: (calls.append(rows), draw(mesh, rows))
     )
     with llvmpipe.prepare(cut, triangles, NATIVE) as drawing:
         drawing.sample(2)

@@ -90,7 +90,10 @@ def test_pictures_with_depth_equal_the_reference_but_for_ties(on_device, deep, r
     if not get(rasteriser).deep:
         return
     frame, (rows, _) = deep
-    images = [call(pictures.image, frame, rows, NATIVE), reference.image(frame, rows, NATIVE)]
+    images = [
+        call(pictures.image, frame, rows, NATIVE),
+        pictures.image_of(reference, frame, rows, NATIVE),
+    ]
     ties = int(reference.count(frame, rows, NATIVE)["depth_ties"].sum())
     assert (images[0] != images[1]).any(axis=2).sum() <= ties
     # and what is drawn afterwards without depths is not tested
@@ -160,7 +163,7 @@ def test_a_sloping_plane_is_cut_where_it_meets_a_level_one(reference, llvmpipe):
     frame = replace(frame, viewing=replace(frame.viewing, depths=sloping))
     counted = reference.count(frame, rows, NATIVE)
     assert counted["fragments"].tolist() == [196, 98]
-    image = reference.image(frame, rows, NATIVE)
+    image = pictures.image_of(reference, frame, rows, NATIVE)
     assert (image[1:15, 1:8] != image[1:15, 8:15]).any(axis=2).all()
     assert llvmpipe.count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
 

@@ -32,7 +32,9 @@ def test_options_change_no_count_and_no_picture(on_device, reference):
         assert set(drawn) == set(SHADED)
         assert disagreements(frame, drawn, exact) == []
         drawn = on_device(pictures.image, frame, triangles, options)
-        assert np.array_equal(drawn, reference.image(frame, triangles, replace(options, work=0)))
+        assert np.array_equal(
+            drawn, pictures.image_of(reference, frame, triangles, replace(options, work=0))
+        )
 
 
 def test_long_slivers_need_more_than_32_bits(on_device, reference):
@@ -92,8 +94,8 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
     opened = tasks._opened(name, device)
     tally = opened._tally_once
 
-    def coarse(target: Any, frame: Any, part: Any) -> Any:
-        return tally(target, replace(frame, points=on_coarser_grid(frame.points, 16)), part)
+    def coarse(frame: Any, part: Any) -> Any:
+        return tally(replace(frame, points=on_coarser_grid(frame.points, 16)), part)
 
     opened._tally_once = coarse
     try:
@@ -111,7 +113,7 @@ def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference):
     assert step == 16
     on_it = replace(frame, points=on_coarser_grid(frame.points, 16))
     assert disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
-    assert np.array_equal(picture, reference.image(on_it, triangles, Options()))
+    assert np.array_equal(picture, pictures.image_of(reference, on_it, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
@@ -124,7 +126,7 @@ def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference):
         counted = call(tasks.count, frame, triangles, Options())
         picture = call(pictures.image, frame, triangles, Options())
     assert disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
-    assert np.array_equal(picture, reference.image(moved, triangles, Options()))
+    assert np.array_equal(picture, pictures.image_of(reference, moved, triangles, Options()))
 
 
 def test_what_it_cannot_do_is_said(on_device):

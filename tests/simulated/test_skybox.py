@@ -10,6 +10,7 @@ from harness.rasterisers.reference import colours, count_tiles, predict, predict
 from harness.rasterisers.simulated.skybox import edge_functions, run, work
 from scenes import load
 from scripts.studies.skybox import descent
+from tests.rasterisers import pictures
 from tests.simulated.conftest import triangles_of
 from triangulators import triangulate
 
@@ -64,11 +65,12 @@ def test_the_pixels_that_are_covered_are_the_references(opened):
     frame, triangles = triangles_of(64, 20, seed=3)
     whole = np.array([0, 0, 63, 63], np.int64)
     todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, 32, exact=False)
-    expected = get("reference")().image(frame, triangles, Options())
+    expected = pictures.image_of(get("reference")(), frame, triangles, Options())
     for device in ("skybox", "skybox:output_quads=1,shader=3"):
         design = opened(device)._design
         shader = design.details["design"]["shader"]
-        owner, place = run(design._program, todo, whole, shader, keep_quads=True).quads.T
+        _, _, quads = run(design._program, todo, whole, shader, keep_quads=True)
+        owner, place = quads.T
         picture = np.zeros((64, 64), np.uint32)
         for bit in range(4):
             covered = place >> bit & 1 == 1
