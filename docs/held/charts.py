@@ -89,6 +89,20 @@ def devices() -> Figure:
     return figure
 
 
+def gpu() -> Figure:
+    """Draw times on a GPU at its sizes."""
+    unit = "draw time on an H200, ear clipping = 1; in each row 256 px above, then 1024 and 4096 px"
+    figure, panels = _panels(scenes("city", "glyphs"), unit)
+    for scene, ax in panels.items():
+        for _, row in some(f"h200/gains-{scene}/summary.csv").iterrows():
+            if (name := row["triangulator"]) in ON_DEVICES:
+                at = ON_DEVICES.index(name)
+                shift = {256: -0.2, 1024: 0.0, 4096: 0.2}[row["resolution"]]
+                ends = row[["time_ratio", "time_ratio_low", "time_ratio_high"]]
+                _dots(ax, [LABELS[each] for each in ON_DEVICES], [(at + shift, *ends, at)])
+    return figure
+
+
 def thin() -> Figure:
     """Draw thin triangles' times on devices, at equal area."""
     first = profiles.profile(next(iter(profiles.TIMED)))["aspects"]
@@ -135,6 +149,7 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-predicted": predicted,
     "findings-regret": regret,
     "findings-devices": devices,
+    "findings-gpu": gpu,
     "devices-thin": thin,
     "simulated-choice": hardware,
 }

@@ -10,7 +10,7 @@ from pathlib import Path
 from docs.held import Held, findings, flips, simulated, tables
 from docs.held.findings import SCENES, correlation, gain, ordered, regret, rotated
 from docs.held.lookups import REFERENCE
-from docs.held.names import BEST_FOR_A, BEST_FOR_H
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q
 from harness.frame import View, make_frame
 from harness.rasterisers.reference import predict
 from harness.triangulating.frames import triangulate_polygons
@@ -38,6 +38,10 @@ README: Held = {
     "There are {:,} on the left and {:,} on the right.": lambda: _picture()[1:],
     "in {:.2f} of ear clipping's time on a ... {:.2f} ... {:.2f} ... {:.2f} on": lambda: [
         gain(s, 1024, BEST_FOR_H) for s in SCENES
+    ],
+    "at 1024 px in {:.2f} of ear clipping's time by the best for Q, and in {:.2f} by the best for"
+    " H; on letters these are {:.2f} and {:.2f}": lambda: [
+        findings.on_gpu(s, 1024, n) for s in ("city", "glyphs") for n in (BEST_FOR_Q, BEST_FOR_H)
     ],
     "are predicted to {:.1f} %": lambda: [findings.error_of_prediction("by_quads")],
     "| after earcut, L1 flips | city | letters | U.S. states |": flips.IN_SHORT,

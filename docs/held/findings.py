@@ -11,7 +11,7 @@ import pandas as pd
 
 from docs.held import Held, profiles, simulated
 from docs.held.lookups import at_most, ends, one, some, values
-from docs.held.names import BEST_FOR_H, REFINED, scenes
+from docs.held.names import BEST_FOR_H, BEST_FOR_Q, REFINED, scenes
 from harness.figures.intervals import Ratio, of_any_run
 
 SCENES = scenes("city", "helsinki", "glyphs", "counties")
@@ -28,6 +28,10 @@ TRUSTED = {
     "ear clipping": ("triangulator", "ear-clipping"),
 }
 """Whom one may trust, by how the documents call them."""
+
+
+ON_GPU = ("city", "glyphs", "cad")
+"""Scenes that the H200 drew; of cad there are counters alone."""
 
 
 def gain(scene: str, px: int, name: str, base: str = "ear-clipping", **where: object) -> float:
@@ -121,6 +125,24 @@ def _again() -> list[object]:
     return [sum((first == second)[~timed]), sum(~timed), math.ceil(1000 * apart) / 1000]
 
 
+def on_gpu(scene: str, px: int, name: str, what: str = "time_ratio") -> float:
+    """Return a figure of a triangulator on the H200."""
+    rows = some(f"h200/gains-{scene}/summary.csv", resolution=px).set_index("triangulator")
+    return float(rows[what][name])
+
+
+def _counted() -> list[int]:
+    """Return how many draws of the H200 have the reference's counters, of how many."""
+    key = ["scene", "triangulator", "resolution"]
+    counters = ["fragments", "quads", "helper_lanes"]
+    both = [
+        pd.concat(some(f"h200/equality-{s}/summary.csv", rasteriser=of) for s in ON_GPU)
+        for of in ("opengl", "reference")
+    ]
+    gpu, reference = (each.set_index(key)[counters].sort_index() for each in both)
+    return [sum((gpu == reference).all(axis=1)), len(reference)]
+
+
 def _moved() -> list[int]:
     """Return by how many per cent at most ratios of times move on another CPU."""
     key = ["scene", "rasteriser", "resolution", "rotation", "fit", "work", "samples", "order"]
@@ -164,5 +186,26 @@ FIRST: Held = {
     "{:,} of {:,} correlations with counters are equal ... differ by up to {:.3f}.": _again,
     "by earlier code, a ratio of times moved by up to {} %": _moved,
     **profiles.FIRST,
+    "in {:.2f}, {:.2f} and {:.2f} of ear clipping's time at 256 px, 1024 px and 4096 px, the best"
+    " for H in {:.2f}, {:.2f} and {:.2f}": lambda: [
+        on_gpu("city", px, name) for name in (BEST_FOR_Q, BEST_FOR_H) for px in (256, 1024, 4096)
+    ],
+    "On letters at 256 and 1024 px they take {:.2f} and {:.2f}, and {:.2f} and {:.2f}": lambda: [
+        on_gpu("glyphs", px, name) for name in (BEST_FOR_Q, BEST_FOR_H) for px in (256, 1024)
+    ],
+    "is {:.2f} to {:.2f}, that of H {:.2f} to {:.2f}, of A {:.2f} to {:.2f}": lambda: [
+        end
+        for criterion in Q_H_A
+        for end in ends(v["ranks"][criterion] for v in values("devices/opengl-h200.json")["views"])
+    ],
+    "On letters Q's is {:.2f} at 1024 px, but {:.2f} at 256 px": lambda: [
+        v["ranks"]["expected_quads"] for v in values("devices/opengl-h200-glyphs.json")["views"]
+    ],
+    "at 256 px takes {:.2f} of ear clipping's time, with {:.2f} of its helper lanes": lambda: [
+        on_gpu("glyphs", 256, "delaunay"),
+        on_gpu("glyphs", 256, "delaunay", "helper_lanes")
+        / on_gpu("glyphs", 256, "ear-clipping", "helper_lanes"),
+    ],
+    "In {} of {} draws": _counted,
 }
 """The first page's."""

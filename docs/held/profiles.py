@@ -11,9 +11,13 @@ from docs.held.lookups import bold, crossed, grid, some, values
 from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, scenes
 from harness.profile.words import amount
 
+H200 = "opengl-h200"
 SOFTPIPE, SWIFTSHADER = "opengl-softpipe.refused", "webgpu-swiftshader"
 TIMED = {**CALLED["profiles"], SOFTPIPE: "softpipe"}
 """Those, and one whose law explains too little: its times are measured all the same."""
+
+JUDGED = {name: label for name, label in TIMED.items() if name != H200}
+"""Those whose laws were set against runs of scenes."""
 
 SHOWN = {**CALLED["profiles"], "webgpu-swiftshader-chromium": "SwiftShader in Chromium"}
 """Those with a law, and the same device as a page measured it."""
@@ -39,8 +43,8 @@ def profile(name: str) -> Any:
 
 
 def _processor() -> tuple[str, ...]:
-    """Return family, model and vector bits of the processor that all profiles are of."""
-    (label,) = {profile(name)["device"]["cpu"] for name in TIMED}
+    """Return family, model and vector bits of the processor that software devices ran on."""
+    (label,) = {profile(name)["device"]["cpu"] for name in JUDGED}
     found = re.fullmatch(r"AMD EPYC (\d+)/(\d+), (\d+)-bit", label)
     assert found, label
     return found.groups()
@@ -118,11 +122,20 @@ FIRST: Held = {
     "even at 64:1 they shade about {:.1f} and {:.1f} times the lanes": lambda: [
         each["lanes"][-1] for each in profile("opengl-llvmpipe")["aspects"]
     ],
+    "of 8 and of 64 px^2 at 64:1 take {:.1f} and {:.1f} times as long as those of 1:1": lambda: [
+        each["ratios"][-1] for each in profile(H200)["aspects"]
+    ],
+    "A row of pixels costs {} ps, a round of arithmetic in a lane {} ps": lambda: [
+        _term(H200, of).removesuffix(" ps") for of in ("rows", "work")
+    ],
+    "It explains {:.3f} of the variance of log times of draws held out, {:.3f} within": partial(
+        _explained, H200
+    ),
 }
 """The first page's."""
 
 TABLES: Held = {
-    "The devices are software, on an AMD EPYC {}/{}, {}-bit;": _processor,
+    "All but the H200 are software, on an AMD EPYC {}/{}, {}-bit;": _processor,
     "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
     " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"
     " | R2 over | R2 within |": grid(
@@ -147,7 +160,7 @@ TABLES: Held = {
     ),
     "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
     " | advised above H, Q, A |": grid(
-        crossed(TIMED, scenes("city", "helsinki", "glyphs", "counties"), ", "),
+        crossed(JUDGED, scenes("city", "helsinki", "glyphs", "counties"), ", "),
         ("law_over", "law_within", "r2_most", *WHO, "above"),
         _judgement,
     ),

@@ -13,6 +13,7 @@ from harness.figures.groups import base_of, groups, of_cpu, time_ratio
 from harness.figures.polygons import rank_correlation
 from harness.figures.registry import predictions
 from harness.machine.environment import label_of, same
+from harness.profile.words import model
 from harness.stored import atomic
 from harness.stored.folder import Record, Run
 from harness.webpages import write_whole
@@ -154,7 +155,11 @@ def table(folder: Path) -> str:
     for file in sorted(folder.glob("*.json")):
         summary = _read(file)
         for view in summary["views"]:
-            where = f"`{summary['device']}`", summary["rasteriser"], summary.get("cpu")
+            where = (
+                f"`{model(summary['device'], summary)}`",
+                summary["rasteriser"],
+                summary.get("cpu"),
+            )
             cells = [
                 ", ".join(filter(None, where)),
                 _short(summary["driver"]),

@@ -137,9 +137,14 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     return heads, [_row(profile, names) for profile in profiles]
 
 
+def model(device: str, details: Mapping[str, Any]) -> str:
+    """Return what a GPU is called, where `device` is only its number, as gpu0 is."""
+    return str(details["renderer"]).partition("/")[0] if device.startswith("gpu") else device
+
+
 def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
-    where = f"{device['name']} ({device['rasteriser']})"
+    where = f"{model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
     timed = device["software"] and device["cpu"] and profile["unit"] == "s"
     cpu = f"; {device['cpu']}" if timed else ""
     terms = {term["name"]: term for term in profile["terms"]}
@@ -164,8 +169,8 @@ def plot(profile: Mapping[str, Any], file: Path) -> Path:
 
 
 def _figure(profile: Mapping[str, Any]) -> Figure:
-    areas = profile["aspects"]
-    title = f"Are thin triangles slow on {profile['device']['name']}?"
+    areas, device = profile["aspects"], profile["device"]
+    title = f"Are thin triangles slow on {model(device['name'], device.get('details', {}))}?"
     words = f"{title} Equal area, mean of four angles"
     figure, places = panels(len(areas), (2.6, 2.3), words, sharey=True)
     for panel, each in zip(places, areas, strict=True):
