@@ -54,8 +54,9 @@ def test_charts_are_drawn_from_the_files_as_they_are(name):
     assert text_of(f"docs/images/{name}.svg") == svg(CHARTS[name])
 
 
-def test_studies_are_of_one_commit_and_of_one_processor():
-    files = sorted((ROOT / "results" / "reference").glob("*/*/run.json"))
+def test_studies_but_a_gpus_are_of_one_commit_and_of_one_processor():
+    files = (ROOT / "results" / "reference").glob("*/*/run.json")
+    files = sorted(file for file in files if file.parts[-3] != "h200")
     facts = [json.loads(file.read_text(encoding="utf-8")) for file in files]
     assert len(files) > 50
     assert len({each["environment"]["git"]["commit"] for each in facts}) == 1
