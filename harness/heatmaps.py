@@ -48,33 +48,26 @@ def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
 
 
 def draw_heatmaps(
-    frame: Frame,
-    polygon: int,
-    triangulations: Mapping[str, NDArray[np.int32]],
-    out: Path | IO[bytes],
+    frame: Frame, triangulations: Mapping[str, NDArray[np.int32]], out: Path | IO[bytes]
 ) -> None:
-    """Draw one polygon's overdraw and helper lanes for several triangulations, side by side.
+    """Draw a polygon's overdraw and helper lanes for several triangulations, side by side.
 
-    Parameters
-    ----------
-    polygon : number of the polygon in the frame
-    triangulations : name -> (m, 3) triangles over that polygon's own vertices
-    out : PNG file to write
+    frame : of that polygon alone; triangulations : name -> (m, 3); out : PNG file to write
     """
-    start, stop = int(frame.offsets[polygon]), int(frame.offsets[polygon + 1])
-    corners = frame.points[start:stop] / SUBPIXEL
+    corners = frame.points / SUBPIXEL
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - PADDING_PX, 0)
     high = np.ceil(corners.max(axis=0)).astype(int) + PADDING_PX
+    high = np.minimum(high, (frame.width, frame.height))
     window = (slice(low[1], high[1]), slice(low[0], high[0]))
     panels, captions = [], []
     for name, triangles in triangulations.items():
-        covered, helpers = lane_maps(frame, np.asarray(triangles, np.int32) + np.int32(start))
+        covered, helpers = lane_maps(frame, triangles)
         panels.append(((covered + helpers)[window], helpers[window]))
         fragments, lanes = int(covered[window].sum()), int(helpers[window].sum())
         share = lanes / fragments if fragments else 0.0
         captions.append(f"{name}\n{fragments:,} fragments + {lanes:,} helper lanes ({share:+.0%})")
     title = (
-        f"Polygon {frame.source[polygon]}, {stop - start} vertices, in a viewport of "
+        f"Polygon {frame.source[0]}, {len(corners)} vertices, in a viewport of "
         f"{frame.width} x {frame.height} px"
     )
 

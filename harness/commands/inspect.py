@@ -155,7 +155,7 @@ def _draw(
             drawn[str(recipe)] = part
     if not drawn:
         raise UsageError(f"no triangulator given can do polygon {polygon} of {scene.name}")
-    draw_heatmaps(frame, 0, drawn, file)
+    draw_heatmaps(frame, drawn, file)
     typer.echo(f"picture: {file}")
 
 

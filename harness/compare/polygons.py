@@ -48,7 +48,7 @@ class Grown:
         from harness.heatmaps import draw_heatmaps
 
         content = io.BytesIO()
-        draw_heatmaps(self.frame, 0, self.triangles, content)
+        draw_heatmaps(self.frame, self.triangles, content)
         return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
@@ -61,30 +61,27 @@ def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
     base, head = latest(base), latest(head)
     matches = match(base, head, across_devices=comparison.settings.across_devices)
     candidates = [
-        (growth, order, found, metric, place)
-        for order, found in enumerate(matches)
+        (found, *each)
+        for found in matches
         if found.name in names
-        for growth, metric, place in _growth(base, head, found)
+        for each in _growth(base, head, found)
     ]
-    candidates.sort(key=lambda each: (-each[0], each[1], each[4]))
-    made = (_grown(base, head, *each[2:]) for each in candidates[:MOST])
+    candidates.sort(key=lambda each: each[3] - each[4])
+    made = (_grown(base, head, *each) for each in candidates[:MOST])
     return [each for each in made if each is not None]
 
 
-def _growth(base: Run, head: Run, found: Match) -> Iterator[tuple[int, str, int]]:
-    """Yield the largest growths of a case's polygons: by how much, of what, at which place."""
-    before, after = (_counted(run, record) for run, record in _sides(base, head, found))
+def _growth(base: Run, head: Run, found: Match) -> Iterator[tuple[str, int, int, int]]:
+    """Yield the largest growths of a case's polygons: of what, at which place, from and to."""
+    before, after = _counted(base, found.base or {}), _counted(head, found.head or {})
     for metric in FIRST:
         if metric in before and metric in after and len(before[metric]) == len(after[metric]):
-            growth = after[metric] - before[metric]
-            for place in np.argsort(-growth, kind="stable")[:MOST].tolist():
-                if growth[place] > 0:
-                    yield int(growth[place]), metric, place
+            both = np.stack([before[metric], after[metric]], axis=1)
+            for place in np.argsort(both[:, 0] - both[:, 1], kind="stable")[:MOST].tolist():
+                old, new = both[place].tolist()
+                if new > old:
+                    yield metric, place, old, new
             return
-
-
-def _sides(base: Run, head: Run, found: Match) -> list[tuple[Run, Record]]:
-    return [(base, found.base or {}), (head, found.head or {})]
 
 
 def _counted(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
@@ -99,10 +96,11 @@ def _counted(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
     }
 
 
-def _grown(base: Run, head: Run, found: Match, metric: str, place: int) -> Grown | None:
+def _grown(
+    base: Run, head: Run, found: Match, metric: str, place: int, old: int, new: int
+) -> Grown | None:
     triangles, alone = {}, None
-    counts = []
-    for side, (run, record) in zip(("BASE", "HEAD"), _sides(base, head, found), strict=True):
+    for side, run, record in (("BASE", base, found.base or {}), ("HEAD", head, found.head or {})):
         geometry = drawings.read(run, drawings.view_of(record))
         rows = None if geometry is None else geometry.triangles.get(record["triangulator"])
         if geometry is None or rows is None or place >= len(geometry.source):
@@ -118,7 +116,5 @@ def _grown(base: Run, head: Run, found: Match, metric: str, place: int) -> Grown
             source=geometry.source[place : place + 1],
         )
         triangles[f"{side}: {record['triangulator']}"] = own.astype(np.int32)
-        counts.append(int(_counted(run, record)[metric][place]))
     assert alone is not None
-    case = f"{found.name.triangulator}, {found.name.where}"
-    return Grown(case, metric, counts[0], counts[1], int(alone.source[0]), alone, triangles)
+    return Grown(str(found.name), metric, old, new, int(alone.source[0]), alone, triangles)

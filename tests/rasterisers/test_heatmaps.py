@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from PIL import Image
-from shapely import Polygon, box
+from shapely import Polygon
 
-from harness.frame import View, make_frame
+from harness.frame import SUBPIXEL, View, bare_frame, make_frame
 from harness.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
 from harness.rasterisers import Options
 from tests.rasterisers.conftest import loose_triangles, random_triangles
@@ -35,15 +35,27 @@ def test_a_single_pixel_has_three_helpers_beside_it():
 
 
 def test_the_picture_shows_the_triangulations_side_by_side(tmp_path):
-    frame = make_frame([box(0, 0, 30, 20), ELL], View(256, 10))
+    frame = make_frame([ELL], View(256, 10))
     files = []
     for names in (("delaunay",), ("delaunay", "ear-clipping", "fan")):
         files.append(tmp_path / f"{len(names)}.png")
-        triangulations = {name: triangulate(frame.polygons[1], name) for name in names}
-        draw_heatmaps(frame, 1, triangulations, files[-1])
+        triangulations = {name: triangulate(frame.polygons[0], name) for name in names}
+        draw_heatmaps(frame, triangulations, files[-1])
     one, three = (np.asarray(Image.open(file).convert("RGB")) for file in files)
     assert three.shape[1] > one.shape[1] + PANEL_PX
     assert three.shape[0] == one.shape[0]
     assert one.shape[0] > PANEL_PX
     # White, the two palettes and the lines: it is not blank.
     assert len(np.unique(three @ [1, 1 << 8, 1 << 16])) > 20
+
+
+@pytest.mark.parametrize("reach", [8, 10])
+def test_triangles_lie_on_the_pixels_that_they_cover(tmp_path, reach):
+    """Of squares of whole quads, one of which ends where the viewport does."""
+    points = np.array([[2, 2], [reach, 2], [reach, reach], [2, reach]], np.int32) * SUBPIXEL
+    rows = np.array([[0, 1, 2], [0, 2, 3]])
+    draw_heatmaps(bare_frame(10, points), {"both": rows}, tmp_path / "picture.png")
+    picture = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))[100:]
+    coloured = np.argwhere((picture[:, :, 0] > 200) & (picture[:, :, 2] < 130))[:, 0]
+    lines = np.argwhere((picture == 0x20).all(axis=2))[:, 0]
+    assert abs(lines.min() - coloured.min()) <= 2
