@@ -38,12 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STUDIES = ("validate", "pareto")
-"""Commands whose runs measure thousands of triangulations of single polygons, each once."""
-
-STUDY_FILES = ("correlations.csv", "pareto.csv")
-"""What only a study has in its folder."""
-
 TIME = "time"
 """The one metric of a history that is no record's own: a time beside those of its peers."""
 
@@ -114,25 +108,14 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
     kept, left = [], 0
     for place, path in paths.items():
         facts = read_facts(path, [])
-        if place not in named and (is_base(facts) or (is_study(path, facts) and not studies)):
-            left += is_study(path, facts)
+        study = ((facts.get("environment") or {}).get("command") or [])[1:2] == ["study"]
+        older = (facts.get("beside") or {}).get("is_base")
+        if place not in named and (older or (study and not studies)):
+            left += study
             continue
         kept.append(latest(read_run(path)))
     kept.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
     return kept, left
-
-
-def is_study(path: Path, facts: Mapping[str, Any]) -> bool:
-    """Whether a run is a study's, which has no history: no case of it is measured again."""
-    command = (facts.get("environment") or {}).get("command")
-    named = isinstance(command, list) and command[1:3] in [["study", name] for name in STUDIES]
-    return named or any((path / name).is_file() for name in STUDY_FILES)
-
-
-def is_base(facts: Mapping[str, Any]) -> bool:
-    """Whether a run is what another was measured beside: an older state of the code."""
-    beside = facts.get("beside")
-    return isinstance(beside, dict) and bool(beside.get("is_base"))
 
 
 def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -> list[Series]:
@@ -336,6 +319,8 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
     """Draw the series of one metric, changes marked by a ring and the content's by a line."""
     titles = list(dict.fromkeys(entry.name.where for entry in series))
     names = list(dict.fromkeys(entry.name.triangulator for entry in series))
+    of = series[0].metric
+    label = "time, relative" if of == TIME else f"{find(of).title}, {find(of).unit}"
     figure, panels = grid((7.0, 0.8 + 2.4 * len(titles)), len(titles), sharex=True)
     for panel, title in zip(panels, titles, strict=True):
         for entry in series:
@@ -343,20 +328,12 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
                 _line(panel, entry, names.index(entry.name.triangulator))
         _content(panel, next(entry for entry in series if entry.name.where == title))
         panel.set_title(title, fontsize=8, loc="left")
-        panel.set_ylabel(label(series[0].metric))
+        panel.set_ylabel(label)
     places = range(0, len(runs), max(1, -(-len(runs) // LABELS)))
     panels[-1].set_xticks(list(places), [run_label(runs[place]) for place in places], rotation=30)
     panels[-1].tick_params(axis="x", labelsize=6)
     legend_below(figure, panels, columns=3)
     return figure
-
-
-def label(metric: str) -> str:
-    """Return what a metric's axis is called."""
-    if metric == TIME:
-        return "time, relative"
-    figure = find(metric)
-    return f"{figure.title}, {figure.unit}"
 
 
 def _line(panel: Axes, entry: Series, number: int) -> None:

@@ -138,15 +138,14 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
 
 
 def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, year):
-    write_run(year / "study", seed=3)
-    (year / "study/correlations.csv").write_text("")
-    environment = {"command": ["harness", "study", "validate", "--scene", "city"]}
-    write_run(year / "stopped-study", seed=3, facts={"environment": environment})
+    for name in ("validate", "pareto"):
+        environment = {"command": ["harness", "study", name, "--scene", "city"]}
+        write_run(year / name, seed=3, facts={"environment": environment})
     write_run(year / "run-98/base", seed=3, facts={"beside": {"is_base": True}})
     runs, studies = find_runs([year])
     assert (len(runs), studies) == (16, 2)
     assert len(find_runs([year], studies=True)[0]) == 18
-    assert len(find_runs([year / "study"])[0]) == 1  # named, so wanted
+    assert len(find_runs([year / "pareto"])[0]) == 1  # named, so wanted
     out, _ = ends_well(harness("history", str(year), "--out", "plots"))
     assert out.startswith("left out: 2 studies; see --all")
 
