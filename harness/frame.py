@@ -247,19 +247,9 @@ def _snapped(placed: Iterable[Polygon], scale: float, view: View, side: int) -> 
             (repaired if pieces else dropped).append((number, reason))
         kept.extend(pieces)
         source.extend([number] * len(pieces))
-    points, offsets, ring_ends = on_grid(kept)
-    return Frame(
-        width=side,
-        height=side,
-        scale=scale,
-        view=view,
-        source=np.array(source, np.int64),
-        points=points,
-        offsets=offsets,
-        ring_ends=ring_ends,
-        dropped=tuple(dropped),
-        repaired=tuple(repaired),
-    )
+    numbers = np.array(source, np.int64)
+    frame = Frame(side, side, scale, view, numbers, *on_grid(kept))
+    return replace(frame, dropped=tuple(dropped), repaired=tuple(repaired))
 
 
 def on_coarser_grid(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:

@@ -111,28 +111,10 @@ def family_of(triangulator: str) -> str:
     return triangulator.partition("#")[0]
 
 
-def scatter(
-    panel: Axes,
-    x: ArrayLike,
-    y: ArrayLike,
-    of: Look,
-    label: str,
-    *,
-    alpha: float = 0.5,
-    rasterized: bool = False,
-) -> None:
-    """Draw one triangulator's marks; as a picture inside the SVG where `rasterized`."""
-    panel.scatter(
-        x,
-        y,
-        s=7,
-        alpha=alpha,
-        linewidths=0,
-        color=of.colour,
-        marker=of.marker,
-        label=label,
-        rasterized=rasterized,
-    )
+def scatter(panel: Axes, x: ArrayLike, y: ArrayLike, of: Look, label: str, **how: Any) -> None:
+    """Draw one triangulator's marks; how: more of what Matplotlib's `scatter` takes."""
+    how = {"s": 7, "alpha": 0.5, "linewidths": 0, **how}
+    panel.scatter(x, y, color=of.colour, marker=of.marker, label=label, **how)
 
 
 def scatter_over_medians(

@@ -105,7 +105,7 @@ def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
         return CaseChange(found.name, status, reason)
     before, after = exact_figures(base), exact_figures(head)
     changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
-    lost = [counter_name(n) for n in base["counters"] if n not in head["counters"]]
+    lost = (counter_name(name) for name in base["counters"] if name not in head["counters"])
     # Of gated counters that BASE has and HEAD does not, nothing can be said.
     gated = (name for name in lost if settings.threshold(name) is not None)
     return CaseChange(found.name, status, reason, tuple(changes), tuple(gated))
@@ -258,7 +258,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     """Sum each figure over the compared cases; ratios, which have no sum, are left out."""
     columns = defaultdict(list)
     for change in chain.from_iterable(cases):
-        if find(change.metric).adds_up:
+        if find(change.metric).unit != "x":
             columns[change.metric].append(change)
     found = []
     for name, column in columns.items():

@@ -30,95 +30,72 @@ class Counter:
     description: str = ""
 
 
-_TILES = (("", "", "bounding boxes"), ("_exact", ", exactly", "the triangles themselves"))
-
-
-def _counter(name: str, label: str, unit: str, description: str, **more: Any) -> Counter:
-    return Counter(name, label, unit, description=description, **more)
-
-
-_COUNTERS = (
-    _counter(
-        CYCLES,
-        "cycles",
-        "cycles",
-        "cycles that a simulated design takes, which are its time",
-        heading="cycles",
-    ),
-    _counter(
-        "helper_lanes",
-        "helper lanes",
-        "lanes",
-        "lanes of shaded 2x2 quads that cover nothing",
-        best_case=0.0,
-        heading="helpers",
-    ),
-    _counter(
-        "bbox_tests",
-        "bounding-box tests",
-        "tests",
-        "pixel centres tested in bounding boxes",
-        heading="tests",
-    ),
-    _counter("rows", "rows walked", "rows", "pixel rows that triangles reach"),
+_TABLE = (
+    (CYCLES, "cycles", "cycles", "cycles that a simulated design takes, which are its time"),
+    ("helper_lanes", "helper lanes", "lanes", "lanes of shaded 2x2 quads that cover nothing"),
+    ("bbox_tests", "bounding-box tests", "tests", "pixel centres tested in bounding boxes"),
+    ("rows", "rows walked", "rows", "pixel rows that triangles reach"),
     *(
-        _counter(
-            f"tiles_{size}{suffix}",
-            f"tiles of {size} px{note}",
+        (
+            f"tiles_{px}{suffix}",
+            f"tiles of {px} px{how}",
             "tiles",
-            f"tiles of {size} x {size} px that {what} touch",
+            f"tiles of {px} x {px} px that {what} touch",
         )
-        for suffix, note, what in _TILES
-        for size in (16, 32, 64)
+        for suffix, how, what in (
+            ("", "", "bounding boxes"),
+            ("_exact", ", exactly", "the triangles themselves"),
+        )
+        for px in (16, 32, 64)
     ),
-    _counter("tiles", "tiles", "tiles", "tiles that triangles are put into"),
-    _counter("nodes", "squares tested", "squares", "squares tested on the way down"),
-    _counter("tested_blocks", "blocks tested", "blocks", "blocks tested by pixels"),
-    _counter("beats", "beats", "beats", "cycles in which covered quads leave"),
-    _counter("traversal_cycles", "traversal", "cycles", "cycles in which the rasteriser descends"),
-    _counter(
+    ("tiles", "tiles", "tiles", "tiles that triangles are put into"),
+    ("nodes", "squares tested", "squares", "squares tested on the way down"),
+    ("tested_blocks", "blocks tested", "blocks", "blocks tested by pixels"),
+    ("beats", "beats", "beats", "cycles in which covered quads leave"),
+    ("traversal_cycles", "traversal", "cycles", "cycles in which the rasteriser descends"),
+    (
         "empty_quads",
         "empty quads",
         "quads",
         "quads that the rasteriser tries and that cover nothing",
     ),
-    _counter(
+    (
         "busiest_pipe_quads",
         "quads of the busiest pipe",
         "quads",
         "quads of the pipe that writes most",
     ),
-    _counter("colour_misses", "misses", "lines", "lines the colour cache lacks"),
-    _counter("colour_bytes", "colour bytes", "bytes", "colour read and written"),
-    _counter("shaded_vertices", "vertices shaded", "vertices", "vertices shaded"),
-    _counter("quads", "quads", "quads", "2x2 quads shaded"),
-    _counter(
-        "partial_quads",
-        "partial quads",
-        "quads",
-        "2x2 quads shaded of which a lane covers nothing",
-        best_case=0.0,
-    ),
-    _counter("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks touched"),
-    _counter("fragments", "fragments", "pixels", "covered pixels", better="none"),
-    _counter("hits", "hits", "pixels", "covered pixels, found by testing", better="none"),
-    _counter(
+    ("colour_misses", "misses", "lines", "lines the colour cache lacks"),
+    ("colour_bytes", "colour bytes", "bytes", "colour read and written"),
+    ("shaded_vertices", "vertices shaded", "vertices", "vertices shaded"),
+    ("quads", "quads", "quads", "2x2 quads shaded"),
+    ("partial_quads", "partial quads", "quads", "2x2 quads shaded of which a lane covers nothing"),
+    ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks touched"),
+    ("fragments", "fragments", "pixels", "covered pixels"),
+    ("hits", "hits", "pixels", "covered pixels, found by testing"),
+    (
         "depth_ties",
         "ties of depth",
         "pixels",
         "depth tests that rounding decides, so that devices may differ",
-        better="none",
     ),
-    _counter(
-        "samples_passed",
-        "samples passed",
-        "samples",
-        "covered samples, by the driver's own query",
-        better="none",
-    ),
+    ("samples_passed", "samples passed", "samples", "covered samples, by the driver's own query"),
 )
+"""Names, labels, units and descriptions of the built-in rasterisers' counters."""
 
-COUNTERS = {counter.name: counter for counter in _COUNTERS}
+_MORE: dict[str, dict[str, Any]] = {
+    CYCLES: {"heading": "cycles"},
+    "helper_lanes": {"heading": "helpers", "best_case": 0.0},
+    "bbox_tests": {"heading": "tests"},
+    "partial_quads": {"best_case": 0.0},
+    **{same: {"better": "none"} for same in ("fragments", "hits", "depth_ties", "samples_passed")},
+}
+"""What else is known of some of them."""
+
+COUNTERS = {
+    name: Counter(name, *shown, description=description, **_MORE.get(name, {}))
+    for name, *shown, description in _TABLE
+}
 """Counters of the built-in rasterisers, in the order in which they are shown."""
 
 _known = dict(COUNTERS)

@@ -27,6 +27,9 @@ Read = Callable[[Record], float | None]
 PREDICTED = "predicted_"
 """Prefix of a prediction's column where counters stand beside it."""
 
+LANES = 4
+"""Of a quad."""
+
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
@@ -101,11 +104,6 @@ class Figure:
         """
         return self.kind in ("counter", "count") and self.has_direction
 
-    @property
-    def adds_up(self) -> bool:
-        """Whether the sum over cases means something: not that of ratios."""
-        return self.unit != "x"
-
 
 def _field(*path: str, scale: float = 1.0) -> Read:
     def read(record: Record) -> float | None:
@@ -117,12 +115,12 @@ def _field(*path: str, scale: float = 1.0) -> Read:
     return read
 
 
-def _ratio(top: Read, bottom: Read) -> Read:
+def _ratio(top: Read, bottom: Read, scale: int = 1) -> Read:
     def divide(record: Record) -> float | None:
         numerator, denominator = top(record), bottom(record)
         if numerator is None or not denominator:
             return None
-        return numerator / denominator
+        return scale * numerator / denominator
 
     return divide
 
@@ -131,14 +129,9 @@ def _counter(name: str) -> Read:
     return _field("counters", name)
 
 
-def _shaded_lanes(record: Record) -> float | None:
-    quads = _counter("quads")(record)
-    return None if quads is None else 4 * quads
-
-
-def _lanes_above_limit(record: Record) -> float | None:
-    shaded, outline = _shaded_lanes(record), record.get(OUTLINE)
-    return None if shaded is None or outline is None else shaded - 4 * outline
+def _quads_above_limit(record: Record) -> float | None:
+    quads, outline = _quads(record), record.get(OUTLINE)
+    return None if quads is None or outline is None else quads - outline
 
 
 def _regret(record: Record) -> float | None:
@@ -167,14 +160,14 @@ def _reference_s(record: Record) -> float | None:
     return statistics.median(reference) if reference else None
 
 
-_fragments = _counter("fragments")
+_fragments, _quads = _counter("fragments"), _counter("quads")
 
 _METRICS = (
     Figure(
         "overshading",
         "lanes shaded per pixel",
         "x",
-        _ratio(_shaded_lanes, _fragments),
+        _ratio(_quads, _fragments, LANES),
         kind="ratio",
         best_case=1.0,
         description="lanes shaded for each pixel covered",
@@ -200,7 +193,7 @@ _METRICS = (
         "above_limit",
         "lanes per pixel above the limit",
         "x",
-        _ratio(_lanes_above_limit, _fragments),
+        _ratio(_quads_above_limit, _fragments, LANES),
         kind="ratio",
         best_case=0.0,
         description=(

@@ -15,7 +15,7 @@ import math
 import os
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from harness.machine import system
 from harness.machine.environment import processor
+from harness.stored import atomic
 
 State = Literal["quiet", "disturbed", "not to be trusted"]
 QUIET: Final = "quiet"
@@ -73,10 +74,6 @@ class RunState:
 
     state: State
     why: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it JSON-ready."""
-        return {**asdict(self), "why": list(self.why)}
 
     @property
     def is_quiet(self) -> bool:
@@ -221,7 +218,9 @@ def state_of(facts: Mapping[str, Any], records: Iterable[Mapping[str, Any]]) -> 
     told = facts.get("state")
     if isinstance(told, Mapping) and told.get("state") in get_args(State):
         why = told.get("why")
-        return RunState(told["state"], tuple(map(str, why if isinstance(why, list) else ())))
+        return RunState(
+            told["state"], tuple(map(str, why if isinstance(why, list | tuple) else ()))
+        )
     return judge(records)
 
 
@@ -300,9 +299,7 @@ def _keep(
             for key, second in draws.items():
                 best, runs = stored.get(names[key], (second, 0))
                 stored[names[key]] = (min(best, second), runs + 1)
-            new = path.with_suffix(".new")
-            new.write_text(json.dumps(stored, indent=1), encoding="utf-8")
-            new.replace(path)
+            atomic.write(path, json.dumps(stored, indent=1).encode())
     except OSError:
         stored = _read(path)
     return {key: stored.get(names[key], (second, 1)) for key, second in draws.items()}

@@ -213,7 +213,7 @@ def _measure(
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
             draws = reference_draws(records.values(), default_path())
-            facts["state"] = {**judge(records.values(), draws).to_json(), "draws": draws}
+            facts["state"] = {**vars(judge(records.values(), draws)), "draws": draws}
             keeper.write_facts(facts)
         if not bench.stopping:
             stores[0].drop_counted()

@@ -15,7 +15,7 @@ import pandas as pd
 from harness.scaling.census import Census, TileCensus
 from harness.scaling.sums import BINS, GAINED, MEASURES, Counted, Group, Sums
 from harness.stored import atomic
-from harness.style import TWO_COLUMNS, draw, looks, plain_table
+from harness.style import TWO_COLUMNS, draw, grid, looks, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,13 +149,9 @@ def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table
 
 def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
     """Draw which share of footprints gains at least so much, for quads and for helper lanes."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(TWO_COLUMNS, 2.8))
+    figure, panels = grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
     styles = looks(triangulators)
-    for panel, measure in zip(
-        figure.subplots(1, 2, sharey=True), ("helper_lanes", "quads"), strict=True
-    ):
+    for panel, measure in zip(panels, ("helper_lanes", "quads"), strict=True):
         for number, name in enumerate(triangulators[1:], start=1):
             bins = sums.bins[number, GAINED.index(measure)]
             share = np.cumsum(bins[::-1])[::-1] / max(1, bins.sum())
@@ -164,17 +160,14 @@ def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
         panel.set_ylim(0, 100)
         panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
         panel.set_xlabel(f"gain in {measure.replace('_', ' ')}, % of {triangulators[0]}'s")
-    first = figure.axes[0]
-    first.set_ylabel(f"{what} that gain at least as much, %")
-    first.legend(fontsize=7)
+    panels[0].set_ylabel(f"{what} that gain at least as much, %")
+    panels[0].legend(fontsize=7)
     figure.suptitle(f"What is gained on {sums.count('polygons'):,} {what}?", fontsize=8)
     return figure
 
 
 def map_of(cells: pd.DataFrame, census: Census) -> Figure:
     """Draw, for each cell of the map, what the last triangulator saves of its helper lanes."""
-    from matplotlib.figure import Figure
-
     coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MOST_CELLS)))
     sums = cells.groupby([cells["y"] // coarse, cells["x"] // coarse]).sum()
     base, *_, last = (sums[f"helper_lanes {name}"] for name in census.triangulators)
@@ -183,8 +176,7 @@ def map_of(cells: pd.DataFrame, census: Census) -> Figure:
     gain = gain.reindex(range(south, north + 1), columns=range(west, east + 1))
     size = census.cell * coarse
     extent = (west * size, (east + 1) * size, south * size, (north + 1) * size)
-    figure = Figure(figsize=(TWO_COLUMNS, 5.0))
-    panel = figure.subplots()
+    figure, (panel,) = grid((TWO_COLUMNS, 5.0))
     seen = gain.to_numpy()[np.isfinite(gain)]
     low_gain, high_gain = np.percentile(seen, [2, 98]) if len(seen) else (0.0, 1.0)
     picture = panel.imshow(

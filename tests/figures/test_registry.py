@@ -198,7 +198,7 @@ def test_shaded_lanes_are_four_a_quad():
     assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None
     assert find("draw_ms")({"time": {"median_s": 0.5}}) == 500.0
     names = ("quads", "fragments", "overshading", "draw_ms", "regret")
-    assert [find(name).adds_up for name in names] == [True, True, False, True, False]
+    assert [find(name).unit != "x" for name in names] == [True, True, False, True, False]
     assert [find(name).is_cost for name in names] == [True, True, False, False, False]
 
 
