@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from harness.figures import views
-from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.groups import base_of, condition, groups, time_ratio
 from harness.figures.intervals import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
     LEAST,
@@ -27,7 +27,6 @@ from harness.figures.verdict import (
     advice,
     break_even,
     decide,
-    explained,
     polygons_of,
 )
 from harness.stored import atomic
@@ -58,7 +57,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
                 console.print(_note(record))
         lines = [*views.said(good), *_proven(good), *_judged(good)]
         if decision:
-            lines += [line for line in (explained(decision), advice(decision)) if line]
+            lines.append(advice(decision))
         for line in lines:
             console.print(line, markup=False, highlight=False)
 
@@ -94,14 +93,10 @@ def _table(decision: Decision, *, wide: bool) -> Table:
 
 
 def _title(first: Record) -> str:
-    title = (
-        f"{first['scene']}, {polygons_of(first):,} polygons, {first['resolution']} px: "
+    return (
+        f"{first['scene']}, {polygons_of(first):,} polygons, {condition(first)}: "
         f"{first['rasteriser']} on {first['device']}"
     )
-    if first["rotation"]:
-        title += f", turned by {first['rotation']:g} degrees"
-    order = (first.get("options") or {}).get("order", "native")
-    return title if order == "native" else f"{title}, {order} order"
 
 
 def _shown(records: Sequence[Record], *, wide: bool) -> list[Figure]:
@@ -181,11 +176,6 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else form.format(value)
 
 
-def _finite(value: float | None) -> float | None:
-    """Return what JSON can hold; there is no number for an interval without end."""
-    return value if value is not None and math.isfinite(value) else None
-
-
 def write_csv(records: Sequence[Record], file: Path) -> None:
     """Write one row per case: its identity, its counters and every metric, as `file`."""
     import pandas as pd
@@ -209,33 +199,21 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
     ends = (record.get("time") or {}).get("ci95_s")
     low, high = (end * 1e3 for end in ends) if ends else (None, None)
     row |= {"draw_low_ms": low, "draw_high_ms": high}
-    over = views.over_views(record, base) if record["status"] == "ok" else None
-    if over is not None:
-        row |= {
-            "views": over.views,
-            "view_measure": over.measure,
-            "view_mean": over.mean,
-            "view_mean_low": _finite(over.mean_low),
-            "view_mean_high": _finite(over.mean_high),
-            "view_ratio": over.ratio,
-            "view_ratio_low": _finite(over.low),
-            "view_ratio_high": _finite(over.high),
-        }
-    ratio = time_ratio(record, base) if record["status"] == "ok" else None
-    if ratio is not None:
+    base = base if record["status"] == "ok" else None
+    if (over := views.over_views(record, base)) is not None:
+        told = {f"view_{name}": value for name, value in vars(over).items() if name != "views"}
+        row |= {"views": over.views, **told}
+    if (ratio := time_ratio(record, base)) is not None:
         row |= {
             "time_ratio": ratio.value,
             "time_ratio_low": ratio.low,
             "time_ratio_high": ratio.high,
             "verdict": ratio.verdict,
         }
-        even = break_even(record, base)
-        if even is not None:
-            after = even.kind == "after"
-            row |= {
-                "break_even": even.written,
-                "break_even_draws": even.draws if after else None,
-                "break_even_low": even.low if after else None,
-                "break_even_high": _finite(even.high) if after else None,
-            }
-    return row
+        if (even := break_even(record, base)) is not None:
+            after = (even.draws, even.low, even.high) if even.kind == "after" else [None] * 3
+            names = ("break_even_draws", "break_even_low", "break_even_high")
+            row |= {"break_even": even.written, **dict(zip(names, after, strict=True))}
+    # There is no number in JSON for what is not known, or an interval without end.
+    unknown = {name for name, v in row.items() if isinstance(v, float) and not math.isfinite(v)}
+    return row | dict.fromkeys(unknown)

@@ -166,17 +166,14 @@ def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
     """Say in how many views another triangulator was shown to be faster than `name`."""
     if views.empty:
         return
+    from harness.figures.groups import condition
+
     beaten = views[views["faster"] != ""]
     kept = len(views) - len(beaten)
     typer.echo(f"{name}: no other was shown to be faster in {kept} of {len(views)} views")
     for row in beaten.head(MOST_SAID).to_dict("records"):
-        view = f"{row['scene']} {row['resolution']} px, {row['rasteriser']} on {row['device']}"
-        usual_of = (("rotation", "turned", 0), ("work", "work", 0), ("samples", "samples", 1))
-        for key, word, usual in usual_of:
-            if row[key] != usual:
-                view += f", {word} {row[key]:g}"
-        view += f", {row['order']} order" if row["order"] != "native" else ""
-        typer.echo(f"  {view}: {row['faster']} faster")
+        where = f"{row['scene']} {condition(row)}, {row['rasteriser']} on {row['device']}"
+        typer.echo(f"  {where}: {row['faster']} faster")
     if len(beaten) > MOST_SAID:
         typer.echo(f"  and {len(beaten) - MOST_SAID} more views")
 

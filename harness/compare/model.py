@@ -10,9 +10,9 @@ from typing import Any, Literal
 from harness import errors
 from harness.errors import UsageError, unknown
 from harness.figures.counters import CYCLES
+from harness.figures.groups import condition
 from harness.figures.registry import figures as registered
 from harness.figures.registry import find
-from harness.stored.schema import USUAL_OPTIONS
 
 FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost best, the best first."""
@@ -92,16 +92,8 @@ class CaseName:
     @property
     def where(self) -> str:
         """The case without its triangulator."""
-        text = f"{self.scene} {self.resolution} px"
-        if self.rotation:
-            text += f" turned {self.rotation:g}°"
-        if self.fit != "box":
-            text += f" fit to a {self.fit}"
-        text += f", {self.rasteriser} on {self.device}"
-        changed = [
-            f"{name}={value}" for name, value in self.options if value != USUAL_OPTIONS.get(name)
-        ]
-        return ", ".join([text, *changed])
+        how = condition({**vars(self), "options": dict(self.options)})
+        return f"{self.scene} {how}, {self.rasteriser} on {self.device}"
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,28 @@ SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
 """Criteria that, when they are all equal, show two names for one triangulation."""
 
 
+CONDITIONS = {
+    "rotation": (0.0, "turned {:g}°"),
+    "fit": ("box", "fit to a {}"),
+    "samples": (1, "{} samples per pixel"),
+    "work": (0, "work {}"),
+    "order": ("native", "{} order"),
+    "seed": (0, "seed {}"),
+}
+"""How something is drawn usually, and what is said where it is not."""
+
+
+def condition(record: Record) -> str:
+    """Say how what a record is of was drawn: `128 px, turned 30°, work 8`."""
+    told = {**record, **(record.get("options") or {})}
+    unusual = (
+        form.format(told[name])
+        for name, (usual, form) in CONDITIONS.items()
+        if told.get(name) not in (None, usual)
+    )
+    return ", ".join([f"{record['resolution']} px", *unusual])
+
+
 def group_of(record: Record) -> tuple[Any, ...]:
     """Return what the records that may be compared with each other have in common."""
     options = tuple(sorted((record.get("options") or {}).items()))

@@ -11,8 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from harness.figures.counters import CYCLES
-from harness.figures.groups import base_of, time_ratio
+from harness.figures.groups import base_of, condition, time_ratio
 from harness.figures.intervals import FASTER, SLOWER, Ratio, Verdict, student_interval
 from harness.figures.registry import find, measures, value_of
 from harness.figures.run_state import QUIET, State
@@ -174,7 +173,6 @@ class Standing:
     complete : whether it left no polygon out
     ratio : its paired ratio of times, None where there is none
     pays : when it has paid, None where that is not defined
-    disagrees : whether its median time is on the other side of the base's than the ratio says
     """
 
     record: Record
@@ -182,7 +180,6 @@ class Standing:
     complete: bool
     ratio: Ratio | None
     pays: BreakEven | None
-    disagrees: bool
 
     @property
     def name(self) -> str:
@@ -278,28 +275,14 @@ def _standing(record: Record, base: Record, whole: int) -> Standing:
     """
     ratio = time_ratio(record, base)
     counted = measures(record.get("counters") or ())
-    quiet = ratio is None or ratio.quiet
-    names = [TIME, *counted] if quiet or not counted else counted
-    cost, usual = value_of(record, names) or 0.0, value_of(base, names)
-    relative = cost / usual if usual else cost
     if ratio is not None and (ratio.quiet or not counted):
-        relative = ratio.value
-    return Standing(
-        record=record,
-        cost=relative,
-        complete=record["polygons"] == whole,
-        ratio=ratio,
-        pays=break_even(record, base),
-        disagrees=ratio is not None
-        and ratio.quiet
-        and (_median(record) - _median(base)) * (ratio.value - 1) < 0,
-    )
-
-
-def _median(record: Record) -> float:
-    """Return its median time, of a device whose time is a count its cycles."""
-    time = record["time"]
-    return float(time["median_s"] if "median_s" in time else time[CYCLES])
+        cost = ratio.value
+    else:
+        names = [TIME, *counted] if ratio is None else counted
+        cost, usual = value_of(record, names) or 0.0, value_of(base, names)
+        cost = cost / usual if usual else cost
+    complete = record["polygons"] == whole
+    return Standing(record, cost, complete, ratio, break_even(record, base))
 
 
 def _choose(
@@ -333,32 +316,12 @@ def _choose(
     return "open", base if base in rivals else open_[0], None
 
 
-def explained(decision: Decision) -> str | None:
-    """Say why times and ratios are in another order, where they are."""
-    apart = [each.name for each in decision.standings if each.disagrees and each.complete]
-    timed = [each for each in decision.standings if each.ratio is not None and each.complete]
-    if decision.state != QUIET:
-        return None
-    medians = [_median(each.record) for each in timed]
-    if not apart and medians == sorted(medians):
-        return None
-    why = (
-        "a ratio is taken within rounds, so that what the machine does to both cancels; a median "
-        "is over all rounds. The ratio decides, and the rows are in its order"
-    )
-    if apart:
-        names = ", ".join(apart)
-        return f"{names}: median and ratio to {decision.base.name} seem to disagree: {why}."
-    return f"Medians are in another order than ratios: {why}."
-
-
 def advice(decision: Decision | None) -> str:
     """Return one sentence about a group: which triangulator to take, and why."""
     if decision is None:
         return "Nothing was measured: every case was skipped or failed."
     first = decision.choice.record
-    turned = f", turned by {first['rotation']:g} degrees" if first.get("rotation") else ""
-    place = f"{first['device']} ({first['rasteriser']}, {first['resolution']} px{turned})"
+    place = f"{first['device']} ({first['rasteriser']}, {condition(first)})"
     return f"On {place}, {_advice(decision, first['scene'])}."
 
 

@@ -25,23 +25,23 @@ class OverViews:
     """A counter of a record of v views, with 95 % intervals over these; NaN for none.
 
     mean : a view's, with `mean_low` and `mean_high`
-    ratio : of the sum to the base's, with `low` and `high`
+    ratio : of the sum to the base's, with `ratio_low` and `ratio_high`
     """
 
-    measure: str
     views: int
+    measure: str
     mean: float
     mean_low: float
     mean_high: float
     ratio: float
-    low: float
-    high: float
+    ratio_low: float
+    ratio_high: float
 
     @property
     def written(self) -> str:
         """The ratio, with its interval if it has one."""
-        ends = f" ({self.low:.3f}-{self.high:.3f})" if isfinite(self.low) else ""
-        return f"{self.ratio:.3f}{ends}"
+        told = f" ({self.ratio_low:.3f}-{self.ratio_high:.3f})"
+        return f"{self.ratio:.3f}{told if isfinite(self.ratio_low) else ''}"
 
 
 def over_views(record: Record, base: Record | None, measure: str = "") -> OverViews | None:
@@ -60,8 +60,8 @@ def over_views(record: Record, base: Record | None, measure: str = "") -> OverVi
     if not usual.sum():
         return None
     return OverViews(
-        measure,
         len(own),
+        measure,
         float(own.mean()),
         *mean_interval(own),
         float(own.sum() / usual.sum()),

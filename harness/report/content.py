@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.figures import views
 from harness.figures.counters import ESTIMATES, estimated
-from harness.figures.groups import base_of, groups
+from harness.figures.groups import base_of, condition, groups
 from harness.figures.polygons import (
     Columns,
     columns_of,
@@ -21,14 +21,14 @@ from harness.figures.polygons import (
 )
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.figures.run_state import state_of
-from harness.figures.verdict import Decision, Standing, advice, decide, explained
+from harness.figures.verdict import Decision, Standing, advice, decide
 from harness.machine.environment import commit_of, label_of
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
-from harness.stored.schema import FITS, USUAL_OPTIONS, flat
+from harness.stored.schema import flat
 from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
@@ -177,14 +177,13 @@ def _group(
     # One polygon has no columns of its own: its record's totals are its counters.
     totals = measures((base or first).get("counters") or ())
     main = next(iter([*counted, *totals]), None)
-    options = first.get("options") or {}
     spread = matrix.read(polygons.run, view_of(first)) if main in matrix.MEASURES else None
     return {
         "scene": first["scene"],
         "rasteriser": first["rasteriser"],
         "device": first["device"],
         "view": drawings.name_of(view_of(first)),
-        "condition": _condition(first, options),
+        "condition": condition(first),
         "base": base_name,
         "measures": counted,
         "main": main,
@@ -197,7 +196,6 @@ def _group(
         },
         "answer": advice(decision),
         "judged": criteria_of(main, correlations, spread),
-        "explained": explained(decision) if decision else None,
         "views": views.said(members),
     }, correlations
 
@@ -219,25 +217,9 @@ def _case(
         "row": {name: _rounded(value) for name, value in (row | predicted).items()},
         "rank": ranked[0] if ranked else None,
         "complete": bool(ranked and ranked[1].complete),
-        "disagrees": bool(ranked and ranked[1].disagrees),
         "warnings": (record.get("time") or {}).get("warnings", []),
         "counted": None if columns is None else polygons.counted(record, columns),
     }
-
-
-def _condition(record: Record, options: Content) -> str:
-    told = {**USUAL_OPTIONS, **options, "rotation": record["rotation"]}
-    told["fit"] = record.get("fit") or FITS[0]
-    usual = {**USUAL_OPTIONS, "rotation": 0.0, "fit": FITS[0]}
-    words = {
-        "rotation": "turned {:g}°",
-        "fit": "fit to a {}",
-        "samples": "{} samples per pixel",
-        "work": "work {}",
-        "order": "order {}",
-    }
-    parts = [form.format(told[name]) for name, form in words.items() if told[name] != usual[name]]
-    return ", ".join([f"{record['resolution']} px", *parts])
 
 
 def _interest(members: Sequence[Record]) -> tuple[bool, bool, bool]:

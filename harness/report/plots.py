@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.figures.counters import of_measure
-from harness.figures.groups import base_of, groups
+from harness.figures.groups import base_of, condition, groups
 from harness.figures.polygons import (
     Columns,
     columns_of,
@@ -100,7 +100,7 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     where = members[0]
     figure.suptitle(
         f"Which criterion predicts {find(measure).label}? {where['scene']}, "
-        f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
+        f"{condition(where)},\n{where['rasteriser']} on {where['device']}; "
         "one mark per polygon and triangulator",
         fontsize=9,
     )

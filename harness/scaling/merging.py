@@ -87,8 +87,8 @@ def merge(runs: Sequence[Run], out: Path) -> int:
 
 
 def _name(record: Record) -> str:
-    view = f"{record['resolution']} px, {record['rotation']:g} degrees"
-    return f"{record['triangulator']}, {view}, {record['rasteriser']} on {record['device']}"
+    where = f"{record['rasteriser']} on {record['device']}"
+    return f"{record['triangulator']}, {groups.condition(record)}, {where}"
 
 
 def _by_key(runs: Iterable[Run]) -> list[_Found]:

@@ -281,7 +281,7 @@ def usual(edit: Edit) -> Callable[[str], dict[str, Any]]:
 
 def test_a_case_says_where_it_is(tmp_path):
     case = case_name(record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"})
-    assert case.where == "city 1024 px turned 22.5° fit to a circle, opengl on llvmpipe"
+    assert case.where == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
 
 
 def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import RUN_SCATTER
-from harness.figures.verdict import BreakEven, advice, break_even, decide, explained
+from harness.figures.verdict import BreakEven, advice, break_even, decide
 from harness.report.content import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
@@ -195,27 +195,6 @@ def test_nothing_and_one():
     assert decide([]) is None
     assert advice(decide([])).startswith("Nothing was measured")
     assert "triangulated by ear-clipping alone" in advice(decide([base()]))
-
-
-def test_a_median_that_says_otherwise_is_explained():
-    """Its rounds are faster than the base's beside them, its median over all is longer."""
-    machine = np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
-    first = base()
-    other = made("delaunay", "faster")
-    reference = [1e-3] * len(machine)
-    first["time"] |= {"samples_s": (0.1 * machine).tolist(), "reference_s": reference}
-    other["time"] |= {"samples_s": (0.09 * machine).tolist(), "reference_s": reference}
-    first["time"]["median_s"], other["time"]["median_s"] = 0.17, 0.18
-    decision = decide([first, other])
-    assert "delaunay: median and ratio to ear-clipping seem to disagree" in explained(decision)
-    assert explained(decide([base(), made("delaunay", "faster")])) is None
-
-
-def test_equal_times_do_not_disagree():
-    first, twin = base(), made("delaunay")
-    twin["time"] = first["time"]
-    others = [twin, made("greedy", "slower"), made("fan", "faster")]
-    assert not any(each.disagrees for each in decide([first, *others]).standings)
 
 
 def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():

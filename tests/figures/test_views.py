@@ -72,17 +72,17 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
     usual = np.array(BASE[VIEWS]["helper_lanes"], float)
     assert (over.measure, over.views) == ("helper_lanes", 8)
     assert over.ratio == pytest.approx(506 / 658)
-    assert (over.low, over.high) == ratio_interval(lanes, usual)
+    assert (over.ratio_low, over.ratio_high) == ratio_interval(lanes, usual)
     assert (over.mean, over.mean_low, over.mean_high) == (lanes.mean(), *mean_interval(lanes))
     row = row_of({**OTHER, "key": "0" * 16}, BASE)
     assert row["views"] == 8
-    assert row["view_ratio_low"] == over.low
+    assert row["view_ratio_low"] == over.ratio_low
     assert row["view_mean_high"] == over.mean_high
     line, quads = said([BASE, OTHER])
     assert quads.startswith("quads in ratio to ear-clipping's, with 95 %")
     assert line == (
         "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
-        f"flips:l1 0.769 ({over.low:.3f}-{over.high:.3f})"
+        f"flips:l1 0.769 ({over.ratio_low:.3f}-{over.ratio_high:.3f})"
     )
     fewest = [record(name, range(9, 9 + FEWEST)) for name in "ab"]
     assert f"intervals over {FEWEST} tiles" in said(fewest)[0]

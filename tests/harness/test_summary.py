@@ -132,8 +132,6 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
     medians = {each["triangulator"]: each["time"]["median_s"] for each in records}
     assert medians["greedy"] < medians["ear-clipping"]
     text = printed(records)
-    assert "greedy: median and ratio to ear-clipping seem" not in text
-    assert "Medians are in another order than ratios" in text
     lines = text.splitlines()[2:5]
     assert [line.split()[0] for line in lines] == ["greedy", "delaunay", "ear-clipping"]
     assert "0.900 (0.500-0.950)" in lines[1]

@@ -88,9 +88,7 @@ def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
             record["time"] = {**record["time"], "median_s": 1.0}
         return record
 
-    with pytest.raises(
-        UsageError, match=r"differ: delaunay, 128 px, 0 degrees, .* on scripted"
-    ) as e:
+    with pytest.raises(UsageError, match=r"differ: delaunay, 128 px, .* on scripted") as e:
         merge([first, with_records(first, slower)], tmp_path / "out")
     assert "64 px" not in str(e.value)
     assert "--hosts" in str(e.value)

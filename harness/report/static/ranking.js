@@ -79,7 +79,7 @@ function rankingOf(at, index) {
     ...rankingColumns(at, rows).map(([title, what, show]) => [title, "number", (each) => show(each.row), what]),
   ];
   return element("div", {}, rankingTable(`Ranking: ${at.rasteriser} on ${at.device}`, `${at.rasteriser} on ${at.device}, ${at.condition}`, columns, rows),
-    at.explained ? element("p", { class: "quiet" }, at.explained) : null, ...at.views.map((line) => element("p", { class: "quiet" }, line)));
+    ...at.views.map((line) => element("p", { class: "quiet" }, line)));
 }
 
 function drawRanking() {
