@@ -124,19 +124,13 @@ def _proven(records: Sequence[Record]) -> list[str]:
     lines = [f"proven optimal, every polygon: {', '.join(whole)}"] if whole else []
     for record in told:
         if record["proven"] != record["polygons"]:
-            rest = _unproven(record.get("largest_gap"))
+            # No cost is negative, so a gap of 100 % says nothing.
+            gap = record.get("largest_gap")
+            some = gap is None or round(gap, 4) >= 1.0
+            rest = "some of the others have no bound" if some else f"the others within {gap:.2%}"
             count = f"{record['proven']:,} of {record['polygons']:,} polygons"
             lines.append(f"proven optimal, {count}: {record['triangulator']}; {rest}")
     return lines
-
-
-def _unproven(gap: float | None) -> str:
-    """Say how far polygons may be from the optimum; no cost is negative, so 100 % says nothing."""
-    if gap is None:
-        return "the others were searched"
-    if round(gap, 4) >= 1.0:
-        return "of the others, some have no bound"
-    return f"the others within {gap:.2%}"
 
 
 def _judged(records: Sequence[Record]) -> list[str]:

@@ -1,6 +1,6 @@
 """What rasterisers count: how each counter is shown; what criteria predict of it, in its unit."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -117,10 +117,6 @@ def place(name: str) -> tuple[int, str]:
     return list(_known).index(name) if name in _known else len(_known), name
 
 
-Columns = Mapping[str, Any]
-"""Sums, or (p,) values of polygons, by name."""
-
-
 @dataclass(frozen=True)
 class InUnit:
     """What a criterion says of a counter, in the counter's unit.
@@ -130,48 +126,32 @@ class InUnit:
 
     measure : the counter
     formula : as it is written
-    needs : columns of predictions that `compute` reads
+    terms : columns of predictions, and how often each counts in the sum
     """
 
     measure: str
     formula: str
-    needs: tuple[str, ...]
-    compute: Callable[[Columns], Any]
+    terms: Mapping[str, int]
 
 
 ESTIMATES = {
     # A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded.
-    "helper_lanes_by_quads": InUnit(
-        "helper_lanes",
-        "4Q - S",
-        ("expected_quads", "area"),
-        lambda of: 4 * of["expected_quads"] - of["area"],
-    ),
+    "helper_lanes_by_quads": InUnit("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
     # To first order Q is such that these are half-perimeters, and one for each triangle.
     "helper_lanes_by_half_perimeter": InUnit(
-        "helper_lanes",
-        "H + T",
-        ("half_perimeter", "triangles"),
-        lambda of: of["half_perimeter"] + of["triangles"],
+        "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
     # Every pixel centre of a bounding box is tested.
-    "bbox_tests_by_overdraw": InUnit(
-        "bbox_tests", "A + S", ("overdraw", "area"), lambda of: of["overdraw"] + of["area"]
-    ),
+    "bbox_tests_by_overdraw": InUnit("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
 """By their column; of a counter the exact one first."""
 
 
-def of_measure(measure: str | None) -> list[str]:
-    """Return the names of the estimates of a counter, the exact one first."""
-    return [name for name, each in ESTIMATES.items() if each.measure == measure]
-
-
-def estimated(columns: Columns, prefix: str = "") -> dict[str, Any]:
+def estimated(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return every estimate that the columns, or sums, allow; names of both begin with `prefix`."""
     found = {}
     for name, each in ESTIMATES.items():
-        known = {need: columns.get(prefix + need) for need in each.needs}
+        known = {term: columns.get(prefix + term) for term in each.terms}
         if all(value is not None for value in known.values()):
-            found[prefix + name] = each.compute(known)
+            found[prefix + name] = sum(each.terms[term] * known[term] for term in known)
     return found

@@ -76,11 +76,6 @@ class Figure:
         return f"{self.label} {self.symbol}".strip()
 
     @property
-    def written(self) -> str:
-        """The name as on the command line; a criterion's has hyphens."""
-        return self.name.replace("_", "-") if self.kind == "prediction" else self.name
-
-    @property
     def exact(self) -> bool:
         """Whether it is the same at every run: everything but times."""
         return self.kind != "time"

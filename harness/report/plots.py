@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.counters import of_measure
+from harness.figures.counters import ESTIMATES
 from harness.figures.groups import base_of, condition, groups
 from harness.figures.polygons import (
     Columns,
@@ -85,7 +85,8 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         if (rank := rank_correlation(*ratio_pairs(columns, base, name, measure))) is not None
     }
     best = max((n for n in ranks if n != PAPER), key=ranks.__getitem__, default=PAPER)
-    estimates = [name for name in of_measure(measure) if PREDICTED + name in columns[base]]
+    of_it = [name for name, each in ESTIMATES.items() if each.measure == measure]
+    estimates = [name for name in of_it if PREDICTED + name in columns[base]]
     panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
     figure, axes = grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):

@@ -123,7 +123,7 @@ def _choices(good: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
         known = [k for k, r in enumerate(good) if criterion in r["predicted"]]
         values = [good[k]["predicted"][criterion] for k in known]
         if known and min(values) < max(values):  # otherwise it chooses none
-            yield "criterion", find(criterion).written, known[int(np.argmin(values))]
+            yield "criterion", criterion.replace("_", "-"), known[int(np.argmin(values))]
     for place, record in enumerate(good):
         family = family_of(record["triangulator"])
         if family.partition(":")[0] not in NOT_CHOSEN:

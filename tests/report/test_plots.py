@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.figures.counters import ESTIMATES, estimated, of_measure
+from harness.figures.counters import ESTIMATES, estimated
 from harness.figures.polygons import columns_of, error_of, ratio_pairs
 from harness.figures.registry import PREDICTED, find
 from harness.report.plots import NAME, plot_run
@@ -89,8 +89,6 @@ def test_each_has_the_unit_of_what_it_predicts():
         figure = find(PREDICTED + name)
         assert figure.unit == find(each.measure).unit
         assert figure.title == f"{find(each.measure).label} by {each.formula}"
-        assert name in of_measure(each.measure)
-    assert of_measure(None) == []
 
 
 def test_the_error_is_a_share():
