@@ -144,21 +144,19 @@ def _judged(records: Sequence[Record]) -> list[str]:
 
 def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> list[Text]:
     """Return the ratio with its interval, then when it has paid, or else the verdict."""
-    left_out = is_base and each.record["polygons"] != polygons_of(each.record)
-    if left_out or not each.complete:
-        note = f"{each.record['polygons']} of {complete} "
-        return [Text(f"{note}done"), Text("")] if paid else [Text(f"({note}polygons)")]
-    ratio = each.ratio
-    if is_base or ratio is None:
-        return [Text("-" if is_base else ""), *[Text("")] * paid]
-    colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
-    words = each.pays.short if each.pays else WORDS[ratio.verdict]
-    shown = f"{ratio.value:.3f}"
-    if not ratio.exact:
-        shown += f" ({ratio.low:.3f}-{ratio.high:.3f})"
-    if paid:
-        return [Text(shown, style=colour), Text(words, style=colour)]
-    return [Text(f"{shown} {words}", style=colour)]
+    drawn, ratio, colour, words = each.record["polygons"], each.ratio, "", ""
+    if drawn != complete:
+        told = f"{drawn} of {complete} done"
+    elif is_base or ratio is None:
+        told = "-" if is_base else ""
+    else:
+        told = f"{ratio.value:.3f}"
+        if not ratio.exact:
+            told += f" ({ratio.low:.3f}-{ratio.high:.3f})"
+        colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
+        words = each.pays.short if each.pays else WORDS[ratio.verdict]
+    cells = [told, words] if paid else [f"{told} {words}".strip()]
+    return [Text(cell, style=colour) for cell in cells]
 
 
 def _note(record: Record) -> Text:

@@ -239,28 +239,27 @@ def paired_ratio(
     if len(samples) != len(base) or len(samples) == 0:
         raise ValueError(f"{len(samples)} and {len(base)} samples are not rounds of one group")
     ratios = np.asarray(samples, np.float64) / np.asarray(base, np.float64)
-    if kept is not None:
-        epochs, processes = _parts_of(kept, epochs), _parts_of(kept, processes)
-        ratios = ratios[kept]
+    kept = np.ones(len(ratios), np.bool_) if kept is None else kept
+    ratios = ratios[kept]
     count = len(ratios)
     confidence = CONFIDENCE ** (1 / max(1, among))
-    ends = np.cumsum(epochs if epochs is not None and sum(epochs) == count else [count])
+    ends = np.cumsum(_parts_of(kept, epochs) or [count])
     medians = np.array([np.median(part) for part in np.split(np.log(ratios), ends[:-1])])
-    if processes is not None and len(processes) > 1 and sum(processes) == count:
+    of_processes = _parts_of(kept, processes)
+    if len(of_processes) > 1:
         # An epoch belongs to the process in which it ended.
-        of = np.searchsorted(np.cumsum(processes), ends)
+        of = np.searchsorted(np.cumsum(of_processes), ends)
         medians = np.array([medians[of == process].mean() for process in np.unique(of)])
-        return _of_logs(medians, count, confidence)
-    if len(medians) >= FEWEST_EPOCHS:
+    if len(of_processes) > 1 or len(medians) >= FEWEST_EPOCHS:
         return _of_logs(medians, count, confidence)
     low, high = median_interval(ratios.tolist(), confidence)
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
 
 
-def _parts_of(kept: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int] | None:
-    """Return how many rounds each part keeps, without those that keep none."""
+def _parts_of(kept: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int]:
+    """Return how many rounds each part keeps, without those that keep none; [] of no parts."""
     if parts is None or sum(parts) != len(kept):
-        return None
+        return []
     left = [int(part.sum()) for part in np.split(kept, np.cumsum(parts)[:-1])]
     return [rounds for rounds in left if rounds]
 

@@ -232,34 +232,22 @@ def decide(members: Sequence[Record]) -> Decision | None:
         return None
     measure = next(iter(measures(first.get("counters") or ())), None)
     whole = max(map(polygons_of, good))
-    ranked = sorted(
-        (_standing(record, first, whole) for record in good),
-        key=lambda each: (-each.record["polygons"], each.cost, each.name),
-    )
+    standings = [_standing(record, first, whole) for record in good]
+    standings.sort(key=lambda each: (-each.record["polygons"], each.cost, each.name))
+    ranked = tuple(standings)
     base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
     if not rivals and len(ranked) > 1:
-        return Decision(tuple(ranked), base, "part", ranked[0], (), measure, timed=False)
-    rivals = rivals or ranked
+        return Decision(ranked, base, "part", ranked[0], (), measure, timed=False)
+    rivals = rivals or standings
     ground, choice, saving = _choose(rivals, base, measure)
-    alike = []
-    for each in rivals if ground == "shown" else ():
-        if each is not choice and each is not base:
-            ratio = time_ratio(each.record, choice.record)
-            if ratio is not None and ratio.verdict != SLOWER:
-                alike.append(each.name)
+    others = [each for each in rivals if each is not choice and each is not base]
+    shown = others if ground == "shown" else []
+    ratios = {each.name: time_ratio(each.record, choice.record) for each in shown}
+    alike = tuple(name for name, ratio in ratios.items() if ratio and ratio.verdict != SLOWER)
     timed = any(each.ratio is not None and each is not base for each in rivals)
-    return Decision(
-        tuple(ranked),
-        base,
-        ground,
-        choice,
-        tuple(alike),
-        measure,
-        timed,
-        saving,
-        first.get("state", QUIET) if timed else QUIET,
-    )
+    state = first.get("state", QUIET) if timed else QUIET
+    return Decision(ranked, base, ground, choice, alike, measure, timed, saving, state)
 
 
 def polygons_of(record: Record) -> int:

@@ -74,7 +74,7 @@ def test_large_numbers_fit_eighty_columns():
 
 def test_the_fastest_comes_first_and_incomplete_ones_last():
     text = printed(RECORDS)
-    assert "(229 of 500 polygons)" in printed(RECORDS, width=120)
+    assert "229 of 500 done" in printed(RECORDS, width=120)
     lines = text.splitlines()
     order = [
         line.split()[0]
