@@ -100,42 +100,26 @@ class Figure:
         return self.kind in ("counter", "count") and self.has_direction
 
 
-def _field(*path: str, scale: float = 1.0) -> Read:
+def _field(*path: str) -> Read:
     def read(record: Record) -> float | None:
         value: Any = record
         for name in path:
             value = value.get(name) if isinstance(value, dict) else None
-        return None if value is None else value * scale
+        return value
 
     return read
 
 
-def _ratio(top: Read, bottom: Read, scale: int = 1) -> Read:
-    def divide(record: Record) -> float | None:
-        numerator, denominator = top(record), bottom(record)
-        if numerator is None or not denominator:
-            return None
-        return scale * numerator / denominator
-
-    return divide
+_quads, _fragments = _field("counters", "quads"), _field("counters", "fragments")
+_median_s = _field("time", "median_s")
 
 
-def _counter(name: str) -> Read:
-    return _field("counters", name)
+def _over(value: float | None, base: float | None, times: int = 1) -> float | None:
+    return None if value is None or not base else times * value / base
 
 
-def _quads_above_limit(record: Record) -> float | None:
-    quads, outline = _quads(record), record.get(OUTLINE)
-    return None if quads is None or outline is None else quads - outline
-
-
-def _regret(record: Record) -> float | None:
-    """Return how many more helper lanes there are than the fewest of any triangulation."""
-    known = record.get(LEAST)
-    if not known or 4 * known["quads"] <= known["fragments"]:
-        return None
-    fewest, own = (4 * known[name] - known["fragments"] for name in ("quads", "shaded"))
-    return float(own / fewest - 1.0)
+def _in_ms(seconds: float | None) -> float | None:
+    return None if seconds is None else seconds * 1e3
 
 
 def limit_of(record: Record) -> Record | None:
@@ -143,146 +127,115 @@ def limit_of(record: Record) -> Record | None:
 
     It has counters only; None where they are not known.
     """
-    fragments, outline = _counter("fragments")(record), record.get(OUTLINE)
+    fragments, outline = _fragments(record), record.get(OUTLINE)
     if fragments is None or outline is None:
         return None
-    helpers = 4 * outline - fragments
+    helpers = LANES * outline - fragments
     return {"counters": {"fragments": fragments, "quads": outline, "helper_lanes": helpers}}
 
 
-def _reference_s(record: Record) -> float | None:
-    reference = (record.get("time") or {}).get("reference_s")
-    return statistics.median(reference) if reference else None
-
-
-_fragments, _quads = _counter("fragments"), _counter("quads")
-
-_METRICS = (
-    Figure(
-        "overshading",
-        "lanes shaded per pixel",
-        "x",
-        _ratio(_quads, _fragments, LANES),
-        kind="ratio",
-        best_case=1.0,
-        description="lanes shaded for each pixel covered",
-        heading="lanes/px",
-        form="{:.3f}",
-    ),
-    Figure(
-        "regret",
-        "helper lanes above the fewest there are",
-        "x",
-        _regret,
-        kind="ratio",
-        best_case=0.0,
-        description=(
-            "helper lanes more than those of the triangulation that shades the fewest quads, "
-            "in ratio to these, over the polygons of which that is known"
-        ),
-        heading="regret",
-        form="{:.1%}",
-        instead_of="overshading",
-    ),
-    Figure(
-        "above_limit",
-        "lanes per pixel above the limit",
-        "x",
-        _ratio(_quads_above_limit, _fragments, LANES),
-        kind="ratio",
-        best_case=0.0,
-        description=(
-            "lanes shaded for each pixel covered beyond those of the outline drawn in one "
-            "piece: what diagonals cost"
-        ),
-    ),
-    Figure(
-        OUTLINE,
-        "quads of the outline",
-        "quads",
-        _field(OUTLINE),
-        kind="count",
-        better="none",
-        description="2x2 quads that the outlines cover: no triangulation shades fewer",
-    ),
-    Figure(
-        "bbox_overdraw",
-        "tests per pixel",
-        "x",
-        _ratio(_counter("bbox_tests"), _fragments),
-        kind="ratio",
-        best_case=1.0,
-        description="pixel centres tested for each pixel covered",
-    ),
-    Figure(
-        "draw_ms",
-        "draw time",
-        "ms",
-        _field("time", "median_s", scale=1e3),
-        kind="time",
-        best_case=0.0,
-        description="median time of one draw",
-        heading="draw ms",
-        form="{:.3f}",
-    ),
-    Figure(
-        "draw_of_reference",
-        "draw time, ratio to the reference",
-        "x",
-        _ratio(_field("time", "median_s"), _reference_s),
-        kind="time",
-        best_case=0.0,
-        description="median draw over the same run's reference triangle",
-    ),
-    Figure(
-        "triangulate_ms",
-        "time to triangulate",
-        "ms",
-        _field("triangulate_s", scale=1e3),
-        kind="time",
-        best_case=0.0,
-        description="time to triangulate the scene",
-    ),
-    Figure(
-        "triangles",
-        "triangles",
-        "triangles",
-        _field("triangles"),
-        kind="count",
-        description="triangles drawn",
-    ),
-    Figure(
-        "coverage_error",
-        "coverage error",
-        "pixels",
-        _field("coverage_error"),
-        kind="count",
-        best_case=0.0,
-        description="pixels covered too often or not at all: a defect of the triangulation",
-    ),
-    Figure(
-        "proven",
-        "proven optimal",
-        "polygons",
-        _field("proven"),
-        kind="count",
-        better="higher",
-        description="polygons of which no triangulation has less of the criterion, with proof",
-    ),
-    Figure(
-        "t_junctions",
-        "T-junctions",
-        "vertices",
-        _field("t_junctions"),
-        kind="count",
-        best_case=0.0,
-        description="vertices inside a triangle's edge, where cracks can show",
-    ),
-)
-
-METRICS = {figure.name: figure for figure in _METRICS}
+METRICS: dict[str, Figure] = {}
 """Figures derived from records; one added here is in every plot, comparison and report, and in the
 terminal's table if it has a `heading`."""
+
+
+def _metric(label: str, unit: str, kind: Kind, **more: Any) -> Callable[[Read], Read]:
+    """Put a function among `METRICS`, by its name; its docstring says what it is."""
+
+    def put(function: Read) -> Read:
+        name, words = function.__name__, " ".join((function.__doc__ or "").split())
+        more["description"] = words[:1].lower() + words[1:].rstrip(".")
+        METRICS[name] = Figure(name, label, unit, function, kind, **more)
+        return function
+
+    return put
+
+
+@_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0, heading="lanes/px", form="{:.3f}")
+def overshading(record: Record) -> float | None:
+    """Lanes shaded for each pixel covered."""
+    return _over(_quads(record), _fragments(record), LANES)
+
+
+_SHOWN = {"heading": "regret", "form": "{:.1%}", "instead_of": "overshading"}
+
+
+@_metric("helper lanes above the fewest there are", "x", "ratio", best_case=0.0, **_SHOWN)
+def regret(record: Record) -> float | None:
+    """Helper lanes more than those of the triangulation that shades the fewest quads, in ratio to
+    these, over the polygons of which that is known.
+    """
+    known = record.get(LEAST)
+    if not known or LANES * known["quads"] <= known["fragments"]:
+        return None
+    fewest, own = (LANES * known[name] - known["fragments"] for name in ("quads", "shaded"))
+    return float(own / fewest - 1.0)
+
+
+@_metric("lanes per pixel above the limit", "x", "ratio", best_case=0.0)
+def above_limit(record: Record) -> float | None:
+    """Lanes shaded for each pixel covered beyond those of the outline drawn in one piece: what
+    diagonals cost.
+    """
+    quads, outline = _quads(record), record.get(OUTLINE)
+    if quads is None or outline is None:
+        return None
+    return _over(quads - outline, _fragments(record), LANES)
+
+
+@_metric("quads of the outline", "quads", "count", better="none")
+def outline_quads(record: Record) -> float | None:
+    """2x2 quads that the outlines cover: no triangulation shades fewer."""
+    return record.get(OUTLINE)
+
+
+@_metric("tests per pixel", "x", "ratio", best_case=1.0)
+def bbox_overdraw(record: Record) -> float | None:
+    """Pixel centres tested for each pixel covered."""
+    return _over(_field("counters", "bbox_tests")(record), _fragments(record))
+
+
+@_metric("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
+def draw_ms(record: Record) -> float | None:
+    """Median time of one draw."""
+    return _in_ms(_median_s(record))
+
+
+@_metric("draw time, ratio to the reference", "x", "time", best_case=0.0)
+def draw_of_reference(record: Record) -> float | None:
+    """Median draw over the same run's reference triangle."""
+    reference = (record.get("time") or {}).get("reference_s")
+    return _over(_median_s(record), statistics.median(reference) if reference else None)
+
+
+@_metric("time to triangulate", "ms", "time", best_case=0.0)
+def triangulate_ms(record: Record) -> float | None:
+    """Time to triangulate the scene."""
+    return _in_ms(record.get("triangulate_s"))
+
+
+@_metric("triangles", "triangles", "count")
+def triangles(record: Record) -> float | None:
+    """Triangles drawn."""
+    return record.get("triangles")
+
+
+@_metric("coverage error", "pixels", "count", best_case=0.0)
+def coverage_error(record: Record) -> float | None:
+    """Pixels covered too often or not at all: a defect of the triangulation."""
+    return record.get("coverage_error")
+
+
+@_metric("proven optimal", "polygons", "count", better="higher")
+def proven(record: Record) -> float | None:
+    """Polygons of which no triangulation has less of the criterion, with proof."""
+    return record.get("proven")
+
+
+@_metric("T-junctions", "vertices", "count", best_case=0.0)
+def t_junctions(record: Record) -> float | None:
+    """Vertices inside a triangle's edge, where cracks can show."""
+    return record.get("t_junctions")
 
 
 @cache
@@ -291,7 +244,7 @@ def _of_counter(counter: counters.Counter) -> Figure:
         counter.name,
         counter.label,
         counter.unit,
-        _counter(counter.name),
+        _field("counters", counter.name),
         kind="counter",
         better=counter.better,
         best_case=counter.best_case,
