@@ -38,11 +38,6 @@ class Grown:
     frame: Frame
     triangles: dict[str, NDArray[np.int32]]
 
-    @property
-    def vertices(self) -> int:
-        """How many vertices it has."""
-        return len(self.frame.points)
-
     def picture(self) -> str:
         """Return heatmaps of BASE and HEAD side by side, as the address of an image."""
         from harness.heatmaps import draw_heatmaps

@@ -109,7 +109,8 @@ def counter_text(change: CounterChange) -> str:
 
 def grown_text(grown: Grown) -> str:
     """Write `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
-    which = f"polygon {grown.polygon} ({count(grown.vertices, 'vertex', 'vertices')})"
+    vertices = count(len(grown.frame.points), "vertex", "vertices")
+    which = f"polygon {grown.polygon} ({vertices})"
     growth = step(grown.base, grown.head)
     return f"{which} of {grown.case}: {spaced([grown.metric])} {growth}"
 

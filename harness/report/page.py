@@ -1,7 +1,6 @@
 """The report of a run as one page of HTML, which needs no network."""
 
 from pathlib import Path
-from typing import Any
 
 from harness import __version__
 from harness.errors import UsageError
@@ -49,23 +48,18 @@ def write_report(run: Run, file: Path | None = None) -> Path:
         )
     folder = run.path if run.path.is_dir() else run.path.parent
     target = file or folder / FILE
-    write_whole(target, render(content, run.facts))
-    return target
-
-
-def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
-    """Return the page that shows `content`; `facts` are those of run.json."""
     first = content["groups"][0] if content["groups"] else None
-    failed = sum(case["row"]["status"] == "failed" for case in content["cases"])
-    return template(PACKAGE, "report.html").render(
+    text = template(PACKAGE, "report.html").render(
         content=content,
         answer=content["study"] or (first["answer"] if first else "A study without a figure."),
-        failed=failed,
+        failed=sum(case["row"]["status"] == "failed" for case in content["cases"]),
         key_facts=content["key_facts"],
-        created=facts.get("created", ""),
+        created=run.facts.get("created", ""),
         version=__version__,
         style=static(PACKAGE, STYLE),
         charts=static(PACKAGE, CHARTS),
         script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
         data=packed(content),
     )
+    write_whole(target, text)
+    return target

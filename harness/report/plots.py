@@ -90,9 +90,10 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
     figure, axes = grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
-        x, y = _scatter(panel, columns, base, criterion, measure)
+        _scatter(panel, columns, base, criterion, measure)
         in_unit = criterion in estimates
-        panel.set_title(_fit(x, y, in_unit=in_unit), fontsize=7)
+        pairs = ratio_pairs(columns, base, criterion, measure)
+        panel.set_title(_fit(*pairs, in_unit=in_unit), fontsize=7)
         words = "predicted" if in_unit else "predicted by"
         panel.set_xlabel(f"{words}\n{find(criterion).title},\nratio to {base}")
     axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {base}")
@@ -120,18 +121,14 @@ def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
 
 def _scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> tuple[Marks, Marks]:
-    others = [name for name in columns if name != base]
-    marks = []
+) -> None:
     shown = looks(list(columns))
-    for name in others:
+    for name in (name for name in columns if name != base):
         x = ratios(columns[name], columns[base], PREDICTED + criterion)
         y = ratios(columns[name], columns[base], measure)
         fits = np.isfinite(x) & np.isfinite(y)
-        many = len(others) * len(x) > MOST_VECTOR_MARKS
+        many = (len(columns) - 1) * len(x) > MOST_VECTOR_MARKS
         scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
-        marks.append((x[fits], y[fits]))
-    return np.concatenate([x for x, _ in marks]), np.concatenate([y for _, y in marks])
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

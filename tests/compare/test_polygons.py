@@ -49,7 +49,7 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
     for each in grown:
-        said = f"polygon {each.polygon} ({each.vertices} vertices)"
+        said = f"polygon {each.polygon} ({len(each.frame.points)} vertices)"
         assert said in page
         assert said in text
 
