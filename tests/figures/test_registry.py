@@ -156,7 +156,6 @@ def test_a_rasteriser_says_how_its_counters_are_shown():
 def test_a_criterion_is_found_however_it_is_written():
     for name in ("half-perimeter", "half_perimeter", "predicted_half_perimeter"):
         assert find(name) is find("half_perimeter")
-    assert find("half_perimeter").written == "half-perimeter"
     assert find("predicted_area").kind == "prediction", "a term of fits is no counter"
 
 
