@@ -156,7 +156,7 @@ def _end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int
     return (top * bottom + sign * math.sqrt(max(0.0, inside))) / below
 
 
-Ground = Literal["shown", "keep", "counted", "open", "equal", "few", "alone", "part"]
+Ground = Literal["shown", "keep", "counted", "open", "few", "alone", "part"]
 
 TIME = "draw_ms"
 COVERED = "fragments"
@@ -200,9 +200,9 @@ class Decision:
     base : what they are compared with
     ground : "shown": times show that the choice is faster than the base; "keep": that all others
         are slower; "counted": they show neither, and the choice has the least of an exact counter
-        among those that are not shown to be slower; "open": nothing tells them apart; "equal": no
-        counter does, either; "few": fewer than `LEAST_PIXELS` are covered; "alone": nothing to
-        choose from; "part": each left polygons out. By the last four nothing is advised
+        among those that are not shown to be slower; "open": nothing tells them apart; "few": fewer
+        than `LEAST_PIXELS` are covered; "alone": nothing to choose from; "part": each left polygons
+        out. By the last three nothing is advised
     choice : what to take, the base where nothing speaks for another
     alike : names of others that are not shown to be slower than the choice, where it is shown
     measure : the main counter, None if nothing was counted
@@ -298,9 +298,6 @@ def _choose(
     known.sort(key=lambda each: (counts[each.name], each is not base))
     if known and counts[known[0].name] != counts[known[-1].name]:
         return "counted", known[0], None
-    every = [each.record.get("counters") or {} for each in rivals]
-    if known and all(counters == every[0] for counters in every):
-        return "equal", usual, None
     return "open", base if base in rivals else open_[0], None
 
 
@@ -344,9 +341,6 @@ def _advice(decision: Decision, scene: str) -> str:
         covered = choice.record["counters"][COVERED]
         pixels = f"{covered:,} pixel{'s' * (covered != 1)}"
         return f"nothing is advised for {scene}: it covers {pixels}, too few to tell"
-    if decision.ground == "equal":
-        times = "no time differs" if decision.state == QUIET else _times(decision)
-        return f"nothing is advised for {scene}: all counters are equal, and {times}"
     if decision.timed and decision.state != QUIET:
         return f"{take}: no other costs less by exact count; {_times(decision)}"
     counted = ", and none costs less by exact count" if choice.record.get("counters") else ""
