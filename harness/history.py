@@ -174,22 +174,19 @@ def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
         groups[name.where].append(name)
     found = []
     for names in groups.values():
-        logs = np.array([[_log_time(record) for record in cases[name]] for name in names])
-        timed = np.isfinite(logs).any(axis=1)
-        if not timed.any():
-            continue
-        names = [name for name, good in zip(names, timed, strict=True) if good]
-        logs = logs[timed]
-        logs = logs - np.nanmedian(logs, axis=1, keepdims=True)
-        together = pd.DataFrame(logs).median().to_numpy()
-        contents = [_contents(cases[name]) for name in names]
-        if len(names) > 1:
+        logs = pd.DataFrame({name: list(map(_log_time, cases[name])) for name in names})
+        logs = logs.dropna(axis=1, how="all")
+        logs -= logs.median()
+        kept = [name for name in names if name in logs]
+        if len(kept) > 1:
+            together = logs.median(axis=1)
             whole = CaseName(**{**vars(names[0]), "triangulator": TOGETHER})
-            found.append(Series(whole, TIME, False, np.exp(together), contents[0]))
-            logs = logs - together
+            contents = _contents(cases[kept[0]])
+            found.append(Series(whole, TIME, False, np.exp(together.to_numpy()), contents))
+            logs = logs.sub(together, axis=0)
         found += [
-            Series(name, TIME, False, np.exp(row), content)
-            for name, row, content in zip(names, logs, contents, strict=True)
+            Series(name, TIME, False, np.exp(logs[name].to_numpy()), _contents(cases[name]))
+            for name in kept
         ]
     return found
 
