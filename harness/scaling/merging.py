@@ -94,7 +94,6 @@ def _name(record: Record) -> str:
 def _by_key(runs: Iterable[Run]) -> list[_Found]:
     """The record of each case; raises UsageError where two say different things."""
     chosen: dict[str, _Found] = {}
-    conflicts: dict[str, str] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
             plain = {name: value for name, value in record.items() if name != "_key"}
@@ -103,14 +102,10 @@ def _by_key(runs: Iterable[Run]) -> list[_Found]:
             if old is None or _rank(new) < _rank(old):
                 chosen[plain["key"]] = new
             elif old.record["status"] == new.record["status"] == "ok" and old.record != plain:
-                conflicts[plain["key"]] = f"{_name(plain)} ({old.run.path} and {run.path})"
-    for key in conflicts:
-        chosen.pop(key)
-    if conflicts:
-        raise UsageError(
-            f"records of one case differ: {min(conflicts.values())}; "
-            "if the runs are of different hosts, name these with --hosts"
-        )
+                raise UsageError(
+                    f"records of one case differ: {_name(plain)} ({old.run.path} and {run.path}); "
+                    "if the runs are of different hosts, name these with --hosts"
+                )
     return list(chosen.values())
 
 
@@ -214,19 +209,10 @@ def _text(value: Any) -> str:
 
 
 def _place(record: Record, names: Sequence[str]) -> tuple[Any, ...]:
-    """What records are sorted by: view, device, options, then the plan's triangulators."""
+    """What records are sorted by: device, view, options, then the plan's triangulators."""
     name = record["triangulator"]
-    return (
-        record["scene"],
-        record["resolution"],
-        record["rotation"],
-        record.get("fit", "box"),
-        record["rasteriser"],
-        record["device"],
-        _text(record["options"]),
-        names.index(name) if name in names else len(names),
-        record["key"],
-    )
+    place = names.index(name) if name in names else len(names)
+    return (*groups.group_of(record), place, record["key"])
 
 
 def _keep_drawings(store: Store, runs: Iterable[Run]) -> None:
