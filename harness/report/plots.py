@@ -116,7 +116,7 @@ def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
     words = "" if rank is None else f"rank correlation {rank:.2f}"
     if not in_unit or error is None:
         return words
-    return f"{words}, a polygon's ratio off by {100 * error:.1f} %"
+    return f"{words},\na polygon's ratio off by {100 * error:.1f} %"
 
 
 def _scatter(
