@@ -204,8 +204,8 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
         }
         if (even := break_even(record, base)) is not None:
             after = (even.draws, even.low, even.high) if even.kind == "after" else [None] * 3
-            names = ("break_even_draws", "break_even_low", "break_even_high")
-            row |= {"break_even": even.written, **dict(zip(names, after, strict=True))}
+            parts = ("break_even_draws", "break_even_low", "break_even_high")
+            row |= {"break_even": even.written, **dict(zip(parts, after, strict=True))}
     # There is no number in JSON for what is not known, or an interval without end.
     unknown = {name for name, v in row.items() if isinstance(v, float) and not math.isfinite(v)}
     return row | dict.fromkeys(unknown)

@@ -93,8 +93,8 @@ _MORE: dict[str, dict[str, Any]] = {
 """What else is known of some of them."""
 
 COUNTERS = {
-    name: Counter(name, *shown, description=description, **_MORE.get(name, {}))
-    for name, *shown, description in _TABLE
+    name: Counter(name, label, unit, description=description, **_MORE.get(name, {}))
+    for name, label, unit, description in _TABLE
 }
 """Counters of the built-in rasterisers, in the order in which they are shown."""
 
@@ -151,7 +151,7 @@ def estimated(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return every estimate that the columns, or sums, allow; names of both begin with `prefix`."""
     found = {}
     for name, each in ESTIMATES.items():
-        known = {term: columns.get(prefix + term) for term in each.terms}
+        known: dict[str, Any] = {term: columns.get(prefix + term) for term in each.terms}
         if all(value is not None for value in known.values()):
             found[prefix + name] = sum(each.terms[term] * known[term] for term in known)
     return found

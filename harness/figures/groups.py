@@ -3,7 +3,7 @@
 Times of software rasterisers on different processors stay apart: to them it is the device.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -34,7 +34,7 @@ CONDITIONS = {
 """How something is drawn usually, and what is said where it is not."""
 
 
-def condition(record: Record) -> str:
+def condition(record: Mapping[Any, Any]) -> str:
     """Say how what a record is of was drawn: `128 px, turned 30°, work 8`."""
     told = {**record, **(record.get("options") or {})}
     unusual = (

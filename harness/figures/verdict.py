@@ -246,7 +246,7 @@ def decide(members: Sequence[Record]) -> Decision | None:
     ratios = {each.name: time_ratio(each.record, choice.record) for each in shown}
     alike = tuple(name for name, ratio in ratios.items() if ratio and ratio.verdict != SLOWER)
     timed = any(each.ratio is not None and each is not base for each in rivals)
-    state = first.get("state", QUIET) if timed else QUIET
+    state: State = first.get("state", QUIET) if timed else QUIET
     return Decision(ranked, base, ground, choice, alike, measure, timed, saving, state)
 
 
