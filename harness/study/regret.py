@@ -24,7 +24,7 @@ from harness.figures.counters import CYCLES
 from harness.figures.groups import groups
 from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
-from harness.figures.registry import find, measures, predictions
+from harness.figures.registry import measures, predictions
 from harness.stored.folder import Record
 from harness.study.correlations import TIME, by_criterion
 from harness.study.subjects import LEAST
