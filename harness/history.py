@@ -351,10 +351,7 @@ def _content(panel: Axes, entry: Series) -> None:
     known = [(n, text) for n, text in enumerate(entry.content) if text]
     for (_, before), (place, now) in pairwise(known):
         if before != now:
-            panel.axvline(place - 0.5, color="black", linewidth=1.2)
-            look: Any = {"rotation": 90, "fontsize": 6, "va": "top", "ha": "right"}
-            coordinates = ("data", "axes fraction")
-            panel.annotate("content changed", (place - 0.5, 1), xycoords=coordinates, **look)
+            panel.axvline(place - 0.5, color="black", linewidth=1.2, label="content changed")
 
 
 def run_label(run: Run) -> str:

@@ -54,9 +54,6 @@ SLOWER = 1.35
 the best for H against ear clipping, city at 1024 px on llvmpipe, 0.837 to 0.847 where the
 reference draw took 0.70 to 0.92 ms, 0.862 and more from 1.06 ms on."""
 
-MOST_NAMED = 3
-"""Drawings of two modes that a line names."""
-
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
 """Two modes: each has so many of the samples; the upper is so many times the lower; and they are so
 many standard deviations of their own apart. Halves of one normal distribution are 2.7 apart, of a
@@ -193,9 +190,9 @@ def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
             state: State = DISTURBED if times.get("timer") == "cpu" else UNTRUSTED
             sit[f"{name} ({low} and {high} ms)"] = state
     if len(sit) > FEW * len(drawings):
-        more = f" and {len(sit) - MOST_NAMED} more" if len(sit) > MOST_NAMED else ""
-        names = ", ".join(list(sit)[:MOST_NAMED])
-        found[f"times sit in two modes: {names}{more}"] = max(sit.values(), key=_ORDER.index)
+        first, *rest = sit
+        more = f", and {len(rest)} more" if rest else ""
+        found[f"times sit in two modes: {first}{more}"] = max(sit.values(), key=_ORDER.index)
     for times in drawings.values():
         stolen, wall = times.get("stolen_s") or 0.0, times.get("timing_s") or 0.0
         if stolen > STOLEN * wall > 0:
