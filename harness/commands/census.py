@@ -112,11 +112,11 @@ def count(
     dataset = Dataset(pattern, out / "parts", census)
     summary = _complete(dataset, out, where, reporter)
     found = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
+    if summary.set_aside and not summary.parts_done and where is None:
+        raise UsageError(next(iter(summary.set_aside.values())))
+    _warn(summary, dataset.out, reporter)
     counted = summary.polygons
     if not counted:
-        if summary.set_aside and not summary.parts_done and where is None:
-            raise UsageError(next(iter(summary.set_aside.values())))
-        _warn(summary, dataset.out, reporter)
         asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
         if missing := [name for name in asked if found.known and name not in found.known]:
             hint = suggestion(missing[0], sorted(found.known), "it has")
@@ -129,12 +129,10 @@ def count(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
         )
     if not found.whole().total("fragments")[0]:
-        _warn(summary, dataset.out, reporter)
         what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
         raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, found, census)
-    _warn(summary, dataset.out, reporter)
     for name, why in found.damaged[:NAMED]:
         reporter.warn(f"tile {name} {why}")
     Screen(highlight=False).print(census_report.table(found, census))
