@@ -128,7 +128,7 @@ function chartOption(marks, stacked) {
     animation: false,
     aria: { enabled: false },
     textStyle: { color: ink, fontFamily: "system-ui, sans-serif" },
-    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink, width: room, overflow: "break" },
+    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink, width: room, overflow: "break", lineHeight: 17 },
       left: stacked ? 4 : i ? "55%" : 62, top: stacked && i ? "51%" : 4 })),
     grid: [panel(0), panel(1)],
     xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
