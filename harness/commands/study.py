@@ -199,6 +199,8 @@ def pareto(
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
+    import pandas as pd
+
     from harness.commands.running import measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
@@ -218,7 +220,7 @@ def pareto(
         timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    fronts: dict[str, fronts_of.MeasuredFront] = {}
+    fronts: dict[str, pd.DataFrame] = {}
 
     def take_apart(label: str, whole: Scene) -> list[Part]:
         parts, found = fronts_of.take_apart(label, whole, polygons, view)
@@ -229,7 +231,8 @@ def pareto(
     table = fronts_of.pareto_table(run, fronts)
     with reporter.stage("writing", 1):
         with atomic.folder(run.path, added=True) as made:
-            fronts_of.front_table(fronts).to_csv(made / "fronts.csv", index=False)
+            points = pd.concat([pd.DataFrame(columns=fronts_of.FRONTS), *fronts.values()])
+            points.to_csv(made / "fronts.csv", index=False)
             table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
         write_report(run)
     fronts_of.print_table(table, label(scene), Screen(highlight=False))

@@ -8,7 +8,6 @@ per triangle.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -64,17 +63,8 @@ WITH_C = mixture(1, 1, 1)
 """The same triangulations as without C, whose weight changes nothing."""
 
 
-@dataclass(frozen=True)
-class MeasuredFront:
-    """The exact front of one polygon of a scene, as it is drawn.
-
-    costs : (f, 2), A in px^2 and D in degrees, ascending in A
-    chosen : the numbers of the points that are measured
-    """
-
-    polygon: int
-    costs: NDArray[np.float64]
-    chosen: tuple[int, ...]
+FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
+"""Columns of fronts.csv: the points of a polygon's front as it is drawn, ascending in A."""
 
 
 def named() -> tuple[str, ...]:
@@ -84,8 +74,8 @@ def named() -> tuple[str, ...]:
 
 def take_apart(
     label: str, scene: Scene, polygons: int, view: View
-) -> tuple[list[Part], dict[str, MeasuredFront]]:
-    """Return what is measured, and the front of each single polygon by the label of its part.
+) -> tuple[list[Part], dict[str, pd.DataFrame]]:
+    """Return what is measured, and `FRONTS` of each single polygon by the label of its part.
 
     polygons : how many single polygons to take; of a scene of one, that one is all
 
@@ -95,7 +85,7 @@ def take_apart(
         if there is no polygon to take
     """
     alone = len(scene.polygons) == 1
-    fronts: dict[str, MeasuredFront] = {}
+    fronts = {}
     parts = []
     if alone or polygons:
         design = StudySize(polygons=max(polygons, 1), most_vertices=LIMIT)
@@ -103,13 +93,14 @@ def take_apart(
             drawn = make_frame(part.polygons, view).polygons
             if len(drawn) != 1 or drawn[0].interiors:  # the grid breaks it
                 continue
-            costs = pareto_front(drawn[0], "overdraw", "shape").costs
-            chosen = tuple(evenly(range(len(costs)), MOST_POINTS))
-            points = tuple(f"pareto#{k}" for k in chosen)
+            costs = pareto_front(drawn[0], "overdraw", "shape").costs.tolist()
+            chosen = evenly(range(len(costs)), MOST_POINTS)
+            points = (f"pareto#{k}" for k in chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
             name = f"{label}#{number}"
             parts.append(Part(name, part, parse_all((*points, *named(), *sweep))))
-            fronts[name] = MeasuredFront(number, costs, chosen)
+            rows = [(number, k, *cost, k in chosen) for k, cost in enumerate(costs)]
+            fronts[name] = pd.DataFrame(rows, columns=FRONTS)
     if not alone:
         parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *named()))))
     if not parts:
@@ -117,17 +108,7 @@ def take_apart(
     return parts, fronts
 
 
-def front_table(fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
-    """Return the contents of fronts.csv: one row per point, measured or not."""
-    rows = [
-        (front.polygon, k, *cost, k in front.chosen)
-        for front in fronts.values()
-        for k, cost in enumerate(front.costs.tolist())
-    ]
-    return pd.DataFrame(rows, columns=["polygon", "k", "overdraw", "shape", "measured"])
-
-
-def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
+def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
     Triangulators that left polygons out are not in it: their sums are over fewer polygons.
@@ -142,16 +123,18 @@ def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
         base = by_name.get("pareto#0", by_name.get(SWEEP[0]))
         if base is not None:
             front = fronts.get(base["scene"])
-            rows = [_row(run, record, base, front) for record in whole]
+            polygon = WHOLE if front is None else str(front["polygon"][0])
+            rows = [{"polygon": polygon, **_row(run, record, base)} for record in whole]
             # Beside the whole front of a single polygon, of a scene beside the other rows.
-            names = ("overdraw", "shape") if front else NORMALISED
+            names = list(NORMALISED if front is None else ("overdraw", "shape"))
             costs = np.array([[row[name] for name in names] for row in rows], np.float64)
-            marks = undominated(costs, front.costs if front else costs).tolist()
+            others = costs if front is None else front[names].to_numpy()
+            marks = undominated(costs, others).tolist()
             table += [row | {"undominated": m} for row, m in zip(rows, marks, strict=True)]
     return pd.DataFrame(table)
 
 
-def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
+def _row(run: Run, record: Record, base: Record) -> dict[str, object]:
     """Return a row; `base` is the least-A end, with which times are compared."""
     name = record["triangulator"]
     ratio = time_ratio(record, base)
@@ -162,7 +145,6 @@ def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) ->
     one, other = record["predicted"], base["predicted"]
     alike = ("overdraw", "shape", "half_perimeter", "edge_length")
     return {
-        "polygon": WHOLE if front is None else str(front.polygon),
         "kind": "front" if name.startswith("pareto#") else kind,
         "triangulator": name,
         **dict(zip(("alpha", "beta", "gamma"), weights, strict=True)),
