@@ -3,7 +3,8 @@
 import pandas as pd
 import pytest
 
-from harness.study.gains import by_order
+from harness.figures.intervals import FASTER, SLOWER
+from harness.study.gains import best, by_order
 
 
 def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:
@@ -41,6 +42,15 @@ def test_ratios_of_all_orders_stand_side_by_side():
     assert (best["own"], best["walk"], best["vertex-cache"]) == (0.82, 0.97, 0.96)
     assert found.loc["delaunay", "walk"] == pytest.approx(0.94)
     assert pd.isna(found.loc["delaunay", "vertex-cache"])
+
+
+def test_those_that_are_shown_to_be_faster_are_named_with_what_they_gain():
+    rows = [{**each, "verdict": FASTER if each["time_ratio"] < 0.95 else SLOWER} for each in ROWS]
+    assert best(pd.DataFrame(rows), "ear-clipping").set_index("order")["faster"].to_dict() == {
+        "native": "optimal:half-perimeter 18.0%; delaunay 7.0%",
+        "walk": "delaunay 6.0%",
+        "vertex-cache": "",
+    }
 
 
 def test_views_stay_apart_and_what_has_one_order_is_left_out():
