@@ -189,26 +189,19 @@ def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
 def draw(
     folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
 ) -> list[Path]:
-    """Make a figure in the house's style, and `save` it; [] where `make` returns None."""
-    import matplotlib
-
-    with matplotlib.rc_context(STYLE):
-        figure = make(*arguments)
-    if figure is None:
-        return []
-    folder.mkdir(parents=True, exist_ok=True)
-    return save(figure, folder, name)
-
-
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure into `folder` as PNG and as SVG; returns the files.
+    """Make a figure in the house's style, and write it as PNG and as SVG; returns the files.
 
     name : any text; the files' names are its `file_stem` with their endings
+    make : returns the figure, or None where there is nothing to draw
     """
     import matplotlib
 
-    files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
     with matplotlib.rc_context(STYLE):  # it says how files are written, too
+        figure = make(*arguments)
+        if figure is None:
+            return []
+        folder.mkdir(parents=True, exist_ok=True)
+        files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
         for file in files:
             figure.savefig(file)
             figure.set_layout_engine("none")  # a second file has the layout of the first

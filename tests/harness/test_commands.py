@@ -185,7 +185,8 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
     figures = {}
     monkeypatch.setattr(
-        "harness.style.save", lambda figure, _, name: [figures.setdefault(name, figure)]
+        "harness.study.gains.draw",
+        lambda _, name, make, *given: [figures.setdefault(name, make(*given))],
     )
     assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0
     (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]
