@@ -189,12 +189,15 @@ def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
     assert "mixed=1/0.5/0" in harness("list", "criteria")[1]
     assert_refused(
-        harness(*mesh, "--criterion", "mixed=1/0.5"), "mixed=1/0.5", "alpha/beta/gamma", "not 2"
+        harness(*mesh, "--criterion", "mixed=1/0.5"),
+        "mixed=1/0.5",
+        "alpha/beta/gamma",
+        "3 finite numbers",
     )
     assert_refused(
         harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0"),
         "mixed=1/-1/0",
-        "not negative",
+        "none negative",
     )
 
 
