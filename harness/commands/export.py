@@ -216,10 +216,7 @@ def _in_place(
     for seen in done.seen:
         lanes, quads = (
             f"{after / before - 1.0:+.1%}" if before else "none"
-            for before, after in (
-                (seen.lanes_before, seen.lanes_after),
-                (seen.quads_before, seen.quads_after),
-            )
+            for before, after in zip(seen.before, seen.after, strict=True)
         )
         typer.echo(
             f"seen from {VIEWS} sides at {seen.pixels} px, without depth: helper lanes {lanes}, "

@@ -142,8 +142,7 @@ def _thick(mesh: Mesh) -> NDArray[np.bool_]:
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
-    with np.errstate(invalid="ignore"):
-        high = np.linalg.norm(mesh.normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
+    high = np.linalg.norm(mesh.normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
     return np.asarray(high & np.isfinite(corners).all(axis=(1, 2)))
 
 
@@ -196,8 +195,7 @@ def _together(mesh: Mesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
         return np.asarray((sides * normal).sum(axis=1))
 
     weights = np.stack([area(1, 2, 3), -area(0, 2, 3), area(0, 1, 3), -area(0, 1, 2)], axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        weights *= 2.0 / np.abs(weights).sum(axis=1, keepdims=True)
+    weights *= 2.0 / np.abs(weights).sum(axis=1, keepdims=True)
     bend = np.linalg.norm((weights[:, :, None] * points).sum(axis=1), axis=1)
     carried = mesh.affine[quads]
     off = np.abs((weights[:, :, None] * carried).sum(axis=1)).max(axis=1, initial=0.0)
@@ -266,8 +264,7 @@ def _off_affine(values: Floats, points: Floats, owner: Ints, count: int) -> Floa
     rest = values - _means(values, owner, count)[owner]
     xx, xy, yy = (_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
     xa, ya = (_sums(u[:, None] * rest, owner, count) for u in (x, y))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
+    across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
     found = across[owner] * x[:, None] + up[owner] * y[:, None]
     off = np.abs(rest - found).max(axis=1)
     return np.where(np.isnan(off), np.inf, off)

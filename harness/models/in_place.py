@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,6 +31,8 @@ FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {
     ".obj": ObjModel,
 }
 """Suffix to what reads a model, and later writes it."""
+
+_KIND = "a model"
 
 
 @dataclass
@@ -82,11 +83,10 @@ def retriangulate(
         for an output that cannot be written or has another suffix than the source, and a criterion
         that is no sum over triangles
     """
-    _kind_of(source)
+    model, groups = opened(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
     cost_named(criterion)
-    model, groups = opened(source)
     changes = Changes()
     changes.left += model.left
     drawn: list[Drawn] = []
@@ -99,7 +99,7 @@ def retriangulate(
         for part, found in zip(parts, made, strict=True):
             drawn.append(Drawn(part.mesh, found.triangles, part.placements))
             if (found.triangles != part.mesh.triangles).any():
-                with _clear_errors(source):
+                with guard.clear_errors(str(source), _KIND):
                     model.replace(part, found.triangles)
     if out is None:
         changes.seen = look(drawn, sizes, tick) if changes.changed else []
@@ -119,23 +119,13 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     UsageError
         for one that is no model, by its suffix
     """
-    kind = _kind_of(source)
-    existing(str(source))
-    guard.check_cut_off(source)
-    with _clear_errors(source):
-        model = kind(source)
-        return model, list(model.groups())
-
-
-def _kind_of(source: Path) -> type[GltfModel] | type[ObjModel]:
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
         raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}: export it")
-    return kind
-
-
-def _clear_errors(source: Path) -> AbstractContextManager[None]:
-    return guard.clear_errors(str(source), f"a model ({source.suffix})")
+    existing(str(source))
+    with guard.clear_errors(str(source), _KIND):
+        model = kind(source)
+        return model, list(model.groups())
 
 
 @dataclass

@@ -153,7 +153,7 @@ def read(
     vertices = 0
     for direction in directions()[:views]:
         last = first[-1]
-        for each in _pieces(things, _Camera(ball, direction, distance, pixels), len(polygons)):
+        for each in _pieces(things, ball, direction, distance, pixels, len(polygons)):
             last += len(each.sizes)
             rest |= zip(range(last - len(each.given), last), each.given, strict=True)
             vertices += len(each.points)
@@ -220,10 +220,9 @@ class _Thing(NamedTuple):
 def _thing(part: Part, flat: Flat, first: tuple[int, int], matrix: Floats) -> _Thing:
     points = placed(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
-    with np.errstate(invalid="ignore", over="ignore"):
-        fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror image, whose triangles turn the other way
-            fronts = -fronts
+    fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror image, whose triangles turn the other way
+        fronts = -fronts
     begins = np.cumsum([0, *(len(rows) for rows in flat.given)])[:-1]
     of_faces = np.add.reduceat(fronts[flat.slots], begins) if len(begins) else np.empty((0, 3))
     return _Thing(part, flat, first, points, corners, fronts, of_faces)
@@ -251,25 +250,6 @@ def _note(things: list[_Thing], faces: int, views: int) -> str:
     return f"{note}; {views} views"
 
 
-class _Camera(NamedTuple):
-    """A view of the ball round a model, as `projected` takes it."""
-
-    ball: Ball
-    direction: Floats
-    distance: float
-    pixels: int
-
-    def on_grid(self, points: Floats) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """(n, 2) points of the model in 1/256 px, and (n,) their depths."""
-        local = (points - self.ball.middle) / self.ball.radius
-        flat, away = projected(local, self.direction, self.distance)
-        near, far = self.distance - _AROUND, self.distance + _AROUND
-        with np.errstate(invalid="ignore", divide="ignore"):
-            deep = far * (away - near) / (away * (far - near)) * DEEPEST
-            grid = np.rint(flat * (self.pixels * SUBPIXEL))
-        return np.nan_to_num(grid).astype(np.int32), np.nan_to_num(np.rint(deep)).astype(np.int32)
-
-
 class _Pieces(NamedTuple):
     """Pieces of a view.
 
@@ -288,22 +268,29 @@ class _Pieces(NamedTuple):
     given: list[NDArray[np.int32]]
 
 
-def _pieces(things: list[_Thing], camera: _Camera, rest: int) -> Iterator[_Pieces]:
+def _pieces(
+    things: list[_Thing], ball: Ball, direction: Floats, distance: float, pixels: int, rest: int
+) -> Iterator[_Pieces]:
     """Yield the pieces of a view thing by thing, then the rest, if there is any.
 
+    direction, distance : of the camera, as `projected` takes them
     rest : the number that the rest has, as if it were a polygon
     """
-    eye = camera.ball.middle + camera.ball.radius * camera.distance * camera.direction
+    eye = ball.middle + ball.radius * distance * direction
+    near, far = distance - _AROUND, distance + _AROUND
     # triangles that are in no face, of all things: their corners are numbered on
     points, depths, triangles, ranks = [], [], [], []
     count = base = 0
     for thing in things:
         flat = thing.flat
-        grid, deep = camera.on_grid(thing.points)
-        with np.errstate(invalid="ignore"):
-            turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
-            first = thing.points[flat.vertices[flat.begins[:-1]]]
-            front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
+        local = (thing.points - ball.middle) / ball.radius
+        at, away = projected(local, direction, distance)
+        grid = np.nan_to_num(np.rint(at * (pixels * SUBPIXEL))).astype(np.int32)
+        deep = far * (away - near) / (away * (far - near)) * DEEPEST
+        deep = np.nan_to_num(np.rint(deep)).astype(np.int32)
+        turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
+        first = thing.points[flat.vertices[flat.begins[:-1]]]
+        front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
         own = flat.vertices[np.repeat(front, np.diff(flat.begins))]
         of_polygons = np.flatnonzero(front[: len(flat.polygons)])
         bound = np.flatnonzero(front[len(flat.polygons) :])

@@ -8,7 +8,6 @@ machine; a library's product of matrices is not.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -37,15 +36,12 @@ class Drawn(NamedTuple):
     placements: tuple[NDArray[np.float64], ...]
 
 
-@dataclass
-class Seen:
-    """Sums over all views at one size."""
+class Seen(NamedTuple):
+    """Sums over all views at one size: (helper lanes, quads) before and after."""
 
     pixels: int
-    lanes_before: int = 0
-    lanes_after: int = 0
-    quads_before: int = 0
-    quads_after: int = 0
+    before: tuple[int, ...]
+    after: tuple[int, ...]
 
 
 class Ball(NamedTuple):
@@ -104,24 +100,22 @@ def look(
     if ball is None:
         return []
     local = (world - ball.middle) / ball.radius
-    result = [Seen(pixels) for pixels in sizes]
+    sums = np.zeros((len(sizes), 2, 2), dtype=np.int64)
     for number, direction in enumerate(directions()):
         tick(places * number // VIEWS)
         flat, _ = projected(local, direction)
-        for seen in result:
-            grid = np.rint(np.nan_to_num(flat) * (seen.pixels * _UNITS)).astype(np.int32)
+        for pixels, own in zip(sizes, sums, strict=True):
+            grid = np.rint(np.nan_to_num(flat) * (pixels * _UNITS)).astype(np.int32)
             always, before, after = (_count(grid, each) for each in (kept, old, new))
-            seen.lanes_before += always[0] + before[0]
-            seen.lanes_after += always[0] + after[0]
-            seen.quads_before += always[1] + before[1]
-            seen.quads_after += always[1] + after[1]
-    return result
+            own += [always + before, always + after]
+    return [
+        Seen(pixels, *map(tuple, own)) for pixels, own in zip(sizes, sums.tolist(), strict=True)
+    ]
 
 
 def placed(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return positions (n, 3) moved by a matrix (4, 4)."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.stack([_along(positions, row) + row[3] for row in matrix[:3]], axis=1)
+    return np.stack([_along(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
 def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
@@ -148,8 +142,7 @@ def projected(
     up = np.array([-z * right[1], z * right[0], x * right[1] - y * right[0]])
     away = distance - _along(local, direction)
     widest = 1.0 / np.sqrt(distance**2 - 1.0)  # the tangent of the sphere's half angle
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sides = [_along(local, axis) / (away * widest) for axis in (right, up)]
+    sides = [_along(local, axis) / (away * widest) for axis in (right, up)]
     return (np.stack(sides, axis=1) + 1.0) / 2, away
 
 
@@ -158,13 +151,12 @@ def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np
     return points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
 
 
-def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> tuple[int, int]:
-    """Return helper lanes and quads of the triangles that face the camera."""
-    lanes = quads = 0
+def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (2,) helper lanes and quads of the triangles that face the camera."""
+    counted = np.zeros(2, dtype=np.int64)
     for part in np.split(triangles, range(_AT_A_TIME, len(triangles), _AT_A_TIME)):
         a, b, c = np.moveaxis(grid[part].astype(np.int64), 1, 0)
         doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
         found = predict(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
-        lanes += int(found["helper_lanes"].sum())
-        quads += int(found["quads"].sum())
-    return lanes, quads
+        counted += [found["helper_lanes"].sum(), found["quads"].sum()]
+    return counted

@@ -6,9 +6,8 @@ are cut into lots, and a footprint never leaves its lot, so footprints share wal
 Vertex counts and courtyards follow those of real footprints (see `_VERTEX_QUANTILES`).
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -31,8 +30,7 @@ _COURTYARDS = 0.1  # wanted; lots at odd corners cut some open, which leaves abo
 _COURTYARD_VERTICES = 8  # a courtyard building has at least these
 
 
-@dataclass
-class _Lots:
+class _Lots(NamedTuple):
     """Lots of one district, in its frame: polygons and, for each, the box its building fills."""
 
     polygons: NDArray[Any]
@@ -109,12 +107,8 @@ def _district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArr
     lots = [each for each in lots if len(each.polygons)]
     if not lots:
         return np.empty(0, dtype=object)
-    all_lots = _Lots(
-        np.concatenate([each.polygons for each in lots]),
-        np.concatenate([each.boxes for each in lots]),
-        np.concatenate([each.facing for each in lots]),
-    )
-    turned = _turned(_footprints(rng, all_lots), angle)
+    all_lots = map(np.concatenate, zip(*lots, strict=True))
+    turned = _turned(_footprints(rng, _Lots(*all_lots)), angle)
     rounded = shapely.transform(turned, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
     kept = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
     return shapely.orient_polygons(kept)

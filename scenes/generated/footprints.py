@@ -97,8 +97,7 @@ def _articulated(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
     if extra < 1:
         return ring
     walls = [_Wall(ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring))]
-    bays = 0 if extra < 4 else extra // 4
-    corners = extra - 4 * bays
+    bays, corners = divmod(extra, 4)
     cut = min(2.0, 0.2 * min(wall.length for wall in walls))
     margin = cut + 1.4
     pitch = 2.2 + 2.5 * u[6]
@@ -113,24 +112,14 @@ def _articulated(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
     corners += 4 * max(0, bays)
     out: Ring = []
     first = int(u[5] * len(ring))
-    treated = _corner_treatments(len(ring), corners, first)
+    gains = [0] * len(ring)  # vertices that each corner gets: 2 for a step, 1 for a bevel
+    for k in range(min(len(ring), (corners + 1) // 2)):
+        gains[(first + k) % len(ring)] = min(2, corners - 2 * k)
     inset = 0.5 + 0.7 * u[4]
     for i, wall in enumerate(walls):
-        out.extend(_corner(walls[i - 1], wall, cut, treated[i]))
+        out.extend(_corner(walls[i - 1], wall, cut, gains[i]))
         out.extend(_bays(wall, taken[i], margin, inset))
     return out
-
-
-def _corner_treatments(corners: int, extra: int, first: int) -> list[int]:
-    """How many vertices each corner gains: 2 for a step, 1 for a bevel."""
-    treated = [0] * corners
-    for k in range(corners):
-        if extra < 1:
-            break
-        gain = 2 if extra >= 2 else 1
-        treated[(first + k) % corners] = gain
-        extra -= gain
-    return treated
 
 
 class _Wall:

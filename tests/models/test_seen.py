@@ -54,8 +54,8 @@ def test_counters_of_what_is_no_face_are_those_that_check_tells(tmp_path):
     frame = framed(read(str(path), pixels=256))
     rows = frame.join(original(frame).parts)
     counted = predict(frame.points, rows)
-    assert counted["helper_lanes"].sum() == told.lanes_before > 0
-    assert counted["quads"].sum() == told.quads_before
+    assert counted["helper_lanes"].sum() == told.before[0] > 0
+    assert counted["quads"].sum() == told.before[1]
 
 
 def perforated() -> trimesh.Trimesh:
@@ -77,13 +77,13 @@ def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
     assert bool(scene.viewing.bound) == (pieces is perforated)
     done = in_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
     for parts, lanes, quads in (
-        (original(frame).parts, told.lanes_before, told.quads_before),
-        (done.parts, told.lanes_after, told.quads_after),
+        (original(frame).parts, *told.before),
+        (done.parts, *told.after),
     ):
         counted = predict(frame.points, frame.join(parts))
         assert counted["helper_lanes"].sum() == lanes
         assert counted["quads"].sum() == quads
-    assert told.lanes_after < 0.95 * told.lanes_before
+    assert told.after[0] < 0.95 * told.before[0]
     unproven = np.isinf(done.gaps)
     assert (unproven == (scene.viewing.source > len(scene.polygons))).all()
     others = in_views(frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan"))
