@@ -48,6 +48,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     The layer is the one asked for, else the first that can hold polygons. Raises SceneError where
     GDAL reports more failures than there are features without geometry, which are named.
     """
+    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL would leave these out
+        raise SceneError(f"{source.path} has a tab or an end of line in its name: rename it")
     for each in _opened(source.path):
         refuse_special(each)
     by_line = is_sequence(source.path)
@@ -121,6 +123,8 @@ def _explained(source: Source) -> Iterator[None]:
     except SceneError:
         raise
     except pyogrio.errors.DataSourceError as error:
+        if "not recognized as being in a supported file format" not in str(error):
+            raise
         found = "not a file that GDAL reads: it is damaged, or of an unknown format"
         if source.path.is_dir():
             found = f"a folder: give a file in it, or of map tiles the zoom: {source.path}:zoom=14"

@@ -198,7 +198,7 @@ class TestText:
     def test_a_name_with_an_end_of_line(self, tmp_path, geojson):
         (tmp_path / "a\nb.wkt").write_text(BOXES[0].wkt)
         assert len(load(tmp_path / "a\nb.wkt").polygons) == 1
-        with pytest.raises(SceneError, match=r"a\\nb.geojson is not a file that GDAL reads"):
+        with pytest.raises(SceneError, match=r"a\\nb.geojson has a tab or an end of line"):
             load(geojson(feature([SQUARE]), name="a\nb.geojson"))
 
 
