@@ -356,13 +356,18 @@ def lost(path: Path, read: int, heard: int, *, all_wanted: bool, size: int) -> I
     heard : failures that GDAL reported; it reports fewer than there are
     all_wanted : whether no condition left features out, so that their number can be compared
     """
-    if not heard:
-        lines = sum(1 for _, line in numbered_lines(path) if not line.isspace())
-        if not all_wanted or read >= lines:
-            return
+    lines = sum(1 for _, line in numbered_lines(path) if not line.isspace()) if all_wanted else 0
+    if not heard and read >= lines:
+        return
     unread = _unread(path)
     while notes := list(islice(unread, size)):
+        read += len(notes)
         yield Raw([], [], dropped=notes)
+    if read < lines:
+        raise SceneError(
+            f"{path} has {lines} features, one a line, but GDAL reads only some of them: write it "
+            "again, without a byte order mark"
+        )
 
 
 def _unread(path: Path) -> Iterator[Note]:

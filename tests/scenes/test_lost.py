@@ -99,6 +99,13 @@ def test_features_that_gdal_cannot_read_are_named(tmp_path):
     assert [which for which, _ in scene.dropped] == ["feature 3", "feature 4"]
 
 
+def test_a_sequence_that_gdal_leaves_after_its_first_line_is_refused(tmp_path):
+    path = tmp_path / "town.json"
+    path.write_text("\ufeff" + line(0) + "\n" + line(20) + "\n")
+    with pytest.raises(SceneError, match="GDAL reads only some of them"):
+        load(path)
+
+
 def test_failures_are_heard_once_the_library_is_found():
     assert vector._library() is not None
 
