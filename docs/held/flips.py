@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import pandas as pd
@@ -45,12 +44,6 @@ def _lanes(of: tuple[str, int], name: str) -> str:
     if name == "polygons":
         return f"{one('flips-lanes.csv', scene=of[0], px=of[1], triangulator=L1)[name]:,}"
     return bold(f"{_counted(*of, name):.3f}", name == L1)
-
-
-def _beyond_l1(name: str, digits: int = 3) -> tuple[float, float]:
-    """Return by which parts a triangulator has more lanes than L1 flips: ends over rows."""
-    views = product(LABELS, SIZES)
-    return ends((_counted(*of, name) / _counted(*of, L1) - 1.0 for of in views), digits)
 
 
 def _time(scene: str, of: tuple[str, str, str]) -> str:
@@ -97,10 +90,6 @@ HELD: Held = {
             *(("beautify", "polygons"), ("beautify", "same")),
             ("triangulate", "same"),
         )
-    ],
-    "Euclidean flips have {:%} to {:%} % more helper lanes than ... {:%} to {:%} % more.": lambda: [
-        *_beyond_l1(EUCLIDEAN),
-        *_beyond_l1("delaunay", 2),
     ],
     "for each of {} polygons, by {} flips.": lambda: matched(
         "flips-refine.txt", r"([\d,]+) polygons\n +([\d,]+) flips"

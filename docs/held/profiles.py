@@ -2,7 +2,6 @@
 
 import re
 from functools import partial
-from operator import itemgetter
 from statistics import median
 from typing import Any
 
@@ -71,23 +70,6 @@ def _ratio(of: Any, aspect: int) -> str:
     return f"{of['ratios'][of['aspects'].index(aspect)]:.2f}"
 
 
-def _thin(of: tuple[str, int], column: int | str) -> str:
-    """Return a cell of the table of thin triangles' times."""
-    (found,) = (each for each in profile(of[0])["aspects"] if each["area"] == of[1])
-    shares = {
-        CALLED["costs"].get(term, term): share for term, (share, *_) in found["shares"].items()
-    }
-    lanes = shares.pop("helper_lanes", 0.0)
-    if isinstance(column, int):
-        return _ratio(found, column)
-    if column == "twice":
-        return _twice(found) or "-"
-    if column == "lanes":
-        return f"{shown(lanes, '%')} %"
-    most, part = max(shares.items(), key=itemgetter(1), default=("nothing", 0.0))
-    return f"{most}, {shown(part, '%')} %"
-
-
 def _judgement(of: tuple[str, str], column: str) -> str:
     """Return a cell of the table of how laws predict polygons that they have not seen."""
     rows = some(f"profiles/{of[0]}-judged.csv", scene=of[1]).set_index("triangulator")
@@ -128,9 +110,6 @@ FIRST: Held = {
     "A row of pixels costs {} ps, a round of arithmetic in a lane {} ps": lambda: [
         _term(H200, of).removesuffix(" ps") for of in ("rows", "work")
     ],
-    "It explains {:.3f} of the variance of log times of draws held out, {:.3f} within": partial(
-        _explained, H200
-    ),
 }
 """The first page's."""
 
@@ -147,11 +126,6 @@ TABLES: Held = {
         ),
         _term,
         more=lambda name: [f"{each:.3f}" for each in _explained(name)],
-    ),
-    "| device, area | 8:1 | 64:1 | twice from | helper lanes | most |": grid(
-        crossed(SHOWN, {area: f"{area} px^2" for area in (8, 64)}, ", "),
-        (8, 64, "twice", "lanes", "most"),
-        _thin,
     ),
     "| what was timed | a rule | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
         SMALL_AND_THIN,

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 from docs.held import Held, findings, flips, profiles, shown
-from docs.held.findings import Q_H_A, SCENES, correlation, gain, ordered, regret, run_of, time_ratio
+from docs.held.findings import Q_H_A, SCENES, correlation, gain, ordered, regret
 from docs.held.lookups import bold, crossed, ends, grid, matched, one, some, table_row, values
 from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, CALLED, NAMES, REFINED
 from harness.study.regret import why_no_interval
@@ -28,31 +28,6 @@ def device_view(device: str, scene: str) -> Any:
     """Return what a device measured of a scene at 1024 px."""
     views = values(f"devices/{device}.json")["views"]
     return next(v for v in views if v["scene"] == scene and v["resolution"] == 1024)
-
-
-def _limit() -> list[float]:
-    """Return lanes of the city in one piece, by the best for H and by ear clipping, and what the
-    choice saves of the diagonals' price.
-    """
-    rows = some(run_of("city"), resolution=1024).set_index("triangulator")
-    best, clipped = rows.loc[BEST_FOR_H], rows.loc["ear-clipping"]
-    outline = 4.0 * best["outline_quads"] - best["fragments"]
-    lanes = best["helper_lanes"], clipped["helper_lanes"]
-    return [outline, *lanes, (lanes[1] - lanes[0]) / (lanes[1] - outline)]
-
-
-def _widest() -> list[float]:
-    """Return how far intervals of the table of draw times reach to either side: of scenes but
-    counties up to 1024 px, and of all other views.
-    """
-    reach: dict[bool, list[float]] = {True: [], False: []}
-    for scene in SCENES:
-        for _, row in some(run_of(scene)).iterrows():
-            if row["resolution"] in (256, 1024, 4096) and row["triangulator"] in PEERS:
-                value, low, high = time_ratio(row)
-                small = scene != "counties" and row["resolution"] <= 1024
-                reach[small] += [high - value, value - low]
-    return [math.ceil(1000 * max(reach[small])) / 1000 for small in (True, False)]
 
 
 def _predicts() -> Callable[[], list[str]]:
@@ -161,9 +136,6 @@ TABLES: Held = {
         max(regret(scene, px, who, "quads")["mean"] for scene in SCENES)
         for px, who in ((1024, "Q"), (256, "Q"), (1024, "H"), (1024, "A"))
     ],
-    "would have {:,.0f} helper lanes ... The optimum for H has {:,.0f}, ear clipping {:,.0f}:"
-    " the optimum saves {:%} % of what": _limit,
-    "reach at most {:.3f} to either side up to 1024 px on ... at most {:.3f} elsewhere.": _widest,
     "| scene, px | Delaunay | `refine` | greedy | manifold | best for A | best for Q |"
     " `flips:beauty` | L1 flips | `refined` | best for H | **calibrated** |"
     " calibrated over Delaunay |": grid(
@@ -187,17 +159,6 @@ TABLES: Held = {
         least="column",
     ),
     **flips.PAID,
-    "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |": grid(
-        {
-            (device, scene): f"{SCENES[scene]}: {label}"
-            for scene, (device, label) in product(("city", "helsinki"), CALLED["devices"].items())
-        },
-        ON_DEVICES,
-        lambda of, name: device_view(*of)["triangulators"][name]["time"][0],
-        ".2f",
-        least="row",
-        more=lambda of: [f"{device_view(*of)['ranks'][name]:.2f}" for name in Q_H_A],
-    ),
     "Of 11 findings, {}, {}, {} and {} hold on them.": lambda: [
         matched("llvmpipe/study/findings.md", rf"\| {name} \| (\d+) \|")[0]
         for name in ("poly2tri-testbed", "earcut-fixtures", "helsinki-areas", "cad")
