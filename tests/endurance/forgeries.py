@@ -49,7 +49,9 @@ def accepted_by_package(line: str) -> bool:
         criterion = criteria.find(claim["criterion"])
         cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles)
         true = certificate_of(outline, outline.site[triangles], cost, evidence)
-    except (TriangulationError, ValueError, OverflowError, RecursionError, shapely.GEOSException):
+    except (TriangulationError, ValueError, LookupError, OverflowError, RecursionError):
+        return False
+    except shapely.GEOSException:
         return False
     return bool(
         claim["cost"] == true.cost
