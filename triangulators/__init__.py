@@ -14,7 +14,7 @@ every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`
 is a conforming triangulation of the polygon as given, and `verify` is exact in what it says about
 coverage. Only which of two triangulations is cheaper is a matter of rounding. Libraries' results
 (`ear-clipping`, `delaunay`, `sweep`, `manifold`) are passed on as they are, wound
-counter-clockwise; where coordinates are not on a grid (see `predicates.on_grid`), a vertex within
+counter-clockwise; where coordinates are not on a grid (see `predicates.grid_unit`), a vertex within
 rounding error of an edge counts as on it when they are verified or repaired.
 """
 

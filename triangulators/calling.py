@@ -9,10 +9,10 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
-from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, load, parse
 from triangulators.starting import insert_dropped_vertices, left_turning
+from triangulators.verify import rows_of
 
 
 def triangulate(
@@ -90,23 +90,10 @@ def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.
     Raises `TriangulationError` for anything else, and if a user's criterion is no number for a
     triangle.
     """
-    triangles = np.asarray(raw)
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise TriangulationError(
-            f"{choice.full_name} returned shape {triangles.shape}, expected (m, 3)"
-        )
-    if triangles.size and triangles.dtype.kind not in "iu":
-        raise TriangulationError(
-            f"{choice.full_name} returned {triangles.dtype}, expected integer indices"
-        )
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    state = all_left(outline.points, triangles)
-    if state == OUTSIDE:
-        raise TriangulationError(
-            f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
-        )
-    if state != ALL_LEFT:
-        triangles = left_turning(outline.points, triangles)
+    try:
+        triangles = left_turning(outline.points, rows_of(raw, outline.points))
+    except ValueError as error:
+        raise TriangulationError(f"{choice.full_name}: {error}") from error
     if criterion is not None and not isinstance(criterion, str):
         require_number(criteria.find(criterion), outline.points, triangles)
     return triangles

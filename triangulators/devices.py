@@ -8,8 +8,6 @@ CPU = "cpu"
 """No device: compiled code."""
 
 LLVMPIPE = "llvmpipe"
-KNOWN = ("gpu0", "gpu1", LLVMPIPE, CPU)
-"""As given to device=; gpu2, gpu3, ... are known too."""
 
 SOFTWARE_RENDERERS = (
     *("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software", "basic render"),
@@ -34,7 +32,7 @@ def check_name(name: str) -> None:
     >>> check_name("gpu1")
     """
     if name not in (CPU, LLVMPIPE) and not (name.startswith("gpu") and name[3:].isdigit()):
-        raise UnknownName(f"unknown device {name!r} (known: {', '.join(KNOWN)})")
+        raise UnknownName(f"unknown device {name!r} (known: gpu0, gpu1, ..., {LLVMPIPE}, {CPU})")
 
 
 def cores() -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
-from triangulators.polygon import Boundary, oriented_rings, polygon_of_rings
+from triangulators.polygon import Boundary, polygon_of_rings, wound
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
@@ -46,38 +46,19 @@ def manifold(outline: Boundary) -> np.ndarray:
     """Return the triangles (m, 3) of manifold3d: ear clipping that tolerates imprecise input."""
     import manifold3d
 
-    rings = oriented_rings(outline.points, outline.ends)
+    corners = wound(outline.points, outline.ends)
+    rings = np.split(outline.points[corners], outline.ends[:-1])
     try:
-        triangles = manifold3d.triangulate([outline.points[ring] for ring in rings])
+        triangles = manifold3d.triangulate(rings)
     except RuntimeError as error:
         raise TriangulationError(f"manifold: {error}") from error
-    return np.concatenate(rings)[np.asarray(triangles, dtype=np.int64)].reshape(-1, 3)
+    return corners[np.asarray(triangles, dtype=np.int64)].reshape(-1, 3)
 
 
 @lru_cache(maxsize=1)
 def sweep_installed() -> bool:
     """Whether PyOpenGL and libGLU are there: what `sweep` needs."""
     return bool(importlib.util.find_spec("OpenGL") and ctypes.util.find_library("GLU"))
-
-
-class _Collector:
-    """Receives what the tessellator emits: indices of vertices, three a triangle."""
-
-    def __init__(self, outline: Boundary) -> None:
-        self.points = outline.points
-        self.indices: list[int] = []
-        self.errors: list[int] = []
-
-    def vertex(self, index: int) -> None:
-        self.indices.append(index)
-
-    def combine(self, coordinates: Any, vertices: Any, _weights: Any) -> int:
-        """Name the vertex where edges meet: one of the polygon's, if rings touch there."""
-        for index in vertices:
-            if index is not None and np.array_equal(self.points[index], coordinates[:2]):
-                return int(index)
-        self.errors.append(-1)
-        return int(vertices[0])
 
 
 def sweep(outline: Boundary) -> np.ndarray:
@@ -87,14 +68,24 @@ def sweep(outline: Boundary) -> np.ndarray:
     """
     from OpenGL import GLU
 
-    collector = _Collector(outline)
+    indices: list[int] = []
+    errors: list[int] = []
+
+    def combine(coordinates: Any, vertices: Any, _weights: Any) -> int:
+        """Name the vertex where edges meet: one of the polygon's, if rings touch there."""
+        for index in vertices:
+            if index is not None and np.array_equal(outline.points[index], coordinates[:2]):
+                return int(index)
+        errors.append(-1)
+        return int(vertices[0])
+
     tessellator = GLU.gluNewTess()
     GLU.gluTessNormal(tessellator, 0.0, 0.0, 1.0)
     GLU.gluTessProperty(tessellator, GLU.GLU_TESS_WINDING_RULE, GLU.GLU_TESS_WINDING_ODD)
     callbacks = {
-        GLU.GLU_TESS_VERTEX: collector.vertex,
-        GLU.GLU_TESS_COMBINE: collector.combine,
-        GLU.GLU_TESS_ERROR: collector.errors.append,
+        GLU.GLU_TESS_VERTEX: indices.append,
+        GLU.GLU_TESS_COMBINE: combine,
+        GLU.GLU_TESS_ERROR: errors.append,
         GLU.GLU_TESS_EDGE_FLAG: lambda _flag: None,  # makes GLU emit plain triangles
         GLU.GLU_TESS_BEGIN: lambda _mode: None,
         GLU.GLU_TESS_END: lambda: None,
@@ -114,8 +105,8 @@ def sweep(outline: Boundary) -> np.ndarray:
         GLU.gluTessEndPolygon(tessellator)
     finally:
         GLU.gluDeleteTess(tessellator)
-    if -1 in collector.errors:
+    if -1 in errors:
         raise TriangulationError("sweep: the tessellator would add a vertex where edges meet")
-    if collector.errors:
-        raise TriangulationError(f"sweep: GLU error {collector.errors[0]}")
-    return np.array(collector.indices, dtype=np.int64).reshape(-1, 3)
+    if errors:
+        raise TriangulationError(f"sweep: GLU error {errors[0]}")
+    return np.array(indices, dtype=np.int64).reshape(-1, 3)

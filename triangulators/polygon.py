@@ -95,12 +95,6 @@ def sites(points: np.ndarray) -> np.ndarray:
     return first[which].astype(np.int32)
 
 
-def signed_area(ring: np.ndarray) -> float:
-    """Return the area of an open ring (n, 2), positive if counter-clockwise."""
-    x, y = (ring - ring[0]).T  # shifted, so that large coordinates do not cancel
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y)) / 2.0
-
-
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
     outline = _of_simple_ring(polygon)
@@ -211,15 +205,29 @@ def polygon_of_rings(points: np.ndarray, ends: np.ndarray) -> shapely.Polygon:
     return shapely.Polygon(closed[0], closed[1:])
 
 
-def oriented_rings(points: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
-    """Return the vertices of each ring, the exterior counter-clockwise and holes clockwise."""
-    found, start = [], 0
-    for number, end in enumerate(ends.tolist()):
-        ring = np.arange(start, end)
-        turned = (signed_area(points[start:end]) > 0.0) != (number == 0)
-        found.append(ring[::-1] if turned else ring)
+@njit(nogil=True)
+def twice_ring_area(points: np.ndarray) -> float:
+    """Return twice the signed area of a ring (n, 2), positive if counter-clockwise."""
+    area = 0.0
+    for k in range(len(points)):
+        after = points[k + 1] if k + 1 < len(points) else points[0]
+        area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
+        area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
+    return area
+
+
+@njit(nogil=True)
+def wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
+    ring = np.empty(len(points), dtype=np.int32)
+    start = 0
+    for number in range(len(ends)):
+        end = ends[number]
+        left = twice_ring_area(points[start:end]) > 0.0
+        for k in range(start, end):
+            ring[k] = k if left == (number == 0) else end - 1 - (k - start)
         start = end
-    return found
+    return ring
 
 
 def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
@@ -231,7 +239,7 @@ def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
     """
     site = sites(points)
     edges = []
-    for ring in oriented_rings(points, ends):
+    for ring in np.split(wound(points, ends), ends[:-1]):
         corners = site[ring]
         pairs = np.column_stack((corners, np.roll(corners, -1)))
         edges.append(pairs[pairs[:, 0] != pairs[:, 1]])

@@ -9,7 +9,7 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.geometry.half_edges import is_triangulation, link
-from triangulators.geometry.predicates import OUTSIDE, all_left
+from triangulators.polygon import polygon_of_rings
 
 
 class Ragged(NamedTuple):
@@ -42,12 +42,10 @@ class Triangulations(Sequence[np.ndarray]):
         return len(self.starts) - 1
 
     def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"polygon {index} of {len(self)}")
-        index %= len(self)
-        return self.triangles[self.starts[index] : self.starts[index + 1]]
+        rows = range(len(self))[index]
+        if isinstance(rows, range):
+            return [self[row] for row in rows]
+        return self.triangles[self.starts[rows] : self.starts[rows + 1]]
 
 
 def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:
@@ -67,8 +65,7 @@ def polygon_at(arrays: Ragged, index: int) -> shapely.Polygon:
     first = int(arrays.polygon_ends[index - 1]) if index else 0
     ends = arrays.ring_ends[first : int(arrays.polygon_ends[index])]
     start = int(arrays.ring_ends[first - 1]) if first else 0
-    rings = np.split(arrays.coordinates[start : int(ends[-1])], ends[:-1] - start)
-    return shapely.Polygon(rings[0], rings[1:])
+    return polygon_of_rings(arrays.coordinates[start : int(ends[-1])], ends - start)
 
 
 class Batch(NamedTuple):
@@ -138,8 +135,7 @@ def _doubted(
         points, ends = polygon_of(which[row], coordinates, rings, owners, begins)
         own = triangles[bounds[row] : bounds[row + 1]]
         corner = own.reshape(-1)
-        if all_left(points, own) == OUTSIDE or not is_triangulation(
-            points, ends, corner, link(corner)
-        ):
+        sound = len(own) > 0 and own.min() >= 0 and own.max() < len(points)
+        if not sound or not is_triangulation(points, ends, corner, link(corner)):
             found.append(which[row])
     return found

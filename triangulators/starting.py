@@ -14,7 +14,7 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, total_cost
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.geometry.half_edges import is_triangulation, link, twins_of
-from triangulators.geometry.predicates import cross, tolerance, turn, turns
+from triangulators.geometry.predicates import ALL_LEFT, all_left, cross, tolerance, turn, turns
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary, vertices_on
@@ -93,9 +93,9 @@ def best_start(outline: Boundary, cost: Cost) -> np.ndarray:
 def left_turning(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return int32 triangles wound counter-clockwise, those without area left out."""
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    orientation = turns(points, triangles)
-    if (orientation > 0.0).all():
+    if all_left(points, triangles) == ALL_LEFT:
         return triangles
+    orientation = turns(points, triangles)
     triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
     return np.ascontiguousarray(triangles[orientation != 0.0])
 

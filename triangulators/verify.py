@@ -9,12 +9,13 @@ after they are split at vertices lying on them are T-junctions: covered, but not
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
 
 from triangulators.criteria import predict
-from triangulators.geometry.predicates import tolerance, turns
+from triangulators.geometry.predicates import OUTSIDE, all_left, tolerance, turns
 from triangulators.polygon import Boundary, boundary, boundary_area, vertices_on
 
 Edge = tuple[int, int]
@@ -60,14 +61,13 @@ def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
 
 def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     """`verify`, for a polygon given as its `Boundary`."""
-    triangles = np.asarray(triangles)
     expected = outline.expected_triangles
-    problems = _bad_indices(outline, triangles)
-    if problems:
-        return Verification(len(triangles), expected, float("nan"), problems)
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    try:
+        triangles = rows_of(triangles, outline.points)
+    except ValueError as error:
+        return Verification(len(triangles), expected, float("nan"), [str(error)])
     orientation = turns(outline.points, triangles)
-    problems += [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
+    problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
     problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
     loose = unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
@@ -90,17 +90,17 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     return Verification(len(triangles), expected, area_error, problems, junctions)
 
 
-def _bad_indices(outline: Boundary, triangles: np.ndarray) -> list[str]:
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        return [f"triangles have shape {triangles.shape}, expected (m, 3)"]
-    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
-        return [f"triangles are {triangles.dtype}, expected integers"]
-    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(outline.points)):
-        return [
-            f"triangles use vertices {triangles.min()}..{triangles.max()},"
-            f" the polygon has 0..{len(outline.points) - 1}"
-        ]
-    return []
+def rows_of(triangles: Any, points: np.ndarray) -> np.ndarray:
+    """Return triangles as int32 (m, 3); raises `ValueError` unless they index (n, 2) points."""
+    found = np.asarray(triangles)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ValueError(f"triangles have shape {found.shape}, expected (m, 3)")
+    if found.size and found.dtype.kind not in "iu":
+        raise ValueError(f"triangles are {found.dtype}, expected integer indices")
+    rows = np.ascontiguousarray(found, dtype=np.int32)
+    if all_left(points, rows) == OUTSIDE:
+        raise ValueError(f"triangles have indices outside 0..{len(points) - 1}")
+    return rows
 
 
 def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:

@@ -8,13 +8,13 @@ import shapely
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.triangulators.cases import convex, random_simple, shared, smooth, snapped, star
+from tests.triangulators.cases import convex, random_simple, smooth, snapped, star
 from triangulators import criteria, triangulate, vertices
 from triangulators.criteria import FEATURES
 from triangulators.criteria.cost import cost_of, with_fields
-from triangulators.geometry.predicates import on_grid
+from triangulators.geometry.predicates import grid_unit
 from triangulators.optimum import full_table, visible_lists
-from triangulators.optimum.full_table import by_full_table, grid_unit
+from triangulators.optimum.full_table import by_full_table
 from triangulators.optimum.visible_lists import INT32_LIMIT, by_lists, weights_of_pairs
 from triangulators.polygon import boundary
 from triangulators.starting import cycle_of
@@ -41,7 +41,7 @@ def by_ring(ring, box):
 
 @pytest.mark.parametrize("n", [130, 300])
 def test_where_most_corners_see_each_other_the_ring_is_as_good_as_visible_pairs(n):
-    assert not on_grid(vertices(convex(n)))
+    assert grid_unit(vertices(convex(n))) == 0.0
     for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
         ring = cycle_of(boundary(polygon), "test")
         for name, box in (("overdraw", A), ("half-perimeter", H)):
@@ -104,7 +104,7 @@ def test_on_frames_the_optimum_is_that_of_the_table_of_triangles_exactly():
             continue
         outline = boundary(polygon)
         ring = cycle_of(outline, "test")
-        assert on_grid(ring.points)
+        assert grid_unit(ring.points) > 0.0
         for name in ("half-perimeter", "overdraw"):
             found = triangulate(polygon, f"optimal:{name}")
             expected = by_triangles(ring, name)
@@ -139,9 +139,6 @@ def test_grid_unit_is_the_coarsest():
         assert grid_unit(odd * unit) == unit
     assert grid_unit(points + 0.1) == 0.0
     assert grid_unit(np.ascontiguousarray(points * 0.1)) == 0.0
-    for _, polygon in shared("helsinki.json")[:100]:
-        points = vertices(polygon)
-        assert (grid_unit(points) > 0.0) == on_grid(points)
 
 
 @pytest.mark.parametrize(

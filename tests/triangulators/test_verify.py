@@ -27,7 +27,7 @@ def test_rejects_what_is_not_a_triangulation():
         "gap or overlap": [[0, 1, 2]],
         "overlap": [[0, 1, 2], [0, 1, 2]],
         "no area": [[0, 1, 2], [0, 2, 3], [1, 1, 2]],
-        "the polygon has 0..3": [[0, 1, 4]],
+        "outside 0..3": [[0, 1, 4]],
         "expected (m, 3)": [[0, 1], [2, 3]],
     }
     for message, triangles in cases.items():

@@ -4,7 +4,6 @@ What a file's fields mean is in docs/reference/files.md; harness/export/check_ev
 them and shares no code with this package.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,7 +53,7 @@ class Certificate:
     Where costs are whole on a grid (half-perimeter and overdraw of coordinates that are
     whole or have few binary places), optimal means exactly that, in whole numbers, and nothing is
     proven that is not. Where they are real numbers, as the criterion's function computes them in
-    doubles, it means that nothing costs less by a larger share than `error`. evidence: what a
+    doubles, it means that nothing costs less by a larger share than `gap`. evidence: what a
     checker needs; None where there is no bound.
     """
 
@@ -63,11 +62,6 @@ class Certificate:
     gap: float
     proven: bool
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
-
-    @property
-    def error(self) -> float:
-        """The relative error to which the triangulation is known to be optimal; 0 is exactly."""
-        return self.gap if self.proven else math.inf
 
 
 def as_claim(

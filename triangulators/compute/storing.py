@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from types import CodeType
+from types import CodeType, SimpleNamespace
 from typing import IO, Any
 from uuid import uuid4
 
@@ -95,20 +95,6 @@ def _lock_file() -> IO[bytes]:
     return (place().parent / "compiling.lock").open("ab")
 
 
-class _Locator:
-    """Says nothing of where code is kept: `_Files` does."""
-
-    def __init__(self, folder: Path, file: Path) -> None:
-        self._folder = folder
-        self._py_file = str(file)  # Numba's warnings name it
-
-    def get_cache_path(self) -> str:
-        return str(self._folder)
-
-    def ensure_cache_path(self) -> None:
-        """Make the folder when something is written, not when a function is declared."""
-
-
 class _Kept(FunctionCache):
     """Numba's cache of one function, in a folder of its module's digest."""
 
@@ -118,7 +104,8 @@ class _Kept(FunctionCache):
         file = Path(source.__code__.co_filename).resolve()
         folder = place() / f"{dotted(file)}-{digest(file)}"
         self._impl = self._impl_class.__new__(self._impl_class)
-        self._impl._locator = _Locator(folder, file)
+        # Numba's warnings name the file; the folder is made when something is written.
+        self._impl._locator = SimpleNamespace(_py_file=str(file), ensure_cache_path=lambda: None)
         self._impl._lineno = source.__code__.co_firstlineno
         self._cache_path = str(folder)
         self._cache_file = _Files(folder, f"{source.__qualname__}-{self._impl._lineno}")
@@ -185,6 +172,3 @@ class _Files:
             part.replace(file)
         except OSError:
             part.unlink(missing_ok=True)
-
-    def flush(self) -> None:
-        """Forget nothing: other processes use it."""

@@ -8,6 +8,8 @@ Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast R
 Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself is already exact.
 """
 
+import math
+
 import numpy as np
 
 from triangulators.compute.kernels import njit
@@ -203,19 +205,40 @@ def touching(
     return found
 
 
-def on_grid(points: np.ndarray) -> bool:
-    """Whether plain float64 determinants of these points are exact.
+@njit(nogil=True)
+def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
+    """Return the least x and y of points, their width and their height."""
+    low_x = high_x = points[0, 0]
+    low_y = high_y = points[0, 1]
+    for k in range(1, len(points)):
+        low_x, high_x = min(low_x, points[k, 0]), max(high_x, points[k, 0])
+        low_y, high_y = min(low_y, points[k, 1]), max(high_y, points[k, 1])
+    return low_x, low_y, high_x - low_x, high_y - low_y
 
-    True if, for some power of two, the coordinates are its multiples and span fewer than 2^25 of
-    them: differences then fit 25 bits and products 50. Frames snapped to 1/256 px always do.
+
+@njit(nogil=True)
+def grid_unit(points: np.ndarray) -> float:
+    """Return the largest power of two that all coordinates (n, 2) are multiples of.
+
+    0.0 if there is none of which they span at most 2^24. Where there is one, plain float64
+    determinants are exact: differences fit 25 bits and products 50. Frames snapped to 1/256 px
+    always have one.
     """
-    if len(points) == 0:
-        return True
-    span = float(np.ptp(points, axis=0).max())
-    if span == 0.0:
-        return True
-    scaled = points * (2.0 ** (24 - np.ceil(np.log2(span))))
-    return bool(np.all(scaled == np.rint(scaled)) and np.abs(scaled).max() < 2.0**52)
+    _, _, w, h = box_of(points)
+    span = max(w, h)
+    if not 1e-290 < span < 1e300:
+        return 0.0
+    mantissa, exponent = math.frexp(span)
+    if mantissa == 0.5:
+        exponent -= 1
+    scale = math.ldexp(1.0, 24 - exponent)
+    bits = np.int64(0)
+    for k in range(len(points)):
+        x, y = points[k, 0] * scale, points[k, 1] * scale
+        if x != np.rint(x) or y != np.rint(y) or max(abs(x), abs(y)) >= 4503599627370496.0:
+            return 0.0
+        bits |= np.int64(x) | np.int64(y)
+    return float(bits & -bits) / scale
 
 
 def tolerance(points: np.ndarray) -> float:
@@ -223,7 +246,7 @@ def tolerance(points: np.ndarray) -> float:
 
     Zero where float64 determinants are exact; otherwise the rounding error of a coordinate.
     """
-    return 0.0 if on_grid(points) else float(np.abs(points).max()) * 4.0 * 2.0**-52
+    return 0.0 if grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 
 @njit(nogil=True)

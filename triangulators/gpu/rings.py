@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.optimum.full_table import SPAN, box_of, grid_unit, twice_area
+from triangulators.geometry.predicates import box_of, grid_unit
+from triangulators.optimum.full_table import SPAN
+from triangulators.polygon import twice_ring_area
 from triangulators.ragged import Batch
 
 SIZES = (16, 32, 64)
@@ -80,7 +82,7 @@ def prepare(coordinates: np.ndarray, wanted: np.ndarray, most: int, rings: Rings
         low_x, low_y, w, h = box_of(points)
         if n * ((w + h) / unit) >= _INT32_LIMIT:
             continue
-        back = not twice_area(points) > 0.0
+        back = not twice_ring_area(points) > 0.0
         own = corners[begins[index] : begins[index + 1]]
         for k in range(n):
             source = n - 1 - k if back else k

@@ -7,7 +7,7 @@ the paper's recursion gives the same and removes duplicates.
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -15,15 +15,15 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import cheapest, cost_of
-from triangulators.errors import Skipped, TriangulationError
+from triangulators.errors import Skipped
 from triangulators.geometry.predicates import orient
 from triangulators.methods.counting import count_of_cycle
 from triangulators.polygon import (
     Boundary,
-    boundary,
     boundary_area,
     checked_boundary,
     polygon_of_rings,
+    vertices,
 )
 from triangulators.starting import Cycle, cycle_of
 
@@ -41,8 +41,8 @@ def enumerate_triangulations(
     """Return all triangulations of a polygon without holes, none twice.
 
     Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3), as
-    dropped vertices leave fewer triangles. Raises `InvalidPolygon`, `Skipped` for holes, and
-    `TriangulationError`, naming the count, if there are more than 10^6 (20,000 in mode `paper`).
+    dropped vertices leave fewer triangles. Raises `InvalidPolygon`, and `Skipped` for holes and for
+    more than 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "exhaustive")
@@ -50,28 +50,22 @@ def enumerate_triangulations(
         return ring.cycle[_all(ring)]
     if mode != "paper":
         raise ValueError(f"mode is 'conforming' or 'paper', not {mode!r}")
-    return _paper(outline, ring)
-
-
-def _paper(outline: Boundary, ring: Cycle) -> list[np.ndarray]:
-    _refuse(count_of_cycle(ring), MOST_PAPER)
+    _refuse(ring, MOST_PAPER)
     found = Recursion(outline.points, drop_straight=True).all(ring.cycle.tolist())
     return [np.array(sorted(triangles), dtype=np.int32) for triangles in sorted(map(sorted, found))]
 
 
-def _refuse(count: int, most: int) -> None:
-    if count > most:
-        digits = str(count)
-        named = digits if count < 10**15 else f"about {digits[0]}.{digits[1:3]}e{len(digits) - 1}"
-        raise TriangulationError(
-            f"exhaustive: the polygon has {named} triangulations, more than {most};"
-            " use 'optimal', which finds the best without listing them"
+def _refuse(ring: Cycle, most: int) -> None:
+    if count_of_cycle(ring, most) > most:
+        raise Skipped(
+            f"exhaustive: the polygon has more than {most} triangulations;"
+            " 'optimal' finds the best without listing them"
         )
 
 
 def _all(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3) positions in it."""
-    _refuse(count_of_cycle(ring), MOST)
+    _refuse(ring, MOST)
     n = len(ring.cycle)
     lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]  # lists[j][i]: of corners i..j
     for i in range(n - 1, -1, -1):
@@ -104,11 +98,6 @@ def triangulate(
 ) -> np.ndarray:
     """Return the best of all triangulations; raises `Skipped` for holes and for too many."""
     ring = cycle_of(outline, "exhaustive")
-    if count_of_cycle(ring, MOST) > MOST:
-        raise Skipped(
-            f"exhaustive: the polygon has more than {MOST} triangulations;"
-            " 'optimal' finds the best without listing them"
-        )
     found = criteria.find(criterion, **parameters)
     cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
     everything = _all(ring)
@@ -129,18 +118,14 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _listed(wkb: bytes) -> list[np.ndarray]:
-    outline = boundary(shapely.from_wkb(wkb))
-    ring = cycle_of(outline, "listed")
-    if count_of_cycle(ring, MOST_PAPER) > MOST_PAPER:
-        raise Skipped(f"listed: the polygon has more than {MOST_PAPER} triangulations")
-    found = _paper(outline, ring)
-    return sorted(found, key=lambda triangles: _order(outline.points, triangles))
+    polygon = shapely.from_wkb(wkb)
+    points = vertices(polygon)
 
+    def order(triangles: np.ndarray) -> tuple[float, float]:
+        sums = criteria.predict(points, triangles)
+        return round(sums["overdraw"], 9), round(sums["shape"], 9)  # so that equal ones tie
 
-def _order(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:
-    """Return what listed triangulations are sorted by: A and D, rounded so that equal ones tie."""
-    sums = criteria.predict(points, triangles)
-    return round(sums["overdraw"], 9), round(sums["shape"], 9)
+    return sorted(enumerate_triangulations(polygon, "paper"), key=order)
 
 
 class Recursion:
@@ -156,18 +141,17 @@ class Recursion:
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
-        self._points = points.tolist()
+        rows = points.tolist()
         self._drop_straight = drop_straight
-        self._known: dict[Corners, set[Triangulation]] = {}
-        self._turns: dict[Triangle, float] = {}
+        # Both are asked for the same in many of the remaining polygons.
+        self._turn = cache(lambda a, b, c: orient(*rows[a], *rows[b], *rows[c]))
+        self._of = cache(self._all_of)
 
     def all(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
         return self._of(_least_first(list(cycle)))
 
-    def _of(self, corners: Corners) -> set[Triangulation]:
-        if corners in self._known:
-            return self._known[corners]
+    def _all_of(self, corners: Corners) -> set[Triangulation]:
         found: set[Triangulation] = set()
         if len(corners) == 3:
             if self._turn(*corners) > 0.0:
@@ -179,7 +163,6 @@ class Recursion:
                 first, second = corners[(start + 1) % n], corners[start - 1]
                 for ears in ((first,), (second,), (first, second)):
                     found |= self._after(corners, ears)
-        self._known[corners] = found
         return found
 
     def _after(self, corners: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
@@ -196,14 +179,6 @@ class Recursion:
             cut.add((a, b, c))
             corners = self._without(corners, at)
         return {frozenset(others | cut) for others in self._of(corners)}
-
-    def _turn(self, a: int, b: int, c: int) -> float:
-        """Return `orient` of three points, which is asked for in many of the remaining polygons."""
-        found = self._turns.get((a, b, c))
-        if found is None:
-            found = orient(*self._points[a], *self._points[b], *self._points[c])
-            self._turns[a, b, c] = found
-        return found
 
     def _is_inside(self, ear: Triangle, corners: Corners) -> bool:
         """Whether a triangle turns left and no other corner lies in it or on its edges."""

@@ -33,6 +33,7 @@ from triangulators.libraries import ear_clipping
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.ragged import Batch, polygon_of
 from triangulators.starting import starts
+from triangulators.verify import rows_of
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS
 
@@ -49,11 +50,6 @@ def cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> b
 
 
 @njit(nogil=True)
-def _by_cost(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
-    return run(points, corner, twin, cheaper, convex, cost)
-
-
-@njit(nogil=True)
 def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost) -> int:
     """Flip in place until no flip gains; return how many were made. See `geometry.flips.run`."""
     if test == L1:
@@ -64,7 +60,9 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
         return by_delaunay(points, corner, twin)
     if test == AS_EARCUT:
         return as_earcut(points, corner, twin)
-    return _by_cost(points, corner, twin, cost) if test == COST else 0
+    if test == COST:
+        return run(points, corner, twin, cheaper, convex, cost)
+    return 0
 
 
 @njit(nogil=True)
@@ -157,16 +155,11 @@ def flip(
         [[0, 1, 3], [3, 1, 2]]
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
-    given = np.asarray(triangles)
-    if given.size and given.dtype.kind not in "iu":
-        raise ValueError(f"flip: triangles are {given.dtype}, expected whole numbers")
-    if given.ndim not in (1, 2) or given.shape[-1] not in (3, given.size) or given.size % 3:
-        raise ValueError(f"flip: triangles have shape {given.shape}, expected (m, 3)")
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"flip: points have shape {points.shape}, expected (n, 2)")
-    if given.size and not 0 <= given.min() <= given.max() < len(points):
-        raise ValueError(f"flip: triangles have indices outside 0..{len(points) - 1}")
-    rows = given.astype(np.int32).reshape(-1, 3)
+    given = np.asarray(triangles)
+    flat = given.ndim == 1 and given.size % 3 == 0
+    rows = rows_of(given.reshape(-1, 3) if flat else given, points).copy()
     cost, test = _cost(points, rows, by, parameters)
     corner = rows.reshape(-1)
     flip_by(points, corner, link(corner), test, cost)

@@ -17,16 +17,14 @@ from triangulators.checking.units import EXACT, whole_scale
 from triangulators.criteria.cost import cost_of, total_cost, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import on_grid
+from triangulators.geometry.predicates import box_of, grid_unit
 from triangulators.optimum.best_way import (
     PIECE,
-    TABLE_ONLY,
     optimum,
     quick_optimum,
     search_cuts,
     sweep_windows,
 )
-from triangulators.optimum.full_table import box_of, grid_unit
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting import best_start, ring_triangulation
 
@@ -139,8 +137,7 @@ def _search(
     cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
-        table = cost["is_box"] and len(cycle) <= TABLE_ONLY and on_grid(points)
-        start = None if table else ring_triangulation(outline, cycle)
+        start = ring_triangulation(outline, cycle)
         return _Found(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = best_start(outline, cost)

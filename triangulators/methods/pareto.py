@@ -15,13 +15,7 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, cost_of, total_cost
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.polygon import (
-    Boundary,
-    boundary,
-    boundary_area,
-    checked_boundary,
-    polygon_of_rings,
-)
+from triangulators.polygon import Boundary, boundary_area, checked_boundary, polygon_of_rings
 from triangulators.starting import Cycle, cycle_of
 
 MOST = 100_000  # points in the front of a sub-polygon
@@ -56,7 +50,14 @@ def pareto_front(
     Raises `InvalidPolygon`, `Skipped` for holes, `UnknownName`, and `TriangulationError` if the
     front of some sub-polygon has more than 100,000 entries.
     """
-    return _front(checked_boundary(polygon), first, second)
+    outline = checked_boundary(polygon)
+    ring = cycle_of(outline, "pareto")
+    area, count = boundary_area(outline), outline.expected_triangles
+    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
+    fronts = _fronts(ring, pair[0], pair[1])
+    whole = fronts[0, len(ring.cycle) - 1]
+    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
+    return Front(whole.costs, ring.cycle[triangles])
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
@@ -75,17 +76,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _of_a_and_d(wkb: bytes) -> Front:
-    return _front(boundary(shapely.from_wkb(wkb)), "overdraw", "shape")
-
-
-def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
-    ring = cycle_of(outline, "pareto")
-    area, count = boundary_area(outline), outline.expected_triangles
-    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
-    fronts = _fronts(ring, pair[0], pair[1])
-    whole = fronts[0, len(ring.cycle) - 1]
-    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
-    return Front(whole.costs, ring.cycle[triangles])
+    return pareto_front(shapely.from_wkb(wkb))
 
 
 def _fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:

@@ -18,7 +18,7 @@ from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.predicates import on_grid
+from triangulators.geometry.predicates import grid_unit
 from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.optimum.cut_holes import by_cuts
@@ -28,7 +28,6 @@ from triangulators.polygon import Boundary
 
 TABLE_ONLY = 128  # corners; up to here looking for visible pairs costs more than it saves
 _SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by ring
-_ANY = np.array([1.0, 0.0, 0.0])  # what is quickest to optimise, where any triangulation will do
 
 PIECE = 200  # triangles in a window of a large polygon
 _ROUNDS = 12  # sweeps of windows at most
@@ -36,12 +35,12 @@ _ENOUGH = 5e-3  # a sweep that gains less than this part of the cost is the last
 _PATIENCE = 6  # cuts tried in a row without gain before giving up on better ones
 
 
-def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.ndarray:
+def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the triangulation (n - 2, 3) of least cost of a simple polygon.
 
     points: (n, 2), a counter-clockwise cycle, in which a point may be met several times;
-    triangles: (n - 2, 3), some triangulation of it, positions in the cycle; if None, one is found
-    first. Raises `TriangulationError` if there is none.
+    triangles: (n - 2, 3), some triangulation of it, positions in the cycle. Raises
+    `TriangulationError` if there is none.
 
     Exact for all doubles: orientations and visibility are decided by exact predicates.
     """
@@ -50,16 +49,12 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
         found = _by_ring(points, cost["box"])
         if found is not None:
             return found
-    if triangles is None:
-        triangles = _by_ring(points, _ANY)
-        if triangles is None:
-            raise TriangulationError(f"no triangulation of {n} corners found")
     start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
     if cost["is_box"]:
         seen_from_above = np.bincount(target, minlength=n)
         tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
         everything = len(target) == n * (n - 1) // 2
-        if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or on_grid(points)):
+        if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or grid_unit(points) > 0.0):
             found = _by_ring(points, cost["box"])
             if found is not None:
                 return found

@@ -19,15 +19,9 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
 from triangulators.geometry.order import walk_of
-from triangulators.geometry.predicates import FILTER
-from triangulators.optimum.full_table import (
-    SMALL,
-    box_of,
-    by_full_table,
-    grid_unit,
-    twice_area,
-    weight,
-)
+from triangulators.geometry.predicates import FILTER, box_of, grid_unit
+from triangulators.optimum.full_table import SMALL, by_full_table, weight
+from triangulators.polygon import wound
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -50,7 +44,7 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
     _, _, w, h = box_of(points)
     # The filter's bound is a multiple of two products, each below the span's square.
     doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
-    ring = _wound(points, ends)
+    ring = wound(points, ends)
     cycle = np.empty((holes + 1, most), dtype=np.int32)  # at each depth, that around what is left
     copy_row(ring[: ends[0]], cycle[0])
     size = np.empty(holes + 1, dtype=np.int64)
@@ -96,20 +90,6 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
     if least < np.inf:
         copy_rows(walk_of(triangles, n), triangles)
     return least < np.inf
-
-
-@njit(nogil=True)
-def _wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
-    ring = np.empty(len(points), dtype=np.int32)
-    start = 0
-    for number in range(len(ends)):
-        end = ends[number]
-        left = twice_area(points[start:end]) > 0.0
-        for k in range(start, end):
-            ring[k] = k if left == (number == 0) else end - 1 - (k - start)
-        start = end
-    return ring
 
 
 @njit(nogil=True)

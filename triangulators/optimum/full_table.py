@@ -43,7 +43,8 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, LANES, fmin, push
-from triangulators.geometry.predicates import FILTER, orient
+from triangulators.geometry.predicates import FILTER, box_of, grid_unit, orient
+from triangulators.polygon import twice_ring_area
 from triangulators.ragged import Batch
 
 SMALL = 192  # corners up to which batches and polygons with holes are done by these tables
@@ -53,41 +54,6 @@ _NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them s
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
 _NONE = 1e300
 _FAR = 1e30
-
-
-@njit(nogil=True)
-def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the least x and y of points, their width and their height."""
-    low_x = high_x = points[0, 0]
-    low_y = high_y = points[0, 1]
-    for k in range(1, len(points)):
-        low_x, high_x = min(low_x, points[k, 0]), max(high_x, points[k, 0])
-        low_y, high_y = min(low_y, points[k, 1]), max(high_y, points[k, 1])
-    return low_x, low_y, high_x - low_x, high_y - low_y
-
-
-@njit(nogil=True)
-def grid_unit(points: np.ndarray) -> float:
-    """Return the largest power of two that all coordinates (n, 2) are multiples of.
-
-    0.0 if there is none of which they span at most 2^24: then float64 determinants are not exact,
-    and `predicates.on_grid` is False.
-    """
-    _, _, w, h = box_of(points)
-    span = max(w, h)
-    if not 1e-290 < span < 1e300:
-        return 0.0
-    mantissa, exponent = math.frexp(span)
-    if mantissa == 0.5:
-        exponent -= 1
-    scale = math.ldexp(1.0, 24 - exponent)
-    bits = np.int64(0)
-    for k in range(len(points)):
-        x, y = points[k, 0] * scale, points[k, 1] * scale
-        if x != np.rint(x) or y != np.rint(y) or max(abs(x), abs(y)) >= 4503599627370496.0:
-            return 0.0
-        bits |= np.int64(x) | np.int64(y)
-    return float(bits & -bits) / scale
 
 
 @njit(nogil=True)
@@ -306,7 +272,7 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
     n = len(points)
     lanes = (n + LANES - 1) // LANES * LANES
     unit = grid_unit(points)
-    area = twice_area(points)
+    area = twice_ring_area(points)
     low_x, low_y, w, h = box_of(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
     if unit > 0.0 and edges_only and max(w, h) < SPAN * unit:
@@ -339,17 +305,6 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
             for e in range(3):
                 triangles[row, e] = n - 1 - triangles[row, e]
     return total
-
-
-@njit(nogil=True)
-def twice_area(points: np.ndarray) -> float:
-    """Return twice the signed area of a ring (n, 2), positive if counter-clockwise."""
-    area = 0.0
-    for k in range(len(points)):
-        after = points[k + 1] if k + 1 < len(points) else points[0]
-        area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
-        area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
-    return area
 
 
 @njit(nogil=True)

@@ -53,7 +53,7 @@ from triangulators.criteria.cost import (
     triangle_cost,
     with_fields,
 )
-from triangulators.optimum.full_table import box_of, grid_unit
+from triangulators.geometry.predicates import box_of, grid_unit
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
 FLOAT = 1e300
