@@ -137,7 +137,7 @@ def attempt_many(
             worst = bool(cost["box"][0] < 0.0)
             from triangulators.gpu import engine  # asked for by name alone
 
-            engine.attempt(device, engine.Task(work, wanted, limit, worst))
+            engine.attempt(device, work, wanted, limit, worst)
         _compiled(work, cost, sound, threads, limit)
     return found
 

@@ -25,11 +25,9 @@ class Entry:
 
     `function` is `module:function`; built-in functions take (boundary, **parameters),
     a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
-    `default_criterion` where none is given, `tests` what else may stand in a criterion's place;
-    `any_shape` whether it does every polygon without holes or skips some; `conforms` whether its
-    triangulations have no T-junctions: a library's result is passed on as it is. `with_gap` is a
-    function like `function` that also says how far the result may be from the optimum. `needs` is a
-    module that must be importable, `install` the line that provides it.
+    `default_criterion` where none is given, `tests` what else may stand in a criterion's place.
+    `with_gap` is a function like `function` that also says how far the result may be from the
+    optimum. `needs` is a module that must be importable, `install` the line that provides it.
     """
 
     name: str
@@ -39,8 +37,6 @@ class Entry:
     criteria: bool = False
     default_criterion: str = "overdraw"
     tests: tuple[str, ...] = ()
-    any_shape: bool = True
-    conforms: bool = True
     with_gap: str | None = None
     needs: str | None = None
     install: str | None = None
@@ -84,25 +80,18 @@ def _ours(
 
 def _library(name: str, description: str, **more: Any) -> Entry:
     place = f"triangulators.libraries:{name.replace('-', '_')}"
-    return Entry(name, description, place, conforms=False, **more)
+    return Entry(name, description, place, **more)
 
 
 BUILTIN = {
     entry.name: entry
     for entry in (
-        _ours(
-            "fan",
-            "a fan from a vertex that sees the whole polygon",
-            "simple:fan",
-            holes=False,
-            any_shape=False,
-        ),
+        _ours("fan", "a fan from a vertex that sees the whole polygon", "simple:fan", holes=False),
         _ours(
             "strip",
             "a zigzag of diagonals, where some start allows it",
             "simple:strip",
             holes=False,
-            any_shape=False,
         ),
         _library("ear-clipping", "mapbox_earcut"),
         _library("delaunay", "constrained Delaunay triangulation (GEOS, through shapely)"),
@@ -138,7 +127,6 @@ BUILTIN = {
             "one of all that the paper's method lists, by its number from the least A on; k=",
             "exhaustive:triangulate_listed",
             holes=False,
-            conforms=False,
         ),
         _ours(
             "exhaustive",
@@ -150,12 +138,10 @@ BUILTIN = {
             "earcut-refine",
             "ear clipping, then flips to Delaunay, as refine() of npm's earcut 3.2.4 makes them",
             "flips:triangulate_as_earcut",
-            conforms=False,
         ),
         _ours(
             "flips",
             "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
-            conforms=False,
             criteria=True,
             default_criterion="l1",
             tests=FLIP_TESTS,

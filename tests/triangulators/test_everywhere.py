@@ -19,6 +19,12 @@ from triangulators.verify import verify_boundary
 LISTING = {"exhaustive": 9, "listed": 9, "pareto": 14}
 """Vertices up to which those are tried here that keep all triangulations, or a front of them."""
 
+NOT_ALWAYS = ("fan", "strip")
+"""Those that skip some polygons without holes."""
+
+AS_THEY_COME = ("ear-clipping", "delaunay", "sweep", "manifold", "listed", "earcut-refine", "flips")
+"""Those whose triangulations may have T-junctions: a library's result is passed on as it is."""
+
 CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
 LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
 
@@ -55,13 +61,13 @@ def check(polygon, label):
             triangles = triangulate(polygon, name)
         except Skipped:
             holed = polygon.interiors and not entry.handles_holes
-            assert not entry.any_shape or holed or len(points) > 1500, (label, name)
+            assert name in NOT_ALWAYS or holed or len(points) > 1500, (label, name)
             continue
         result = verify_boundary(outline, triangles)
         assert result.ok, (label, name, result.problems)
         assert abs(result.area_error) <= 1e-9 * polygon.area, (label, name)
         if not result.conforming:
-            assert not entry.conforms, (label, name, result)
+            assert name.partition(":")[0] in AS_THEY_COME, (label, name, result)
             assert result.t_junctions
             triangles = triangulate(polygon, name, repair=True)
             assert verify_boundary(outline, triangles).conforming, (label, name)

@@ -34,9 +34,9 @@ def done(monkeypatch):
     counts = []
     attempt = engine.attempt
 
-    def counted(name, task):
-        attempt(name, task)
-        counts.append(int(task.batch.done.sum()))
+    def counted(name, batch, *how):
+        attempt(name, batch, *how)
+        counts.append(int(batch.done.sum()))
 
     monkeypatch.setattr(engine, "attempt", counted)
     return counts

@@ -91,9 +91,9 @@ def test_what_was_done_before_the_device_failed_is_kept(monkeypatch, expected, c
     done = []
     attempt = engine.attempt
 
-    def kept(name, task):
-        attempt(name, task)
-        done.extend(task.batch.done.tolist())
+    def kept(name, batch, *how):
+        attempt(name, batch, *how)
+        done.extend(batch.done.tolist())
 
     monkeypatch.setattr(engine, "attempt", kept)
     monkeypatch.setattr(engine, "chunk_bounds", lambda begins: [0, 2, 4, len(begins) - 1])

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -164,28 +164,17 @@ def _shader(name: str) -> str:
     return files("triangulators.gpu").joinpath("shaders", name).read_text(encoding="utf-8")
 
 
-class Task(NamedTuple):
-    """Rings that are wanted of the p polygons of a batch.
-
-    wanted (p,); most: up to so many corners; worst: whether the longest diagonals are looked for.
-    """
-
-    batch: Batch
-    wanted: np.ndarray
-    most: int
-    worst: bool
-
-
 _said: set[str] = set()
 
 
-def attempt(name: str, task: Task) -> None:
-    """Do what the device can, and mark it in `task.batch.done`; what is not done is for the CPU.
+def attempt(name: str, batch: Batch, wanted: np.ndarray, most: int, worst: bool) -> None:
+    """Do what the device can, and mark it in `batch.done`; what is not done is for the CPU.
 
-    One line is logged where that is a failure.
+    wanted (p,): the rings to do, of up to `most` corners; worst: whether the longest diagonals are
+    looked for. One line is logged where a device fails.
     """
     try:
-        wrong = _owner().submit(_run, name, task).result()
+        wrong = _owner().submit(_run, name, batch, wanted, most, worst).result()
     except Exception as error:  # drivers and their bindings raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         _say(f"{name} failed, and the CPU does the rest: {reason}")
@@ -250,14 +239,14 @@ def _close_all() -> None:
         _open.popitem()[1].compute.close()
 
 
-def _run(name: str, task: Task) -> int:
+def _run(name: str, *task: Any) -> int:
     """Do a batch; return how many results were no triangulations of the cost they came with.
 
     A device that raises is closed: after a lost context nothing that it held can be used.
     """
     engine = _opened(name)
     try:
-        return engine.do(task)
+        return engine.do(*task)
     except BaseException:
         del _open[name]
         try:
@@ -274,17 +263,17 @@ class Engine:
         self.compute: Compute = open_context(name)
         self._corners, self._jobs, self._bases = (Storage(self.compute, n) for n in range(3))
 
-    def do(self, task: Task) -> int:
+    def do(self, batch: Batch, wanted: np.ndarray, most: int, worst: bool) -> int:
         """Do a batch, chunk after chunk; return how many results were wrong."""
-        batch, rings = task.batch, Rings.of(task.batch.begins)
-        prepare(batch.coordinates, task.wanted, min(task.most, MOST), rings)
+        rings = Rings.of(batch.begins)
+        prepare(batch.coordinates, wanted, min(most, MOST), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
         wrong = 0
         for first, last in pairwise(chunk_bounds(batch.begins)):
             which = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
             if len(which):
-                self._compute_chunk(rings, first, last, task.worst, bases)
-                place(which, bases, task.worst, rings, batch)
+                self._compute_chunk(rings, first, last, worst, bases)
+                place(which, bases, worst, rings, batch)
                 found = bases[rings.begins[which]] != NONE
                 wrong += int(np.count_nonzero(found & ~batch.done[which]))
         return wrong
