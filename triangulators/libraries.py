@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
-from triangulators.polygon import Boundary, polygon_of_rings, wound
+from triangulators.polygon import Boundary, polygon_of_rings, sites, wound
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
@@ -33,13 +33,11 @@ def delaunay(outline: Boundary) -> np.ndarray:
     except shapely.GEOSException as error:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
-    order = np.lexsort((outline.points[:, 1], outline.points[:, 0]))
-    keys = np.ascontiguousarray(outline.points[order] + 0.0).view(np.complex128).ravel()
-    wanted = np.ascontiguousarray(corners + 0.0).view(np.complex128).ravel()
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    if not np.array_equal(keys[place], wanted):
+    count = len(outline.points)
+    found = sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # 0.0 is -0.0, too
+    if (found >= count).any():
         raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")
-    return order[place].reshape(-1, 3)
+    return found.reshape(-1, 3)
 
 
 def manifold(outline: Boundary) -> np.ndarray:

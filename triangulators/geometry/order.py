@@ -36,15 +36,9 @@ CACHE_SIZE = 16
 _FREE, _ROOT = -2, -1  # in place of the half-edge over which a triangle is entered
 
 
+@njit(nogil=True)
 def walk(triangles: np.ndarray, count: int) -> np.ndarray:
     """Return triangles (m, 3) of `count` points in the order of a walk; each is only turned."""
-    rows = np.ascontiguousarray(triangles, dtype=np.int32)
-    return walk_of(rows, count) if len(rows) > 1 else rows
-
-
-@njit(nogil=True)
-def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Do the work of `walk`, for int32 triangles."""
     return walk_along(triangles, link(triangles.reshape(-1)), count)
 
 

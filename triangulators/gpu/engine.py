@@ -50,7 +50,6 @@ class Compute:
         self.ctx = ctx
         self.renderer = str(ctx.info["GL_RENDERER"])
         self.version = str(ctx.info["GL_VERSION"])
-        self.storage = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])  # bytes of one buffer
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def program(self, *names: str, **constants: int) -> Any:
@@ -83,30 +82,23 @@ class Storage:
     """A storage buffer that grows when more is put into it than it holds."""
 
     def __init__(self, owner: Compute, binding: int) -> None:
-        self._owner = owner
-        self._binding = binding
-        self._buffer: Any = None
+        self._owner, self._binding = owner, binding
+        self._buffer = owner.ctx.buffer(reserve=4, dynamic=True)
 
     def reserve(self, count: int) -> None:
         """Have room for at least `count` bytes; what was in it may be lost."""
-        if self._buffer is None or self._buffer.size < count:
-            if self._buffer is not None:
-                self._buffer.release()
-            self._buffer = None
-            size = min(1 << max(count - 1, 255).bit_length(), max(count, self._owner.storage))
-            self._buffer = self._owner.ctx.buffer(reserve=size, dynamic=True)
-            self._owner.check(f"taking {size:,} bytes")
+        if self._buffer.size < count:
+            self._buffer.orphan(count)
+            self._owner.check(f"taking {count:,} bytes")
 
     def write(self, array: np.ndarray) -> None:
         """Upload an array (C-contiguous) to the buffer's beginning."""
         self.reserve(array.nbytes)
-        if array.size:
-            self._buffer.write(array)
+        self._buffer.write(array)
 
     def read_into(self, array: np.ndarray) -> None:
         """Wait for the device and fill `array` (C-contiguous) from the buffer's beginning."""
-        if array.size:
-            self._buffer.read_into(array, size=array.nbytes)
+        self._buffer.read_into(array, size=array.nbytes)
 
     def bind(self) -> None:
         """Let shaders see it."""

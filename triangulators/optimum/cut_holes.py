@@ -18,7 +18,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
-from triangulators.geometry.order import walk_of
+from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import FILTER, box_of, grid_unit
 from triangulators.optimum.full_table import SMALL, by_full_table, weight
 from triangulators.polygon import wound
@@ -88,7 +88,7 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
                 for e in range(3):
                     triangles[row, e] = cycle[holes, found[row, e]]
     if least < np.inf:
-        copy_rows(walk_of(triangles, n), triangles)
+        copy_rows(walk(triangles, n), triangles)
     return least < np.inf
 
 
