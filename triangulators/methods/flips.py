@@ -152,7 +152,7 @@ def flip(
 
         >>> kite = np.array([(0, 0), (2, -1), (9, 0), (2, 1)])
         >>> flip(kite, np.array([(0, 1, 2), (0, 2, 3)])).tolist()
-        [[0, 1, 3], [3, 1, 2]]
+        [[0, 1, 3], [1, 2, 3]]
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
