@@ -98,7 +98,8 @@ def rows_of(triangles: Any, points: np.ndarray) -> np.ndarray:
     if found.size and found.dtype.kind not in "iu":
         raise ValueError(f"triangles are {found.dtype}, expected integer indices")
     rows = np.ascontiguousarray(found, dtype=np.int32)
-    if all_left(points, rows) == OUTSIDE:
+    wrapped = found.dtype.itemsize > rows.itemsize and not np.array_equal(rows, found)
+    if wrapped or all_left(points, rows) == OUTSIDE:
         raise ValueError(f"triangles have indices outside 0..{len(points) - 1}")
     return rows
 

@@ -1,6 +1,7 @@
 """The verifier finds what is wrong, and nothing where nothing is."""
 
 import numpy as np
+import pytest
 import shapely
 
 from scenes import load
@@ -8,7 +9,7 @@ from triangulators import triangulate
 from triangulators.polygon import boundary
 from triangulators.ragged import doubtful, ragged
 from triangulators.starting import insert_dropped_vertices
-from triangulators.verify import verify
+from triangulators.verify import rows_of, verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
 
@@ -36,6 +37,13 @@ def test_rejects_what_is_not_a_triangulation():
         assert message != "overlap" or found.area_error == 0.0
         assert not found.conforming
         assert any(message in problem for problem in found.problems), (message, found.problems)
+
+
+@pytest.mark.parametrize("index", [-1, 3, 2**32, 2**63 - 1])
+def test_no_index_beyond_the_points_is_taken_for_another(index):
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    with pytest.raises(ValueError, match=r"indices outside 0\.\.2"):
+        rows_of(np.array([(index, 1, 2)]), points)
 
 
 def test_reports_t_junctions_and_repair_removes_them():
