@@ -34,7 +34,7 @@ from harness.stored.folder import Record
 from harness.style import plain_table
 
 MOST_COLUMNS = 4
-"""Figures of the table; with them, 80 characters hold all of it."""
+"""Figures of the table where no counter has a heading; with them, 80 characters hold all of it."""
 
 WIDE = 96
 """Characters from which on the table has partial quads, too."""

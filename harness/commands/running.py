@@ -181,7 +181,7 @@ def told(outcome: RunResult) -> dict[str, Any]:
 
 
 def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: bool = True) -> None:
-    """Show and store what came out; ends the process with the exit code of the design.
+    """Show and store what came out; ends the process with the command's exit code.
 
     plots : draw them, too; `report` draws those that are missing
 

@@ -124,7 +124,8 @@ class TimeChange:
         `rounds`; else `peers`, the `reference` draw, or `none`
     threshold : relative growth that is let pass; None where nothing could be judged
     p_value : Mann-Whitney's, or of the rounds' signs
-    q_value : the larger of it and the interval's, corrected for the number of cases
+    q_value : of the same rounds the p-value, else the larger of it and the interval's; corrected
+        for the number of cases
     reason : why it is inconclusive, else ""
     """
 
@@ -242,7 +243,7 @@ class Comparison:
 
     @property
     def exit_code(self) -> int:
-        """Return the exit code of the design."""
+        """Return the exit code of `compare`."""
         if self.verdict == "inconclusive" and self.settings.allow_inconclusive:
             return errors.GOOD
         return EXIT_CODES[self.verdict]

@@ -119,10 +119,11 @@ def read_pair(
     )
     if not all(map(len, references)):
         return Pair(first, second, None, same_work)
-    same_rounds = len(first) == len(second) and np.array_equal(*references)
+    # A sample that was left out would move those after it to other rounds.
+    whole = [len(first), len(second)] == [len(times["samples_s"]) for times in (before, after)]
+    same_rounds = whole and len(first) == len(second) and np.array_equal(*references)
     parts = (after.get("epochs"), after.get("processes")) if same_rounds else (None, None)
-    whole = len(first) == len(before.get("samples_s") or ())
-    kept = kept_pairs(before, after) if same_rounds and whole else None
+    kept = kept_pairs(before, after) if same_rounds else None
     unlike = "" if same_rounds else run_state.apart(before, after, machines_differ=machines_differ)
     return Pair(first, second, references, same_work, same_rounds, parts, kept, unlike)
 

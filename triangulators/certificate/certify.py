@@ -12,13 +12,7 @@ from triangulators import criteria
 from triangulators.certificate.proof import SECONDS, prove
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence
-from triangulators.checking.units import (
-    LARGEST_SCALE,
-    Units,
-    doubles_add_up,
-    exact_total,
-    units_for,
-)
+from triangulators.checking.units import Units, doubles_add_up, exact_total, is_proof, units_for
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, cost_of, require_number
 from triangulators.errors import TriangulationError
@@ -111,16 +105,10 @@ def certificate_of(
     # A unit is more than the noise of any triangulation: what exceeds a whole number of units is
     # noise.
     least = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
-    bound, unit = Fraction(least) / Fraction(units.scale), 1 / Fraction(units.scale)
-    if units.exact:
-        proven = bound == total  # it is not above: see `checker`
-    elif units.real:
-        # Each triangle's cost is rounded down by less than a unit, the optimum's, too. Coarse units
-        # would prove anything.
-        fine = total != 0 and units.scale < LARGEST_SCALE
-        proven = total - bound < len(triangles) * unit if fine else total == bound
-    else:  # whole numbers, which doubles do not compute exactly: each is off by less than a unit
-        bound, proven = bound - len(triangles) * unit, False
+    proven = is_proof(total, least, len(triangles), units)
+    if not (units.exact or units.real):  # doubles do not compute it: each is off by under a unit
+        least -= len(triangles)
+    bound = Fraction(least) / Fraction(units.scale)
     return Certificate(float(total), _down(bound), _gap(total, bound), proven, evidence)
 
 

@@ -26,7 +26,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import join
 
 _TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
-_FARTHEST = 2.0**20  # of a potential, for the solver: eight times the start's weights
+_FARTHEST = 2.0**20  # of a potential, for the solver: 8 to 16 times the start's weights
 _HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
 
 _OPTIONS: dict[str, Any] = {
@@ -48,7 +48,7 @@ class Program:
 
     start: numbers of triangles that are a triangulation; with them the program has a solution from
     the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
-    Potentials are at most eight times what the start weighs: without a bound some get much larger
+    Potentials are at most 8 to 16 times what the start weighs: without a bound some get much larger
     than is needed, and with one that is far away the interior point does not arrive.
     """
 

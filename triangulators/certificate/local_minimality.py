@@ -40,13 +40,14 @@ a-b was excluded the pair could be flipped to less weight:
     weight(abc) + weight(bad) > weight(dbc) + weight(cad)
                              >= y(db) + y(bc) + y(cd)  +  y(ca) + y(ad) + y(dc),
 
-and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: then abc and bad would have been the
-lighter pair.) No potential of the boundary changes, and so neither does the bound. With a lift,
-which every triangle may exceed its weight by, half of what is missing goes to either side.
+and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: abc and bad were alive then, too, and would
+have been the lighter pair. So cad and dbc hold already.) No potential of the boundary changes, and
+so neither does the bound. With a lift, which is at most 0, dbc and cad may exceed their weights by
+-lift each; y(ab) is half-way then, so that abc and bad exceed theirs by no more.
 
 That an edge has no triangle whose other sides have potentials, on one side or both, does no harm:
 nothing then bounds its potential there. Its other triangles come when their last side does, which
-is an edge that was excluded earlier; so every triangle is looked at once, at its last side.
+is an edge that was excluded earlier; so every triangle counts once, at its last side.
 """
 
 import numpy as np
@@ -65,7 +66,7 @@ def exclude(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (excluded edges in their order, which triangles (t,) are left).
 
-    weights: (t,) of the triangles, in `units`.
+    weights (t,): of the triangles, as `units` makes them.
     """
     points, edges = candidates.points, candidates.edges
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
@@ -109,6 +110,10 @@ def _exclude(
     units: Units,
 ) -> np.ndarray:
     """Return the excluded edges in their order; mark the triangles they take along in `alive`.
+
+    value (t,): what each triangle costs in units, without noise; queue (e,): all edges. A pair, a
+    living triangle on either side, keeps the edge unless it is lighter flipped. What has no living
+    triangle on one side has no pair, and goes.
 
     Each edge e has a place (left, right) in the list of its pairs: triangles on its left, and for
     each of them those on its right. Invariant: no pair before that place keeps the edge. For a pair
@@ -163,7 +168,7 @@ def _exclude(
             t = items[place]
             if alive[t]:
                 alive[t] = False
-                height = _look_again(candidates, t, e, at_left, waiting, again, height)
+                height = _look_again(candidates, t, at_left, waiting, again, height)
     return excluded[:found].copy()
 
 
@@ -171,7 +176,6 @@ def _exclude(
 def _look_again(
     candidates: Candidates,
     t: int,
-    gone: int,
     at_left: np.ndarray,
     waiting: np.ndarray,
     again: np.ndarray,
@@ -181,7 +185,7 @@ def _look_again(
     for other in candidates.sides[t]:
         # Where the search for an edge's pair has come to its end, the edge is gone itself.
         open_still = at_left[other] < candidates.start[2 * other + 1]
-        if other != gone and candidates.side[other] == 0 and open_still and not waiting[other]:
+        if candidates.side[other] == 0 and open_still and not waiting[other]:
             waiting[other] = True
             again[height] = other
             height += 1

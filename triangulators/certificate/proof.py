@@ -13,13 +13,13 @@ from triangulators.certificate.linear_program import Program
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.skeleton import by_table
 from triangulators.checking.evidence import Evidence
-from triangulators.checking.units import Units, units_for, weights_of
+from triangulators.checking.units import Units, exact_total, is_proof, units_for, weights_of
 from triangulators.criteria.cost import Cost
 from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import Boundary
 
 # How much is tried. Where a limit is no time, the same is proven on any machine.
-SECONDS = 60.0  # for the linear programs of one polygon
+SECONDS = 60.0  # for a linear program, of which a polygon may need two
 _QUICK_ROWS = 100_000  # rows of a program without a limit of time: some seconds
 _QUICK = 1_500_000  # candidates, the same: excluding takes some seconds
 MOST = 8_000_000  # candidates of one polygon: they are 1 GB
@@ -56,8 +56,8 @@ class Proof:
         return Evidence(*self.units[:3], self.candidates.edges, found, lift)
 
 
-class _Best:
-    """The best triangulation so far of those made of some candidates, by their numbers."""
+class _Search:
+    """Look for the best triangulation of some candidates; `best` has its triangles' numbers."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
@@ -73,9 +73,10 @@ class _Best:
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
         """Offer an optimum of the triangles that are `alive` (t,); return potentials and a lift.
 
-        They hold for those triangles. By the table they meet the optimum. Where that is not for
-        this polygon, the program's do if it is whole, which all were that anyone has met; its
-        potentials bound the optimum from below in any case.
+        They hold for those triangles and bound any triangulation of them from below; the lift is at
+        most 0. By the table they meet the optimum. Where it is not for this polygon, the linear
+        program's do if no triangle is chosen in part, and otherwise leave a gap. A program is
+        solved where `seconds` are a limit, or where they are infinite and it is small.
         """
         c = self.candidates
         table = by_table(c, alive, cost, self.units)
@@ -84,7 +85,7 @@ class _Best:
             return table[1], 0
         timed = 0.0 < seconds < np.inf
         asked = timed or (seconds > 0.0 and int(alive.sum()) <= _QUICK_ROWS)
-        light = self.weights / self.units.factor
+        light = self.weights / self.units.factor  # in units, for the solver's doubles
         if asked:
             program = Program(c, light, alive, self.best)
             found = self._tried(alive, *program.solve(seconds))
@@ -92,14 +93,12 @@ class _Best:
                 return found
         else:
             found = self._rounded(alive, np.zeros(len(c.edges)))
-        # Not by that: a better triangulation may be what is missing, or a better start.
-        better = _numbers(c, search_cuts(c.points, c.triangles[self.best], cost))
-        if (better >= 0).all():  # otherwise it has edges that are in no optimum
-            self.offer(better)
+        # Nothing is proven yet. A better triangulation may be what is missing, or a better start.
+        self.offer(_numbers(c, search_cuts(c.points, c.triangles[self.best], cost)))
         if asked and not self._is_proof(*found):
             program = Program(c, light, alive, self.best)
             again = self._tried(alive, *program.solve(seconds, at_a_corner=True))
-            found = max(found, again, key=lambda each: self._bound(*each))
+            found = max(found, again, key=lambda each: self.bound(*each))
         return found
 
     def _tried(
@@ -126,13 +125,13 @@ class _Best:
         slack = (self.weights - around)[alive]
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
-    def _bound(self, potentials: np.ndarray, lift: int) -> int:
+    def bound(self, potentials: np.ndarray, lift: int) -> int:
         return sum((potentials * self.candidates.side).tolist()) + lift * len(self.best)
 
     def _is_proof(self, potentials: np.ndarray, lift: int) -> bool:
         """Whether nothing is better than the best by a unit."""
         factor = self.units.factor
-        return self._bound(potentials, lift) // factor >= self.least // factor
+        return self.bound(potentials, lift) // factor >= self.least // factor
 
 
 def prove(
@@ -143,8 +142,8 @@ def prove(
     The evidence is about the triangulation given, and counts in its units. seconds: for each linear
     program; one that is not solved in time gives a weak bound. Where they are infinite, programs of
     more than 100,000 triangles are not tried; where they are 0 none is, which gives a weak bound,
-    too. None if the polygon has more than eight million candidates (1.5 million where there is no
-    limit of time).
+    too. None if more than eight million triples of vertices see each other (1.5 million where
+    seconds are 0 or infinite).
     """
     units = units_for(outline, triangles, cost)
     most = MOST if 0.0 < seconds < np.inf else _QUICK
@@ -153,26 +152,22 @@ def prove(
         return None
     weights = weights_of(outline.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
-    best = _Best(candidates, weights, units)
-    best.offer(_numbers(candidates, triangles))
-    potentials, lift = best.solve(alive, cost, seconds)
-    total, factor, bound = int(best.least), units.factor, best._bound(potentials, lift)
-    # Where costs are rounded, an optimum may seem to cost a unit more for each of its triangles.
-    rounded = 0 if units.exact else outline.expected_triangles - 1
-    equal = (bound // factor) + rounded >= total // factor and (units.exact or units.real)
-    gap = 0.0 if equal else max(total - bound, factor) / max(abs(total), 1)
-    found = candidates.triangles[best.best]
+    search = _Search(candidates, weights, units)
+    search.offer(_numbers(candidates, triangles))
+    potentials, lift = search.solve(alive, cost, seconds)
+    total, factor, bound = int(search.least), units.factor, search.bound(potentials, lift)
+    found = candidates.triangles[search.best]
+    proven = is_proof(exact_total(outline, found, cost, units), bound // factor, len(found), units)
+    gap = 0.0 if proven else max(total - bound, factor) / max(abs(total), 1)
     return Proof(found, gap, candidates, weights, units, excluded, potentials, lift)
 
 
 def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the number of each triangle among the candidates, -1 where it is none."""
+    """Return the number of each triangle of a triangulation: all of them are candidates."""
     n = len(candidates.points)
     keys = _keys(candidates.triangles, n)
     order = np.argsort(keys)
-    wanted = _keys(triangles, n)
-    at = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
-    return np.where(keys[at] == wanted, at, -1)
+    return order[np.searchsorted(keys[order], _keys(triangles, n))]
 
 
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:

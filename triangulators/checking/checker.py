@@ -67,20 +67,20 @@ def _check_potentials(
 ) -> None:
     """Raise `Refused` unless y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
 
-    potential (e,) and lift are below 2^60: sums of three then fit 64 bits. Triangles are found one
-    after the other, by a merge of what two ends of an edge see, and none is kept: the time goes by
-    their number, the memory by the edges.
+    potential (e,), lift and weights are below 2^60: sums of five then fit 64 bits. Triangles are
+    found one after the other, by a merge of what two ends of an edge see, and none is kept: the
+    time goes by how many see each end, summed over the edges, the memory by the edges.
     """
     n = len(edges.points)
     starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
     slices = _SLICES if len(edges.ends) > _FEW else 1
 
-    def worst_of(number: int) -> list[int]:
+    def first_of(number: int) -> list[int]:
         found = _exceeded(edges, starts, potential, lift, cost, units, number, slices)
         return list(found.tolist())
 
     with ThreadPoolExecutor(min(slices, cores())) as pool:
-        wrong = [each for each in pool.map(worst_of, range(slices)) if each]
+        wrong = [each for each in pool.map(first_of, range(slices)) if each]
     if wrong and len(wrong[0]) == 1:
         raise Refused("a weight is too large for exact arithmetic")
     if wrong:
@@ -98,10 +98,11 @@ def _exceeded(
     number: int,
     slices: int,
 ) -> np.ndarray:
-    """Return an empty triangle whose weight the potentials exceed by more than -lift.
+    """Return the corners of the first empty triangle that breaks the inequality.
 
-    From every `slices`-th edge on, which is its lowest corner's edge to the next. An empty array if
-    there is none, one of length 1 where a weight is too large.
+    Looked at are the edges `number`, `number` + `slices` and so on, each with the triangles of
+    which it joins the lowest two corners. An empty array if none breaks it; an array of length 1
+    where a weight is too large.
     """
     ends, ways = edges.ends, edges.ways
     for e in range(number, len(ends), slices):

@@ -51,7 +51,7 @@ _MOST_WEIGHT = 2**59  # of a triangle, without its noise
 _DIGITS = 36  # a real total has up to 2^36 units
 _LARGEST_COEFFICIENT = 1024
 _LARGEST_EXPONENT = 900  # so that what a scale multiplies stays a double
-LARGEST_SCALE = 2.0**_LARGEST_EXPONENT
+_LARGEST_SCALE = 2.0**_LARGEST_EXPONENT
 EXACT = 2.0**52  # steps up to which sums and halves of doubles are exact
 _EXACT_FACTOR = 2.0**25  # the same of factors, whose product is then exact
 
@@ -108,6 +108,18 @@ def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Uni
     if units.exact:
         return sum((costs * units.scale).astype(np.int64).tolist()) / Fraction(units.scale)
     return sum(map(Fraction, costs.tolist()), Fraction(0))
+
+
+def is_proof(total: Fraction, least: int, count: int, units: Units) -> bool:
+    """Whether a bound of `least` units proves that nothing is better than `count` triangles' total.
+
+    Real costs are rounded down by less than a unit for each triangle, the optimum's, too; units
+    that may be too coarse would prove anything.
+    """
+    bound = Fraction(least) / Fraction(units.scale)
+    if units.real and total != 0 and units.scale < _LARGEST_SCALE:
+        return total - bound < count / Fraction(units.scale)
+    return total == bound and (units.exact or units.real)
 
 
 def whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:

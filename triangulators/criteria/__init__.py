@@ -143,8 +143,8 @@ def _linear(
 
 def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
     result = weights / triangles
-    result[1] = weights[1] / polygon_area
-    result[3] = weights[3] / polygon_area
+    areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
+    result[areas] = weights[areas] / polygon_area
     return result
 
 

@@ -2,7 +2,7 @@
 
 One definition of each serves the optimiser, the predictions and the tests: a Numba function of
 three points given as six numbers. `criteria.FEATURES` names them in the order that weights have; a
-new one is added there, in `weighted` and in `feature_sums`.
+new one is added there, to `COUNT`, in `weighted` and in `feature_sums`.
 
 Units are those of the coordinates: pixels for a frame. `exact_quads` alone asks where on the pixel
 grid the triangle lies.

@@ -35,8 +35,8 @@ def grow(
     triangles to `rows` and marks, in `tree` (m, 3), the edges crossed, from both sides. `tree`
     comes in without marks.
     """
-    # Half-edges over which to enter triangles; one is there once for each neighbour in the tree,
-    # and counts the first time. Less than all of the root's is -1: it is entered over none.
+    # Half-edges over which to enter triangles. A triangle may be there three times: it is entered
+    # once, and passed over later. The root's is there for its number; it is entered over none.
     ahead = np.empty(3 * most + 3, dtype=np.int32)
     ahead[0] = 3 * root
     first, last, size = 0, 1, 0
@@ -73,8 +73,8 @@ def unfold(
 
     triangles: (m, 3); tree: (m, 3), as left by `grow`; size: triangles in the tree, that of `root`.
     With k = size + 2: cycle (k,) holds the corners counter-clockwise, as indices of points; local
-    triangles (size, 3) are the tree's, as positions in the cycle; outline (k,) holds the half-edge
-    that follows each corner.
+    triangles (size, 3) are the tree's, breadth first, as positions in the cycle; outline (k,) holds
+    the half-edge that follows each corner.
 
     The outline is a linked list, at first of the root's three corners. A triangle that is reached
     over the side tail-head puts its apex between them, as a corner of its own, whether or not its
@@ -83,7 +83,7 @@ def unfold(
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the corner next on the outline
-    edge = np.empty(size + 2, dtype=np.int32)  # half-edge to that corner
+    edge = np.empty(size + 2, dtype=np.int32)  # half-edge from the corner to that one
     local = np.empty((size, 3), dtype=np.int32)
     rows = np.empty(size, dtype=np.int32)
     entered = np.empty(size, dtype=np.int32)  # edge through which a triangle was reached
