@@ -225,6 +225,19 @@ def test_cases_that_were_never_timed_have_no_verdict_and_eight_samples_may_have_
     assert isinstance(read_pair(enough, enough, same_work=True), Pair)
 
 
+def test_rounds_are_no_pairs_where_a_sample_is_left_out():
+    """One is left out of either run, in another round each: what is left is as long, but shifted."""
+    times = {"timer": "wall", "reference_s": [1e-3] * 20}
+    whole, first, last = ([1e-3] * 20 for _ in range(3))
+    first[0], last[19] = 0.0, 0.0
+    for base, head, same in ((whole, whole, True), (first, last, False), (whole, last, False)):
+        pair = read_pair(
+            *({"time": {**times, "samples_s": each}} for each in (base, head)), same_work=True
+        )
+        assert isinstance(pair, Pair)
+        assert pair.same_rounds == same
+
+
 @pytest.mark.parametrize(("drift", "outcome"), [(1.0, "unchanged"), (2.5, "regressed")])
 def test_without_a_reference_draw_all_of_the_drift_is_told(drift, outcome):
     rng = np.random.default_rng(11)
