@@ -226,7 +226,7 @@ def test_cases_that_were_never_timed_have_no_verdict_and_eight_samples_may_have_
 
 
 def test_rounds_are_no_pairs_where_a_sample_is_left_out():
-    """One is left out of either run, in another round each: what is left is as long, but shifted."""
+    """Of either run one is left out, in another round each: the rest is as long, but shifted."""
     times = {"timer": "wall", "reference_s": [1e-3] * 20}
     whole, first, last = ([1e-3] * 20 for _ in range(3))
     first[0], last[19] = 0.0, 0.0
