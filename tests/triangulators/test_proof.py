@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import shapely
+from shapely import affinity
 
 from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
@@ -115,6 +116,17 @@ def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name):
         bound = total - below * units.factor
         monkeypatch.setattr(proof._Search, "bound", lambda *_, b=bound: b)
         assert prove(outline, found.triangles, cost).gap == gap
+
+
+@pytest.mark.parametrize(("exponent", "proven"), [(-420, True), (-460, False)])
+def test_units_that_are_too_coarse_prove_nothing(exponent, proven):
+    """Areas near 2^-900 cost less than a unit each, so that any bound would meet them."""
+    size = 2.0**exponent
+    small = affinity.scale(affinity.rotate(SQUARE, 10), size, size, origin=(0, 0))
+    outline = boundary(small)
+    cost = cost_of(criteria.find("overdraw"), small.area, outline.expected_triangles)
+    found = prove(outline, best_start(outline, cost), cost)
+    assert (found.gap == 0.0) == proven
 
 
 def test_what_the_local_search_finds_is_kept(monkeypatch):
