@@ -342,9 +342,10 @@ def test_drawings_are_prepared_no_more_often_than_asked_for(epochs):
 def test_a_limit_leaves_as_many_epochs_as_there_is_time_for(limit_s, rounds, end_s):
     """Warming up takes 9 s, a round 2 s, and a new epoch half a round more."""
     renewed = Renewed({"a": 0.5, "b": 0.5}, 0.0, 0.0, 2)
+    renewed.clock.now = 1000.0
     settings = TimingSettings(budget_s=0.5, warm_up_s=0.0, min_batch_s=1.0, limit_s=limit_s)
     assert renewed.time(settings)["a"].epochs == [rounds] * 6
-    assert renewed.clock.now == pytest.approx(end_s)
+    assert renewed.clock.now == pytest.approx(1000.0 + end_s)
     far = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
     assert far.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=1.0))["a"].epochs == [1]
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from harness.errors import UsageError
 from harness.figures.polygons import columns_of
-from harness.page.result import import_result
+from harness.page.result import counted_exactly, import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.stored import drawings
@@ -304,6 +305,15 @@ def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
     assert read_result(saved(left_out))
     with pytest.raises(UsageError, match="polygons and counters of"):
         read_result(saved(miscounted))
+
+
+def test_a_last_polygon_without_triangles_covers_nothing():
+    corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
+    kept = drawings.Geometry(corners, np.array([0, 3, 6]), np.arange(2), np.array([3, 6]), {})
+    counted = counted_exactly(kept, np.array([(0, 1, 2)], np.int32))
+    assert [len(each) for each in counted] == [2, 2, 2]
+    assert [each[1] for each in counted] == [0, 0, 0]
+    assert min(each[0] for each in counted[:2]) > 0
 
 
 def test_polygons_counted_otherwise_are_as_many_as_the_file_says(imported, small_run):

@@ -261,7 +261,7 @@ def test_what_costs_something_and_is_left_out_is_missed(missing):
 @pytest.mark.parametrize(("of_a_group", "of_a_draw"), [(0.02, 0.005), (0.01, 0.01), (0.0, 0.01)])
 def test_the_covariance_of_a_mean_is_that_of_a_one_way_analysis_of_variance(of_a_group, of_a_draw):
     """Of groups of any size; where groups differ less than draws do, the pooled mean square."""
-    random = np.random.default_rng(3)
+    random = np.random.default_rng(4)
     sizes = np.array([2, 9, 5, 4, 3, 7, 6, 4])
     labels, number = np.repeat(np.arange(8), sizes), sizes.sum()
     errors = random.normal(0, of_a_group, 8)[labels] + random.normal(0, of_a_draw, number)
@@ -272,6 +272,7 @@ def test_the_covariance_of_a_mean_is_that_of_a_one_way_analysis_of_variance(of_a
     own = ((shares - means[labels]) ** 2).sum() / (number - 8)
     between = (sizes * (means - 1.0) ** 2).sum() / 7
     common = (between - own) / ((number - (sizes**2).sum() / number) / 7)
+    assert (common < 0) == (of_a_group == 0)
     if common < 0:
         own, common = shares.var(ddof=1), 0.0
     assert free == pytest.approx(seconds.mean(), rel=1e-3)

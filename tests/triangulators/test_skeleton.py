@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from shapely import affinity
 
 from tests.triangulators.cases import glyphs, shared, smooth, star, touching_polygons, with_holes
 from triangulators import criteria
@@ -136,6 +137,20 @@ def test_where_potentials_cannot_be_extended_the_evidence_bounds_next_to_nothing
     monkeypatch.setattr(proof, "extend", lambda *_: None)
     weak = certificate_of(outline, found.triangles, posed(polygon)[1], found.evidence())
     assert (weak.cost, weak.lower_bound, weak.proven) == (cost, 0.0, False)
+
+
+def test_what_is_excluded_does_not_depend_on_a_polygons_size():
+    """At 2^-20, turns are far below 1."""
+    found = []
+    for size in (1.0, 2.0**-20):
+        polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
+        outline, cost = posed(polygon)
+        start = best_start(outline, cost)
+        units = units_for(outline, start, cost)
+        c = candidates_of(outline, start, proof.MOST)
+        found.append(exclude(c, weights_of(c.points, c.triangles, cost, units), cost, units)[0])
+    assert len(found[0])
+    assert np.array_equal(*found)
 
 
 def test_a_lift_is_not_made_worse():

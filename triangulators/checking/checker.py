@@ -40,7 +40,7 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
     if evidence.units != units[:3]:
         raise Refused(f"the evidence has the units {evidence.units}; here they are {units[:3]}")
     edges = edges_of(outline)
-    if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) < 0).any():
+    if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]]) < 0).any():
         raise Refused("a side of a triangle is no edge")
     pairs, potentials, lift = evidence.edges, evidence.potentials, int(evidence.lift)
     if ((pairs < 0) | (pairs >= len(edges.points))).any():

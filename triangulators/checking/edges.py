@@ -34,7 +34,7 @@ class Edges(NamedTuple):
     holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the number of each pair (k, 2) among the edges, -1 where it is none."""
+        """Return the number of each pair, (k, 2) or pairs in a row, among the edges; -1: none."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         wanted = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
         at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
