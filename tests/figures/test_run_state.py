@@ -124,10 +124,10 @@ def test_one_rule_tells_the_state():
 def test_processes_that_differ_are_no_two_modes():
     rng = np.random.default_rng(8)
     record = timed(rng, quiet, (1.0,))[0]
-    samples = np.array(record["time"]["samples_s"]) * np.repeat([1.0, 1.5, 1.5, 1.0], ROUNDS // 4)
+    samples = np.array(record["time"]["samples_s"]) * np.repeat([1.0, 1.5], ROUNDS // 2)
     times = {**record["time"], "samples_s": samples.tolist()}
     assert judge([{**record, "time": times}]).state == DISTURBED
-    times["processes"] = [ROUNDS // 4] * 4
+    times["processes"] = [ROUNDS // 2] * 2
     assert judge([{**record, "time": times}]).state == QUIET
 
 

@@ -141,7 +141,7 @@ def whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
     k = _binary_places(points)
     known = (2 * k + 1 if box else k) < _LARGEST_EXPONENT
     steps = float(np.ptp(points, axis=0).max()) * 2.0**k if known else math.inf
-    most = max(1.0, np.abs(coefficients).sum() * (2.0 * steps * steps if box else 2.0 * steps))
+    most = float(np.abs(coefficients).sum()) * (2.0 * steps * steps if box else 2.0 * steps)
     if most < EXACT and (not box or steps < _EXACT_FACTOR):
         return (2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)), k <= 0, most
     return 0.0, k <= 0, most
