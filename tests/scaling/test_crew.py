@@ -61,7 +61,7 @@ def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts
     crew = DaskCrew("local:1")
     try:
         with pytest.raises(Gone, match="then give the same command again"):
-            dataset.complete(crew, quiet(), lambda: crew._cluster.close(timeout=1))
+            dataset.complete(crew, quiet(), lambda: crew._cluster.close(timeout=60))
     finally:
         crew.close()
     again = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
