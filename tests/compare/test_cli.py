@@ -217,6 +217,16 @@ def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     assert "1 case with more polygons" in out
 
 
+def test_a_case_that_lost_a_counter_is_named_after_those_that_grew(runs):
+    def lost(entry):
+        del entry["counters"]["helper_lanes"]
+
+    code, out, _ = runs(edits={"fan": lost, "delaunay": costlier(0.1)})
+    assert code == 1
+    assert "Regression: delaunay, " in out
+    assert "; 1 more case regressed" in out
+
+
 def test_the_step_summary_is_added_to(runs, monkeypatch):
     Path("summary.md").write_text("before\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")

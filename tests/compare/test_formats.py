@@ -152,6 +152,9 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
     assert len(text) <= 20_000 < len(whole) <= LIMIT
     left = whole.count("<details>") - text.count("<details>")
     assert f"{left} tables left out" in text
+    least = len(whole) + 200 - len(f"\n\n{MARKER}\n")  # with room for what says that it is cut
+    assert to_markdown(comparison, least) == whole
+    assert "1 table left out" in to_markdown(comparison, least - 1)
     assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
     assert text.startswith("**Regression:** fan, city 100 px, opengl on llvmpipe: helper lanes")
     assert len(list(render(text).iter("table"))) > 10

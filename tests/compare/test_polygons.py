@@ -71,3 +71,15 @@ def test_of_one_polygon_the_totals_are_its_own(tmp_path):
     entry = {"key": "a" * 16, "polygons": 1, "counters": {"helper_lanes": 7}}
     assert _counted(run, entry) == {"helper_lanes": [7]}
     assert _counted(run, entry | {"polygons": 2}) == {}
+
+
+def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch):
+    columns = {
+        "helper_lanes": np.array([3.0, 4.0]),
+        "quads": np.ones((2, 2)),
+        "bbox_tests": np.array(["1", "2"]),
+        "fragments": np.array([5, 6]),
+    }
+    monkeypatch.setattr("harness.compare.polygons.read_arrays", lambda *_: columns)
+    found = _counted(Run(Path("run"), {}, []), {"key": "x"})
+    assert {name: each.tolist() for name, each in found.items()} == {"helper_lanes": [3, 4]}

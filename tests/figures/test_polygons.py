@@ -71,7 +71,9 @@ def test_what_one_of_them_lacks_is_not_compared():
         {"base": no_cost, "other": OTHER},
         {"base": BASE},
     ):
-        assert rank_correlation(*ratio_pairs(known, "base", "half_perimeter", "quads")) is None
+        pairs = ratio_pairs(known, "base", "half_perimeter", "quads")
+        assert [len(each) for each in pairs] == [0, 0]
+        assert rank_correlation(*pairs) is None
 
 
 def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_not():
