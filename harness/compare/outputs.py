@@ -255,10 +255,10 @@ def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
     grown : polygons that grew most, whose heatmaps are shown
     """
     times = [case.time for case in comparison.cases if case.time and case.time.ratio]
-    ends = [abs(float(end or 1.0) - 1.0) for each in times for end in (each.low, each.high)]
+    ends = [abs(end - 1.0) for each in times for end in (each.low, each.high) if end]
     return template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
-        reach=max([0.01, *ends, *(each.threshold or 0.0 for each in times)]),
+        reach=max([0.01, *ends, *(each.threshold for each in times if each.threshold)]),
         headline=headline(comparison),
         grown=grown,
         grown_text=grown_text,

@@ -104,7 +104,7 @@ def _grown(
         own = rows[(rows >= first).all(axis=1) & (rows < last).all(axis=1)] - np.int32(first)
         points = geometry.points[first:last]
         points = points - points.min(axis=0) // QUAD * QUAD
-        side_px = max(record["resolution"], int(np.ptp(points, axis=0).max()) // SUBPIXEL + 4)
+        side_px = int(points.max()) // SUBPIXEL + 4  # with a margin
         ends = np.array([0, len(points)])
         alone = replace(
             frame_as_it_is(side_px, points.astype(np.int32), ends, ends[1:]),

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.comparison import _across, compare_runs
-from harness.compare.matching import Match, case_name, repeat
-from harness.compare.model import Settings
+from harness.compare.comparison import _across, compare_runs, no_baseline
+from harness.compare.matching import Match, case_name, other_hardware, repeat
+from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import decide
 from harness.compare.wording import groups, headline
@@ -329,3 +329,21 @@ def test_one_case_on_another_device_makes_it_another_machine():
     name = case_name(record("fan", seed=1))
     assert _across([Match(name, here, here), Match(name, here, there)])
     assert not _across([Match(name, here, here), Match(name, None, there)])
+
+
+def test_what_head_lacks_fails_only_where_all_are_asked_for():
+    name = case_name(record("fan", seed=1))
+    for asked, found in ((True, [True, False]), (False, [False, False])):
+        comparison = no_baseline("base", Run(Path("head"), {}, []), Settings(require_all=asked))
+        cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))
+        assert [comparison.is_regressed(case) for case in cases] == found
+
+
+def test_a_driver_may_have_another_version_and_a_device_no_other_name():
+    names = ("NVIDIA H100 (535.1)", "NVIDIA H100 (550.2)", "NVIDIA H200 (550.2)")
+    runs = [
+        Run(Path("run"), {"devices": {"opengl on gpu0": {"details": {"renderer": name}}}}, [])
+        for name in names
+    ]
+    assert other_hardware(runs[0], runs[1]) == {}
+    assert other_hardware(*runs[1:]) == {"opengl on gpu0": names[1:]}

@@ -5,11 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.compare import polygons
 from harness.compare.comparison import compare_runs
+from harness.compare.matching import Match
 from harness.compare.model import Settings
 from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _counted, most_grown
 from harness.heatmaps import lane_maps
+from harness.stored import drawings
 from harness.stored.folder import Run, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 from triangulators import triangulate
@@ -48,6 +51,7 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
         assert drawn == [each.base, each.head]  # what is shown is what was counted
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
+    assert "**Where it grew most** (heatmaps: compare.html)\n\n- " in text
     for each in grown:
         said = f"polygon {each.polygon} ({len(each.frame.points)} vertices)"
         assert said in page
@@ -71,6 +75,57 @@ def test_of_one_polygon_the_totals_are_its_own(tmp_path):
     entry = {"key": "a" * 16, "polygons": 1, "counters": {"helper_lanes": 7}}
     assert _counted(run, entry) == {"helper_lanes": [7]}
     assert _counted(run, entry | {"polygons": 2}) == {}
+
+
+def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
+    counts = {"base": [5, 9, 7, 2], "head": [6, 9, 10, 1]}
+    given = {name: {"quads": np.array(each)} for name, each in counts.items()}
+    monkeypatch.setattr(polygons, "_counted", lambda run, _: given[run])
+    assert list(polygons._growth("base", "head", Match("", None, None))) == [
+        ("quads", 2, 7, 10),
+        ("quads", 0, 5, 6),
+    ]
+
+
+def test_of_several_cases_the_polygons_that_grew_most_come_first(runs, monkeypatch):
+    base, head = runs
+    comparison = compare_runs(base, head, Settings(gates=("counters",)))
+    sizes = [("quads", 0, 5, 6), ("quads", 1, 5, 9), ("quads", 2, 5, 7)]
+    monkeypatch.setattr(polygons, "_growth", lambda *_: iter(sizes))
+    monkeypatch.setattr(polygons, "_grown", lambda _base, _head, _found, *each: each)
+    assert most_grown(base, head, comparison) == [sizes[1], sizes[2], sizes[0]]
+
+
+def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
+    """Moved by whole quads, as little as that, in a frame that holds it."""
+    corner = np.array([(0, 0), (2000, 0), (0, 900)], np.int32)
+    points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
+    rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
+    kept = drawings.Geometry(points, np.array([0, 3, 6]), np.array([4, 8]), np.array([3, 6]), {})
+    kept.triangles["fan"] = rows
+    monkeypatch.setattr(drawings, "view_of", lambda _: None)
+    entry = {"triangulator": "fan", "resolution": 64}
+
+    def grown(place: int, geometry: object = kept, record: dict = entry) -> polygons.Grown | None:
+        monkeypatch.setattr(drawings, "read", lambda *_: geometry)
+        found = Match("city", record, record)
+        return polygons._grown(None, None, found, "quads", place, 1, 2)
+
+    second = grown(1)
+    assert (second.polygon, second.metric, second.base, second.head) == (8, "quads", 1, 2)
+    assert second.frame.source.tolist() == [8]
+    assert second.frame.offsets.tolist() == [0, 3]
+    moved = points[3:] - second.frame.points
+    assert (moved % polygons.QUAD == 0).all()
+    assert len(np.unique(moved, axis=0)) == 1
+    assert (second.frame.points.min(axis=0) < polygons.QUAD).all()
+    assert second.frame.points.min() >= 0
+    assert second.frame.points.max() < second.frame.width * 256
+    assert [each.tolist() for each in second.triangles.values()] == [[[0, 1, 2]]] * 2
+    assert list(second.triangles) == ["BASE: fan", "HEAD: fan"]
+    assert grown(2) is None
+    assert grown(0, None) is None
+    assert grown(0, record=entry | {"triangulator": "delaunay"}) is None
 
 
 def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch):

@@ -11,6 +11,7 @@ from harness.figures.groups import (
     of_cpu,
     processor_words,
     several_processors,
+    time_ratio,
 )
 from harness.stored.folder import Run
 
@@ -71,3 +72,12 @@ def test_a_run_says_which_processor_its_times_are_of():
     assert machine_words(replace(run, facts={})) == []
     slow = {"state": "disturbed", "why": ["it was slow"], "draws": []}
     assert len(machine_words(replace(run, facts={**run.facts, "state": slow}))) == 2
+
+
+def test_two_records_of_times_alone_have_a_ratio():
+    times = {"samples_s": [1e-3 + 1e-6 * k for k in range(20)], "reference_s": [1e-3] * 20}
+    base = {"polygons": 3, "time": times}
+    slower = {"polygons": 3, "time": times | {"samples_s": [2 * s for s in times["samples_s"]]}}
+    assert time_ratio(slower, base).value == pytest.approx(2.0)
+    assert time_ratio(slower, base | {"polygons": 2}) is None
+    assert time_ratio(slower, {"polygons": 3, "time": {"samples_s": [1.0]}}) is None

@@ -17,6 +17,7 @@ from harness.figures import counters, registry
 from harness.figures.groups import time_ratio
 from harness.figures.registry import (
     LEAST,
+    METRICS,
     Figure,
     figures_of,
     find,
@@ -225,3 +226,25 @@ def test_times_in_cycles_are_compared_where_both_are_and_rounds_where_both_have_
         lacking = {**one, "time": {k: v for k, v in one["time"].items() if k != name}}
         assert time_ratio(lacking, other) is None
         assert time_ratio(other, lacking) is None
+
+
+def test_what_every_triangulation_has_alike_is_a_counter_without_direction():
+    known = {**{name: find(name) for name in ("fragments", "helper_lanes")}, **METRICS}
+    shared = {name for name, figure in known.items() if figure.is_shared}
+    assert "fragments" in shared
+    assert not shared & {"helper_lanes", "outline_quads"}
+
+
+def test_a_figure_is_described_by_its_functions_words():
+    figure = METRICS["above_limit"]
+    assert figure.description.startswith("lanes shaded for each pixel covered beyond those of the")
+    told = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
+    assert figure(told) == 4 * (30 - 25) / 80
+    assert figure({**told, "outline_quads": None}) is None
+
+
+def test_a_counter_without_a_description_is_described_by_its_label():
+    plain = counters.Counter("walked", "squares walked", "squares")
+    assert registry._of_counter(plain).description == "squares walked"
+    told = replace(plain, description="squares that were looked at")
+    assert registry._of_counter(told).description == told.description

@@ -118,3 +118,10 @@ def test_damaged_tiles_are_refused(tiles):
     }  # fmt: skip
     assert wrong_field(good) is None
     assert wrong_field({**good, VIEWS: tiles}) == VIEWS
+
+
+def test_ties_of_depth_are_said():
+    base = record("ear-clipping", [9, 7], base="ear-clipping")
+    base["counters"]["depth_ties"] = 5
+    tied = "5 depth tests of ear-clipping are ties: rounding decides them"
+    assert tied in said([base, OTHER | {"base": "ear-clipping"}])
