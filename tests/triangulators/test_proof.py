@@ -129,7 +129,7 @@ def test_units_that_are_too_coarse_prove_nothing(exponent, proven):
     assert (found.gap == 0.0) == proven
 
 
-def test_what_the_local_search_finds_is_kept(monkeypatch):
+def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monkeypatch):
     """The candidate of number 0, too."""
     outline = boundary(shapely.box(0, 0, 9, 9))
     cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
@@ -147,6 +147,10 @@ def test_what_the_local_search_finds_is_kept(monkeypatch):
     search.best, search.least = np.setdiff1d(range(4), first), np.inf
     search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.best.tolist() == first
+    search.least = np.inf
+    monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
+    search.solve(np.ones(4, np.bool_), cost, 0.0)
+    assert search.least == np.inf
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 3e-9, 1e12])
@@ -168,9 +172,11 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
 
 
 def test_triangles_have_their_numbers_among_the_candidates(monkeypatch):
-    """Every one, whichever corner is first."""
+    """Every one, whichever corner is first; what is beyond the last has none."""
     outline, start, _ = ring(monkeypatch, 0)
     c = candidates_of(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
         assert np.array_equal(_numbers(c, np.roll(c.triangles, turned, axis=1)), numbers)
+    n = len(c.points)
+    assert _numbers(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]

@@ -65,7 +65,12 @@ class _Search:
         self.least = np.inf
 
     def offer(self, chosen: np.ndarray) -> None:
-        """Keep a triangulation, given by the numbers of its triangles, if it is the best."""
+        """Keep a triangulation, given by the numbers of its triangles, if it is the best.
+
+        Not one with a triangle that is no candidate: none should be, but its weight is not known.
+        """
+        if (chosen < 0).any():
+            return
         total = sum(self.weights[chosen].tolist())
         if total < self.least:
             self.best, self.least = chosen, total
@@ -89,13 +94,13 @@ class _Search:
         if asked:
             program = Program(c, light, alive, self.best)
             found = self._tried(alive, *program.solve(seconds))
-            if self._is_proof(*found):
+            if self._is_met(*found):
                 return found
         else:
             found = self._rounded(alive, np.zeros(len(c.edges)))
         # Nothing is proven yet. A better triangulation may be what is missing, or a better start.
         self.offer(_numbers(c, search_cuts(c.points, c.triangles[self.best], cost)))
-        if asked and not self._is_proof(*found):
+        if asked and not self._is_met(*found):
             program = Program(c, light, alive, self.best)
             again = self._tried(alive, *program.solve(seconds, at_a_corner=True))
             found = max(found, again, key=lambda each: self.bound(*each))
@@ -128,8 +133,8 @@ class _Search:
     def bound(self, potentials: np.ndarray, lift: int) -> int:
         return sum((potentials * self.candidates.side).tolist()) + lift * len(self.best)
 
-    def _is_proof(self, potentials: np.ndarray, lift: int) -> bool:
-        """Whether nothing is better than the best by a unit."""
+    def _is_met(self, potentials: np.ndarray, lift: int) -> bool:
+        """Whether the bound meets the best: nothing is better by a unit."""
         factor = self.units.factor
         return self.bound(potentials, lift) // factor >= self.least // factor
 
@@ -163,11 +168,13 @@ def prove(
 
 
 def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the number of each triangle of a triangulation: all of them are candidates."""
+    """Return the number of each triangle among the candidates, -1 where it is none."""
     n = len(candidates.points)
     keys = _keys(candidates.triangles, n)
     order = np.argsort(keys)
-    return order[np.searchsorted(keys[order], _keys(triangles, n))]
+    wanted = _keys(triangles, n)
+    at = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
 
 
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:

@@ -113,8 +113,8 @@ def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Uni
 def is_proof(total: Fraction, least: int, count: int, units: Units) -> bool:
     """Whether a bound of `least` units proves that nothing is better than `count` triangles' total.
 
-    Real costs are rounded down by less than a unit for each triangle, the optimum's, too; units
-    that may be too coarse would prove anything.
+    The bound is not above the total: see `checker`. Real costs are rounded down by less than a unit
+    for each triangle, the optimum's, too; units that may be too coarse would prove anything.
     """
     bound = Fraction(least) / Fraction(units.scale)
     if units.real and total != 0 and units.scale < _LARGEST_SCALE:
