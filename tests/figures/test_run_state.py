@@ -121,13 +121,15 @@ def test_one_rule_tells_the_state():
     assert judge([{**record, "time": stolen}]).state == DISTURBED
 
 
-def test_processes_that_differ_are_no_two_modes():
+@pytest.mark.parametrize("levels", [(1.0, 1.5), (1.0, 1.5, 1.5, 1.0)])
+def test_processes_that_differ_are_no_two_modes(levels):
+    each = ROUNDS // len(levels)
     rng = np.random.default_rng(8)
     record = timed(rng, quiet, (1.0,))[0]
-    samples = np.array(record["time"]["samples_s"]) * np.repeat([1.0, 1.5], ROUNDS // 2)
+    samples = np.array(record["time"]["samples_s"]) * np.repeat(levels, each)
     times = {**record["time"], "samples_s": samples.tolist()}
     assert judge([{**record, "time": times}]).state == DISTURBED
-    times["processes"] = [ROUNDS // 2] * 2
+    times["processes"] = [each] * len(levels)
     assert judge([{**record, "time": times}]).state == QUIET
 
 
