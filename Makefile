@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki simulated test examples check endurance format fuzz bench proven study compare-demo documents docs try docs-full lock clean
+.PHONY: help setup setup-test city helsinki simulated test examples check endurance format fuzz bench proven study documents docs try docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -55,9 +55,6 @@ check: setup-test  ## ruff and mypy
 format: setup-test  ## let ruff format the code
 	$(PY) -m ruff check --fix $(SOURCES)
 	$(PY) -m ruff format $(SOURCES)
-
-compare-demo: setup-test  ## what CI does: a baseline, an equal run, a regression; writes the reports
-	@scripts/compare-demo.sh
 
 bench: setup-test  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Measures HEAD, compares it and writes every report: what action.yml, the GitLab example and
-# `make compare-demo` all do. Ends with the exit code of `raster-harness compare`.
+# Measures HEAD, compares it and writes every report, as action.yml and the GitLab example do. Ends
+# with the exit code of `raster-harness compare`.
 #
 #   scripts/ci-compare.sh BASELINE OUT [options of compare...] -- [options of run...]
 #

@@ -103,7 +103,7 @@ once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
     --profile $profile
 
 # The same triangulations on every device, and a summary of each run (SwiftShader's is made by the
-# page, in Chromium).
+# page in Chromium: scripts/in_chromium.py).
 devices() { # rasteriser, device, name of the summary
     [[ devices == *"$only"* ]] && [ ! -e "$to/devices/$3.json" ] || return 0
     mkdir -p "$to/devices"
