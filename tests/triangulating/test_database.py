@@ -1,4 +1,5 @@
 import multiprocessing
+import os
 import sqlite3
 from pathlib import Path
 
@@ -37,6 +38,18 @@ def test_what_was_put_is_there_for_the_next(path):
         assert database.info() == {"delaunay": (2, 16 + 24 + 16 + 12)}
         assert database.clear() == 2
         assert database.info() == {}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions are told otherwise")
+@pytest.mark.parametrize(("mode", "lines"), [(0o600, 0), (0o660, 0), (0o602, 1), (0o666, 1)])
+def test_a_database_that_others_may_write_is_named(path, mode, lines):
+    ModelDatabase(path).close()
+    path.chmod(mode)
+    said = []
+    ModelDatabase(path, said.append).close()
+    assert [f"others may write the model database {path}" in line for line in said] == [
+        True
+    ] * lines
 
 
 @given(
