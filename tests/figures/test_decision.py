@@ -158,6 +158,7 @@ def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
     decision = decide(records)
     assert [each.name for each in decision.standings] == ["delaunay", "fan", "strip"]
     assert not any(each.complete for each in decision.standings)
+    assert not decision.timed
     told = "each triangulator left polygons out, delaunay the fewest (499 of 500 are drawn)."
     assert advice(decision).endswith(f"nothing is advised for city: {told}")
     records.append(base())
@@ -175,6 +176,15 @@ def test_too_few_pixels_say_nothing(covered, advised):
     pixels = "1 pixel" if covered == 1 else f"{covered} pixels"
     told = f"nothing is advised for city: it covers {pixels}, too few to tell."
     assert sentence.endswith(told) is not advised
+
+
+def test_where_pixels_are_few_the_first_stands_for_a_base_that_left_polygons_out():
+    part = base() | {"polygons": 400, "polygons_skipped": 100}
+    records = [part, made("greedy", "slower"), made("delaunay", "faster")]
+    for each in records:
+        each["counters"] |= {"fragments": 9}
+    decision = decide(records)
+    assert (decision.ground, decision.choice.name) == ("few", "delaunay")
 
 
 @pytest.mark.parametrize(

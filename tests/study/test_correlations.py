@@ -199,6 +199,16 @@ def ranked() -> pd.DataFrame:
     return table.assign(rotation=0.0, samples=1, rasteriser="opengl", device="llvmpipe")
 
 
+def test_two_criteria_differ_by_their_ranks():
+    table = compare_all(ranked()).set_index(["measure", "criterion", "other"])
+    found = table.loc[("helper_lanes", "overdraw", "half-perimeter")]
+    one, other = (
+        ranks_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
+    )
+    assert found["difference"] == np.median(one - other)
+    assert found["verdict"] != SAME
+
+
 def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
     table = pd.concat([ranked(), ranked().assign(rasteriser="cuda")], ignore_index=True)
     correlations = write(table, tmp_path)

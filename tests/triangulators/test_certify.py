@@ -399,6 +399,7 @@ def test_doubles_add_up_while_a_sum_of_all_is_exact():
     assert doubles_add_up(outlined(points, 2**51 - 1), boxes(1.0))
     assert not doubles_add_up(outlined(points, 2**51), boxes(1.0))
     assert not doubles_add_up(outlined(points), boxes(1.5))
+    assert not doubles_add_up(outlined((2.0**25 + 1) * points), boxes(0.0, 1.0))
 
 
 def test_a_triangle_is_turned_to_its_lowest_corner():
