@@ -394,6 +394,13 @@ def test_whole_costs_have_units_where_doubles_are_exact(side, cost, scale, most)
     assert whole == (side % 1 == 0 and most < np.inf)
 
 
+def test_whole_costs_may_weigh_all_that_is_whole():
+    weights = np.zeros_like(boxes()["weights"])
+    weights[:4] = 1, -1, 2, 3
+    points = np.array([(0.0, 0.0), (7.0, 0.0), (0.0, 7.0)])
+    assert whole_scale(points, with_fields(boxes(), weights=weights)) == (2.0, True, 7 * 2 * 49.0)
+
+
 def test_doubles_add_up_while_a_sum_of_all_is_exact():
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     assert doubles_add_up(outlined(points, 2**51 - 1), boxes(1.0))
