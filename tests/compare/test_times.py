@@ -225,6 +225,15 @@ def test_cases_that_were_never_timed_have_no_verdict_and_eight_samples_may_have_
     assert isinstance(read_pair(enough, enough, same_work=True), Pair)
 
 
+@pytest.mark.parametrize("lacking", [0, 1])
+def test_without_a_reference_in_both_there_is_none(lacking):
+    times = [{"samples_s": [1e-3] * 20, "reference_s": [1e-3] * 20} for _ in range(2)]
+    del times[lacking]["reference_s"]
+    pair = read_pair(*({"time": each} for each in times), same_work=True)
+    assert pair.reference is None
+    assert not pair.same_rounds
+
+
 def test_rounds_are_no_pairs_where_a_sample_is_left_out():
     """Of either run one is left out, in another round each: the rest is as long, but shifted."""
     times = {"timer": "wall", "reference_s": [1e-3] * 20}

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import RUN_SCATTER
-from harness.figures.verdict import BreakEven, advice, break_even, decide
+from harness.figures.verdict import BreakEven, _end, advice, break_even, decide
 from harness.report.content import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
@@ -261,6 +261,10 @@ def test_it_is_what_triangulating_took_longer_over_what_a_draw_saves():
     assert (even.draws, even.low, even.high) == pytest.approx((49.5, low, high), rel=1e-4)
     assert even.written == "after 50 draws (48 to 51)"
     assert even.short == "50 (48-51)"
+
+
+def test_what_may_save_nothing_may_never_pay():
+    assert _end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
 
 
 def test_either_uncertainty_widens_the_interval():

@@ -12,6 +12,7 @@ from harness.figures.run_state import (
     DISTURBED,
     ENOUGH,
     QUIET,
+    SLOWER,
     UNTRUSTED,
     apart,
     judge,
@@ -167,6 +168,8 @@ def test_runs_in_different_states_are_not_compared():
     assert "two states" in apart(base, slower, machines_differ=False)
     assert "--beside" in apart(slower, base, machines_differ=False)
     assert apart(base, slower, machines_differ=True) == ""
+    first, last = ({**head, "reference_s": [each] * ROUNDS} for each in (1.0, SLOWER))
+    assert apart(first, last, machines_differ=False) == ""
     waiting = {**head, "waited_s": [1.0] * ROUNDS}
     assert apart(base, waiting, machines_differ=True).startswith(
         "HEAD was disturbed (72 of 72 samples waited"

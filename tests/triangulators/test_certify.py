@@ -409,6 +409,15 @@ def test_doubles_add_up_while_a_sum_of_all_is_exact():
     assert not doubles_add_up(outlined((2.0**25 + 1) * points), boxes(0.0, 1.0))
 
 
+def test_the_table_proves_as_many_corners_as_its_limit(monkeypatch):
+    monkeypatch.setattr("triangulators.certificate.certify.TABLE", 4)
+    monkeypatch.setattr("triangulators.certificate.certify.prove", lambda *_: None)
+    four = shapely.box(0, 0, 9, 4)
+    five = shapely.Polygon([(0, 0), (9, 0), (9, 4), (4, 6), (0, 4)])
+    assert certify(four, triangulate(four, "optimal:half-perimeter")).proven
+    assert not certify(five, triangulate(five, "optimal:half-perimeter")).proven
+
+
 def test_a_triangle_is_turned_to_its_lowest_corner():
     for corners in permutations((2, 5, 9)):
         found = lowest_first(*corners)

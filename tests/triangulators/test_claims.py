@@ -294,7 +294,19 @@ def test_a_single_side_that_is_no_edge_is_refused():
 
 
 def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
-    ends = [[0, 0], [4, 0], [2, 0], [2, 3], [2, -3], [5, 0], [9, 0], [9, 1], [0, 4]]
+    ends = [
+        [0, 0],
+        [4, 0],
+        [2, 0],
+        [2, 3],
+        [2, -3],
+        [5, 0],
+        [9, 0],
+        [9, 1],
+        [0, 4],
+        [2, 1],
+        [2, -1],
+    ]
     points = np.array(ends, float)
     for second, meets in (
         ((2, 3), True),  # an end in the first one's middle
@@ -303,7 +315,10 @@ def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
         ((5, 6), False),  # in line, apart
         ((5, 7), False),
         ((3, 8), False),  # beside
+        ((3, 9), False),  # above
+        ((4, 10), False),  # below
     ):
-        assert _meets(points, 0, 1, *second) == meets
-        assert _meets(points, *second, 0, 1) == meets
-        assert _meets(points, 1, 0, *second[::-1]) == meets
+        for scaled in (points, points / 64):
+            assert _meets(scaled, 0, 1, *second) == meets
+            assert _meets(scaled, *second, 0, 1) == meets
+            assert _meets(scaled, 1, 0, *second[::-1]) == meets
