@@ -186,33 +186,6 @@ def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
     assert len(load(path).polygons) == 30
 
 
-def town(features: int) -> bytes:
-    collection = {"type": "FeatureCollection", "features": [feature([SQUARE])] * features}
-    return json.dumps(collection).encode()
-
-
-def zipped(path: Path, content: bytes) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("a.geojson", content)
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".zip", ".shz"])
-def test_an_archive_that_unpacks_to_far_too_much(tmp_path, monkeypatch, suffix):
-    bomb = zipped(tmp_path / f"a{suffix}", town(1) + b" " * 2**22)
-    monkeypatch.setattr(guard, "LARGEST", 2**20)
-    with pytest.raises(SceneError, match=r"unpacks to 4,.* bytes, more than 100 times its size"):
-        load(bomb)
-
-
-def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
-    assert len(load(zipped(tmp_path / "a.zip", town(1) + b" " * 2**22)).polygons) == 1
-    monkeypatch.setattr(guard, "LARGEST", 1000)
-    path = zipped(tmp_path / "b.zip", town(30))
-    assert path.stat().st_size < 1000 < len(town(30))
-    assert len(load(path).polygons) == 30
-
-
 def test_entities_that_unfold(tmp_path):
     lines = ['<!ENTITY a0 "M0 0h9v9z">']
     lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]

@@ -308,31 +308,6 @@ class TestPipes:
         os.mkfifo(tmp_path / "a.geojson")
         self.refused(path)
 
-    @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj", ".cpg", ".qix"])
-    def test_beside_a_shapefile(self, tmp_path, suffix):
-        path = tmp_path / "a.shp"
-        write_vector(path, BOXES)
-        path.with_suffix(suffix).unlink(missing_ok=True)
-        os.mkfifo(path.with_suffix(suffix))
-        self.refused(path)
-
-    def test_named_by_a_model(self, tmp_path):
-        path = tmp_path / "a.gltf"
-        buffers = [{"uri": "a.bin", "byteLength": 4}]
-        path.write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": buffers}))
-        os.mkfifo(tmp_path / "a.bin")
-        self.refused(path)
-
-    @pytest.mark.parametrize("named", ["a.geojson", "/vsistdin/"])
-    def test_named_by_a_virtual_file(self, tmp_path, named):
-        path = tmp_path / "town.vrt"
-        source = f'<SrcDataSource relativeToVRT="1">{named}</SrcDataSource>'
-        path.write_text(
-            f'<OGRVRTDataSource><OGRVRTLayer name="a">{source}</OGRVRTLayer></OGRVRTDataSource>'
-        )
-        os.mkfifo(tmp_path / "a.geojson")
-        self.refused(path)
-
 
 def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
     from matplotlib import font_manager
