@@ -123,6 +123,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     assert second.frame.points.max() < second.frame.width * 256
     assert [each.tolist() for each in second.triangles.values()] == [[[0, 1, 2]]] * 2
     assert list(second.triangles) == ["BASE: fan", "HEAD: fan"]
+    assert grown(0).frame.source.tolist() == [4]
     assert grown(2) is None
     assert grown(0, None) is None
     assert grown(0, record=entry | {"triangulator": "delaunay"}) is None

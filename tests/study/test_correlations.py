@@ -210,7 +210,9 @@ def test_two_criteria_differ_by_their_ranks():
 
 
 def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
-    table = pd.concat([ranked(), ranked().assign(rasteriser="cuda")], ignore_index=True)
+    rows = ranked()
+    rows["edge_length"] = rows["half_perimeter"] * np.linspace(1, 1.2, len(rows))  # a third one
+    table = pd.concat([rows, rows.assign(rasteriser="cuda")], ignore_index=True)
     correlations = write(table, tmp_path)
     assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
     for name, found in (
