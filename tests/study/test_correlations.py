@@ -272,6 +272,8 @@ def test_the_fewest_triangulations_that_rank_are_ranked():
 def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others():
     twice = [{**r, "triangulator": f"{r['triangulator']} {k}"} for r in judged() for k in range(2)]
     assert len(measure_table(twice)) == len(measure_table(judged()))
+    backwards = measure_table(twice[::-1])["triangulator"]  # the first of the run stands for both
+    assert backwards.tolist() == [r["triangulator"] for r in twice[::-2]]
     table = ranked()
     assert by_resolution(table.query("resolution == 64")).empty
     assert set(by_resolution(table)["resolution"]) == {64, 256}
