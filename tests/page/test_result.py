@@ -437,6 +437,16 @@ def test_what_covers_fewer_polygons_is_not_set_against_those_that_cover_all(impo
     assert "proven" not in own
 
 
+def test_of_one_case_the_scene_is_that_of_all(imported):
+    def one(result):
+        first = result["views"][0]["cases"]["delaunay"]
+        for view in result["views"]:
+            view |= {"cases": {}, "times": None, "epochs": []}
+        result["views"][0]["cases"] = {"delaunay": first}
+
+    assert imported(one).facts["scene"] == imported(lambda _: None).facts["scene"]
+
+
 def test_a_single_drawing_was_timed_beside_the_reference(imported):
     def alone(result):
         view = result["views"][0]
