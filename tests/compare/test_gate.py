@@ -16,6 +16,7 @@ from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import decide
 from harness.compare.wording import groups, headline
+from harness.figures.groups import SAME
 from harness.rasterisers.reference import Binning
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import (
@@ -29,6 +30,7 @@ from tests.compare.runs import (
     slower,
     write_run,
 )
+from tests.figures.test_decision import base, made
 
 COUNTERS = Settings(gates=("counters",))
 
@@ -297,6 +299,22 @@ def test_only_what_both_runs_measured_repeats():
     failed = done | {"status": "failed", "counters": {}}
     assert repeat([done], [done])[0] == 1
     assert repeat([done], [failed])[0] == repeat([failed], [done])[0] == 0
+
+
+def test_verdicts_that_repeat_are_counted_pair_by_pair():
+    def run(**draws):
+        found = [base(), *(made(name, how) for name, how in draws.items())]
+        return [
+            each | {"key": each["triangulator"], "predicted": dict.fromkeys(SAME, float(number))}
+            for number, each in enumerate(found)
+        ]
+
+    first = run(delaunay="faster", greedy="slower")
+    place = ("opengl", "llvmpipe")
+    assert repeat(first, first)[1:] == ([], {place: (3, 3, 3, 3)})
+    # greedy is level with ear clipping now: that pair is decided no more, the others are alike
+    assert repeat(first, run(delaunay="faster", greedy="level"))[2] == {place: (3, 2, 2, 2)}
+    assert repeat(first, run(delaunay="slower", greedy="slower"))[2][place][:2] == (3, 1)
 
 
 def test_thresholds_are_told_each_once(tmp_path):
