@@ -200,6 +200,17 @@ def test_equal_counters_and_times_speak_for_no_change(draws, faster):
     assert decide([first, other]).choice.name == ("delaunay" if faster else "ear-clipping")
 
 
+def test_a_count_is_told_beside_the_bases_only_of_as_many_polygons():
+    whole, part = base(), base() | {"polygons": 400, "polygons_skipped": 100}
+    fewer, more = made("delaunay", counts="fewer"), made("greedy", counts="more")
+    told = "it has the least by exact count, 900 helper lanes"
+    assert f"{told}, 10.0 % fewer than ear-clipping" in advice(decide([whole, fewer, more]))
+    for records in ([part, fewer, more], [whole, more]):
+        decision = decide(records)
+        assert decision.ground == "counted"
+        assert "fewer than" not in advice(decision)
+
+
 def test_nothing_and_one():
     assert decide([]) is None
     assert advice(decide([])).startswith("Nothing was measured")
