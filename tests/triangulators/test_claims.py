@@ -294,8 +294,8 @@ def test_a_single_side_that_is_no_edge_is_refused():
 
 
 def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
-    ends = ["0 0", "4 0", "2 0", "2 3", "2 -3", "5 0", "9 0", "9 1", "0 4", "2 1", "2 -1"]
-    points = np.array([end.split() for end in ends], float)
+    ends = [[0, 0], [4, 0], [2, 0], [2, 3], [2, -3], [5, 0], [9, 0], [9, 1], [0, 4]]
+    points = np.array([*ends, [2, 1], [2, -1]], float)
     for second, meets in (
         ((2, 3), True),  # an end in the first one's middle
         ((3, 4), True),  # across

@@ -65,7 +65,7 @@ def test_the_table_finds_what_the_program_finds(monkeypatch, name):
         assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
-def test_the_table_does_what_the_diagonals_that_stay_make_one_ring(monkeypatch):
+def test_where_the_diagonals_that_stay_join_all_rings_the_table_decides(monkeypatch):
     found, real = [], proof.by_table
     monkeypatch.setattr(proof, "by_table", lambda *of: found.append(real(*of)) or found[-1])
     for polygon in holed():
