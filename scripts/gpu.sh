@@ -23,10 +23,10 @@ to=${1:-results/reference/$device}
 mkdir -p "$to"
 if [ "${QUICK:-}" = yes ]; then
     scenes="city:buildings=40" sizes=256 budget=0.05 profiled=0.05 study=(--quick)
-    compared=(1000 --footprints-only)
+    compared=(-k footprints) often=0.001
 else
     scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 profiled=0.5 study=(--budget 0.05)
-    compared=(100000)
+    compared=() often=0.1
 fi
 peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
 peers+=,worst:half-perimeter
@@ -72,7 +72,8 @@ PY
 
 # Compares what the device's compute shaders find with what the CPU finds.
 optimum() {
-    "$python" scripts/gpu_equal.py "${compared[@]}" --device "$device" | tee "$to/optimum.part"
+    DEVICE="$device" ENDURANCE=$often "$python" -m pytest -q tests/endurance/test_device.py \
+        "${compared[@]}" | tee "$to/optimum.part"
     local code=$?
     mv "$to/optimum.part" "$to/optimum-equality.txt"
     return $code

@@ -27,8 +27,14 @@ from harness.errors import REGRESSION
 from harness.figures.groups import groups, time_ratio
 from harness.figures.verdict import advice, decide
 from harness.stored.folder import read_run
-from scripts.studies.aa import HEAVY, MINE, ROOT, TRIANGULATORS, WHICH, project_of_a_user
 
+ROOT = Path(__file__).resolve().parent.parent
+TRIANGULATORS = "ear-clipping,delaunay,sweep,mine:cut"
+HEAVY = "tests.compare.heavy:HeavyOpenGL"
+WHICH = "2"
+"""Place of HEAD's drawing that is slower, in the order above."""
+
+MINE = "from triangulators import triangulate\ndef cut(p): return triangulate(p, 'greedy')\n"
 LOOP = "while True: pass"
 COPY = "a = bytearray(1 << 28)\nwhile True: b = bytes(a)"
 COMPILE = "import compileall\nwhile True: compileall.compile_dir('harness', quiet=2, force=True)"
@@ -140,7 +146,13 @@ def regression(state: str, kind: str, out: Path) -> int:
     """Return what `compare` ends with where the present version is worse than the one beside it."""
     content, variables = PLANTED[kind]
     out = out.resolve()
-    project = project_of_a_user(out / "project")
+    project = out / "project"
+    if not (project / ".git").exists():
+        project.mkdir(parents=True, exist_ok=True)
+        (project / "mine.py").write_text(MINE)
+        who = ("-c", "user.name=who", "-c", "user.email=who@user.example")
+        for command in (["init", "-q"], ["add", "mine.py"], ["commit", "-q", "-m", "first"]):
+            subprocess.run(["git", "-C", str(project), *who, *command], check=True)
     (project / "mine.py").write_text(content)
     folder = out / f"planted-{kind}-{state}"
     options = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]

@@ -25,6 +25,7 @@ from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
 from tests.chromium import Chromium
 from tests.inline import Inline
+from triangulators.gpu import engine
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
 settings.load_profile("ci")
@@ -177,6 +178,20 @@ def briefly(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("harness.measuring.tasks.choose_timer", _timer_tested_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_Filling, "sample", once)
+
+
+@pytest.fixture
+def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many polygons compute shaders did, batch by batch; the CPU did the others."""
+    counts: list[int] = []
+    attempt = engine.attempt
+
+    def counted(name: str, batch: engine.Rings, *how: Any) -> None:
+        attempt(name, batch, *how)
+        counts.append(int(batch.done.sum()))
+
+    monkeypatch.setattr(engine, "attempt", counted)
+    return counts
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,6 @@ from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.profile import fitted_of
 from harness.rasterisers.base import Sample
-from scripts.studies.missing_terms import drawn
 
 STEP_S = 1e-4
 NOISE, PLACE, DRIFT = 0.01, 0.03, 0.1
@@ -158,6 +157,15 @@ class Residuals(NamedTuple):
     of: Design
     costs: NDArray[np.float64]
     errors: NDArray[np.float64]
+
+
+def drawn(profile: dict[str, Any]) -> tuple[list[design.Draw], list[dict[str, Any]]]:
+    """Return the draws that a profile has times of, made again, and what it holds of each."""
+    step = profile["device"]["details"].get("step") or 1
+    made = [design.snapped(draw, step) for draw in design.draws(profile["seed"])]
+    timed = {(each["kind"], each["name"]): each for each in profile["times"]}
+    draws = [draw for draw in made if (draw.kind, draw.name) in timed]
+    return draws, [timed[draw.kind, draw.name] for draw in draws]
 
 
 def residuals_of(profile: dict[str, Any]) -> Residuals:

@@ -55,7 +55,7 @@ from harness.settings import StudySize, TimingSettings
 from harness.study.regret import regret_ends, regret_interval
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
-from scripts.studies.missing_terms import drawn
+from scripts.studies.laws import drawn
 
 Draw = tuple[Frame, NDArray[np.int32]]
 

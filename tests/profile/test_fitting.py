@@ -10,14 +10,13 @@ from harness.figures.intervals import Ratio
 from harness.frame import bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, law, measured
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, counters
 from harness.profile.design import Draw
 from harness.profile.law import COSTS, costs_of
 from harness.profile.measured import CONTROL
 from harness.profile.profile import fitted_of, keep, read_coefficients
 from scripts.studies.laws import Design, go
 from scripts.studies.laws import designed as designed_for_laws
-from scripts.studies.missing_terms import TILE, fetched, judged
 
 TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
 
@@ -218,44 +217,6 @@ def test_what_criteria_weigh_is_in_pixels():
     found = dict(zip(COSTS, row, strict=True))
     names = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
     assert [found[name] for name in names] == [1.0, 1.0, 4.0, 6.0, 8.0]
-
-
-def test_a_tile_is_fetched_when_another_has_taken_its_place():
-    def at(x: int, y: int) -> list[list[int]]:
-        left, bottom = x * TILE * 256, y * TILE * 256
-        return [[left, bottom], [left + 256, bottom], [left, bottom + 256]]
-
-    assert fetched(drawn(at(0, 0) + at(1, 0) + at(0, 0), 1024)) == 2
-    # Ten tiles up is the same place; five to the right of one above is not.
-    assert fetched(drawn(at(0, 0) + at(0, 10) + at(0, 0), 1024)) == 3
-    assert fetched(drawn(at(5, 0) + at(0, 1) + at(5, 0), 1024)) == 3
-    assert fetched(drawn(at(4, 0) + at(0, 1) + at(4, 0), 1024)) == 2
-    across = [[0, 0], [2 * TILE * 256, 256], [0, 256]]
-    assert fetched(drawn(across, 1024)) == 2
-
-
-@pytest.mark.parametrize("missing", ["rows", "tiles"])
-def test_what_costs_something_and_is_left_out_is_missed(missing):
-    draws = design.draws()
-    counted = [counters(draw) for draw in draws]
-    truth = dict.fromkeys(TERMS, 0.0) | {"draw": 2e-5, "triangles": 2e-7}
-    seconds = design_of(counted) @ np.array(list(truth.values()))
-    more = [each["rows"] if missing == "rows" else 0 for each in counted]
-    if missing == "tiles":
-        more = [100 * fetched(draw) for draw in draws]
-    seconds += 5e-8 * np.array(more)
-    times = [
-        {"kind": draw.kind, "name": draw.name, "epochs": [value] * 4}
-        for draw, value in zip(draws, seconds, strict=True)
-    ]
-    found = judged({"device": {"details": {}}, "seed": 0, "times": times, "empty": 2e-5})
-    assert found["tiles_within"] > 0.999
-    if missing == "rows":
-        assert found["r2_within"] > 0.999
-        assert found["no_rows_within"] < 0.98
-        assert found["steep_64"] > 2.0
-    else:
-        assert found["r2_within"] < 0.98
 
 
 @pytest.mark.parametrize(("of_a_group", "of_a_draw"), [(0.02, 0.005), (0.01, 0.01), (0.0, 0.01)])

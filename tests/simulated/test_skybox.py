@@ -9,9 +9,9 @@ from harness.rasterisers import Options, get
 from harness.rasterisers.reference import colours, count_tiles, predict, predict_tiles
 from harness.rasterisers.simulated.skybox import edge_functions, run, work
 from scenes import load
-from scripts.studies.skybox import descent
 from tests.rasterisers import pictures
 from tests.simulated.conftest import triangles_of
+from tests.simulated.descent import descent
 from triangulators import triangulate
 
 BUILDS = ("skybox", "skybox:output_quads=1,tile=64", "skybox:output_quads=2,tile=16,block=8")

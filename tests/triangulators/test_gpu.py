@@ -28,25 +28,10 @@ def _closed_in_the_end():
     engine.close_all()
 
 
-@pytest.fixture
-def done(monkeypatch):
-    """How many polygons the device did, batch by batch."""
-    counts = []
-    attempt = engine.attempt
-
-    def counted(name, batch, *how):
-        attempt(name, batch, *how)
-        counts.append(int(batch.done.sum()))
-
-    monkeypatch.setattr(engine, "attempt", counted)
-    return counts
-
-
-def assert_same(polygons, name=NAME, **parameters):
+def assert_same(polygons, name=NAME, on="llvmpipe", **parameters):
     """The device gives what the CPU gives; returns it."""
     found, expected = (
-        triangulate_many(polygons, name, device=device, **parameters)
-        for device in ("llvmpipe", "cpu")
+        triangulate_many(polygons, name, device=device, **parameters) for device in (on, "cpu")
     )
     assert found.failed == expected.failed
     assert np.array_equal(found.starts, expected.starts)
