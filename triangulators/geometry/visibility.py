@@ -79,7 +79,8 @@ def visible_pairs(
                 target[found] = left
                 found += 1
     start[n] = found
-    return start, target[:found]
+    # Without the space that it has grown into, of which a view would keep all.
+    return start, target[:found].copy()
 
 
 @njit(nogil=True)

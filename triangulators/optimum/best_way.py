@@ -14,6 +14,7 @@ matter: the others are the cuts between the holes and the outline, and other tre
 
 import numpy as np
 
+from triangulators.compute.kernels import njit
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
 from triangulators.errors import TriangulationError
@@ -51,8 +52,7 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
             return found
     start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
     if cost["is_box"]:
-        seen_from_above = np.bincount(target, minlength=n)
-        tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
+        tried = _apexes_tried(n, target)
         everything = len(target) == n * (n - 1) // 2
         if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or grid_unit(points) > 0.0):
             found = _by_ring(points, cost["box"])
@@ -62,6 +62,15 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
     if len(found) != n - 2:
         raise TriangulationError(f"no triangulation of {n} corners found")
     return found
+
+
+@njit(nogil=True)
+def _apexes_tried(n: int, target: np.ndarray) -> float:
+    """Return how many apexes lists try: half the square of each one's length."""
+    seen_from_above = np.zeros(n)
+    for j in target:
+        seen_from_above[j] += 1.0
+    return np.sum(seen_from_above * seen_from_above) / 2.0
 
 
 def quick_optimum(
