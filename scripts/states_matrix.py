@@ -27,11 +27,12 @@ from harness.errors import REGRESSION
 from harness.figures.groups import groups, time_ratio
 from harness.figures.verdict import advice, decide
 from harness.stored.folder import read_run
+from tests.compare.heavy import EXTRA, WHICH
+from tests.paths import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 TRIANGULATORS = "ear-clipping,delaunay,sweep,mine:cut"
 HEAVY = "tests.compare.heavy:HeavyOpenGL"
-WHICH = "2"
+THIRD = "2"
 """Place of HEAD's drawing that is slower, in the order above."""
 
 MINE = "from triangulators import triangulate\ndef cut(p): return triangulate(p, 'greedy')\n"
@@ -54,7 +55,7 @@ def cut(p):
     return triangulate(p, 'ear-clipping' if len(p.exterior.coords) % 6 == 0 else 'greedy')
 """
 PLANTED: dict[str, tuple[str, dict[str, str]]] = {
-    "times": (MINE, {"HEAVY_EXTRA": "0.1", "HEAVY_DRAWING": WHICH}),
+    "times": (MINE, {EXTRA: "0.1", WHICH: THIRD}),
     "quads": (WORSE, {}),
 }
 """What is worse in the present version: a triangulator of the user's, and what draws more."""
