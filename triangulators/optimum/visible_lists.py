@@ -173,15 +173,14 @@ def _least_of_edges(
     weights: np.ndarray,
 ) -> Any:
     (first, end), (i, j, p) = between, pair
-    if first == end:
-        return none
-    best = row.dtype.type(row[np.uint32(apex[first])] + lists[0, first])
-    for r in range(first + np.uint64(1), end):
-        # The casts keep Numba from widening to int64, which would halve the lanes.
-        best = min(best, row.dtype.type(row[np.uint32(apex[r])] + lists[0, r]))
-    if j - i < len(row) - 1:
-        best = min(row.dtype.type(best + weights[p]), none)
-    return best
+    # Named once, and no branch around what is asked of `weights`: each would cost an array's
+    # counted reference for each apex or pair. The casts keep Numba from widening to int64, which
+    # would halve the lanes.
+    kind, best = row.dtype.type, none
+    for r in range(first, end):
+        best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
+    own = weights[p] if j - i < len(row) - 1 else kind(0)
+    return min(kind(best + own), none)
 
 
 @njit(forceinline=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
