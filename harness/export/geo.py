@@ -6,11 +6,12 @@ multi-polygon to do; programs read and draw them all the same, and no other type
 """
 
 import json
+import struct
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
@@ -143,13 +144,20 @@ def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _wkb(mesh: Mesh, about: About) -> NDArray[np.object_]:
-    """Return (p,) each polygon's triangles as a little-endian WKB multi-polygon."""
+def _wkb(mesh: Mesh, about: About) -> list[bytes]:
+    """Return each polygon's triangles as a little-endian WKB multi-polygon.
+
+    Written as records: shapely makes an object of each triangle first, which takes five times as
+    long, a third of a whole export.
+    """
     rings = _closed(mesh, about)
-    count = np.arange(len(rings) + 1)
-    shapes = shapely.from_ragged_array(
-        shapely.GeometryType.MULTIPOLYGON,
-        rings.reshape(-1, rings.shape[2]),
-        (4 * count, count, mesh.triangle_starts),
-    )
-    return np.asarray(shapely.to_wkb(shapes, byte_order=1, flavor="iso"), object)
+    heights = 1000 if rings.shape[2] == 3 else 0  # what ISO adds to the number of a type
+    head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]
+    triangles = np.empty(len(rings), [*head, ("ring", "<f8", rings.shape[1:])])
+    triangles["order"], triangles["type"] = 1, 3 + heights
+    triangles["rings"], triangles["points"], triangles["ring"] = 1, 4, rings
+    data, size = triangles.view(np.uint8).data, triangles.itemsize
+    return [
+        struct.pack("<BII", 1, 6 + heights, end - start) + data[start * size : end * size]
+        for start, end in pairwise(mesh.triangle_starts.tolist())
+    ]
