@@ -99,13 +99,10 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
 
 
 @njit(nogil=True)
-def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
-    left = (ax - cx) * (by - cy)
-    right = (ay - cy) * (bx - cx)
-    determinant = left - right
-    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _NEARLY_NOTHING:
-        return determinant
+def _in_doubt(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, left: float, right: float
+) -> float:
+    """Apart, so that `orient` is short enough for LLVM to make it part of a loop."""
     if (
         _exact_difference(ax, cx, by, cy)
         and _exact_difference(ay, cy, bx, cx)
@@ -118,6 +115,17 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
         if determinant != 0.0 or left == right:
             return determinant
     return _exact(ax, ay, bx, by, cx, cy)
+
+
+@njit(nogil=True)
+def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
+    left = (ax - cx) * (by - cy)
+    right = (ay - cy) * (bx - cx)
+    determinant = left - right
+    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _NEARLY_NOTHING:
+        return determinant
+    return _in_doubt(ax, ay, bx, by, cx, cy, left, right)
 
 
 @njit(nogil=True)
