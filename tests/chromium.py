@@ -35,7 +35,7 @@ WEBGPU_FLAGS = (
 )
 """WebGPU on SwiftShader, a rasteriser on the CPU that shares no code with Mesa."""
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """Much longer than anything takes, for machines that do other things too."""
 
 REPORT_READY = "document.documentElement?.dataset.ready !== undefined"
@@ -129,8 +129,10 @@ class Chromium:
         """Wait until a JavaScript condition holds."""
         end = time.monotonic() + PATIENCE_S
         while not self.evaluate(condition):
-            assert time.monotonic() < end, f"never became true: {condition}; {self.errors}"
             assert not self.errors, self.errors
+            if time.monotonic() > end:
+                shown = self.evaluate("document.body?.innerText.slice(0, 500)")
+                raise AssertionError(f"never became true: {condition}; the page shows: {shown}")
             time.sleep(0.02)
 
     def evaluate(self, expression: str) -> Any:
