@@ -151,7 +151,8 @@ def _wkb(mesh: Mesh, about: About) -> list[bytes]:
     long, a third of a whole export.
     """
     rings = _closed(mesh, about)
-    heights = 1000 if rings.shape[2] == 3 else 0  # what ISO adds to the number of a type
+    # ISO's number of a polygon is 3 and of a multi-polygon 6, with heights a thousand more.
+    heights = 1000 if rings.shape[2] == 3 else 0
     head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]
     triangles = np.empty(len(rings), [*head, ("ring", "<f8", rings.shape[1:])])
     triangles["order"], triangles["type"] = 1, 3 + heights

@@ -102,7 +102,10 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
 def _in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, left: float, right: float
 ) -> float:
-    """Apart, so that `orient` is short enough for LLVM to make it part of a loop."""
+    """Return `orient` where left - right, its determinant's products, may have the wrong sign.
+
+    Apart from it, so that it is short enough for LLVM to make it part of a loop.
+    """
     if (
         _exact_difference(ax, cx, by, cy)
         and _exact_difference(ay, cy, bx, cx)

@@ -172,18 +172,17 @@ def _least_of_edges(
     none: Any,
     weights: np.ndarray,
 ) -> Any:
-    (first, end), (i, j, p) = between, pair
+    (first, end), (_, _, p) = between, pair
     # Named once, and no branch around what is asked of `weights`: each would cost an array's
     # counted reference for each apex or pair. The casts keep Numba from widening to int64, which
     # would halve the lanes.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
-    own = weights[p] if j - i < len(row) - 1 else kind(0)
-    return min(kind(best + own), none)
+    return min(kind(best + weights[p]), none)
 
 
-@njit(forceinline=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
+@njit(forceinline=True, fastmath=FAST)
 def _least_of_boxes(
     row: np.ndarray,
     apex: np.ndarray,
@@ -364,6 +363,7 @@ def by_lists(points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Co
         found: np.ndarray = _by_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weights_of_pairs(points, start, target, cost["box"])
+        weights[start[1] - 1] = 0  # of corner 0 and the last, which is a side
         found = _by_edges(start, target, weights, _NONE[weights.dtype])
     else:
         # Edges are counted with the pairs, and what is the same for all is left out.
