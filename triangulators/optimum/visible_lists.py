@@ -175,7 +175,7 @@ def _least_of_edges(
     (first, end), (_, _, p) = between, pair
     # Named once, and no branch around what is asked of `weights`: each would cost an array's
     # counted reference for each apex or pair. The casts keep Numba from widening to int64, which
-    # would halve the lanes.
+    # would halve the lanes. The side from corner 0 to the last is counted: all have it.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
@@ -363,7 +363,6 @@ def by_lists(points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Co
         found: np.ndarray = _by_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weights_of_pairs(points, start, target, cost["box"])
-        weights[start[1] - 1] = 0  # of corner 0 and the last, which is a side
         found = _by_edges(start, target, weights, _NONE[weights.dtype])
     else:
         # Edges are counted with the pairs, and what is the same for all is left out.
