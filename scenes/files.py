@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import Cleaned, clean
 from scenes.cleaning.projection import Projection, is_geographic, off_globe, system, units
+from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import existing
 from scenes.readers.reader import GDAL, Raw, Source, reader_of
 from scenes.scene import Note, Scene, SceneError

@@ -14,7 +14,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import Cleaned, clean, filled, moved
+from scenes.cleaning.fill import fill_contours
+from scenes.cleaning.layout import translate
+from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import existing, noted, reason
 from scenes.scene import Note, Scene, SceneError
 from scenes.spec import install
@@ -165,7 +167,7 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
             dropped += cleaned.dropped
             row, column = divmod(number, _COLUMNS)
             at = (x, 0.0) if text else (column * line, -row * line)
-            polygons += [moved(p, *at) for p in cleaned.polygons]
+            polygons += [translate(p, *at) for p in cleaned.polygons]
             x += advance
     if not polygons:
         raise SceneError(f"glyphs: text {text!r} has no outline in {path}: give other characters")
@@ -199,7 +201,7 @@ def outline(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
     vertices, codes = face.get_path()
     # FreeType's unit is 1/64 pixel, and unscaled outlines are in font units
     contours = _contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
-    return clean(filled(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
+    return clean(fill_contours(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
 
 
 def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[NDArray[Any]]:

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from scenes.cleaning.clean import clean
+from scenes.cleaning.repair import clean
 from scenes.readers.guard import debugging, reason
 from scenes.readers.reader import is_model
 from scenes.scene import Scene, SceneError, UnknownScene

@@ -171,11 +171,11 @@ def lines_of_notes(
 
     counts : by kind and reason; told : (kind, which, reason)
     """
-    from scenes.cleaning.clean import usual_reason
+    from scenes.cleaning.notes import general_reason
 
     named = defaultdict(list)
     for kind, which, why in told:
-        named[kind, usual_reason(why)].append(which)
+        named[kind, general_reason(why)].append(which)
     for (kind, reason), count in sorted(counts.items()):
         more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
         first = named[kind, reason][:SHOWN]

@@ -150,7 +150,7 @@ def triangulate(
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
-    for line in lines_of_notes(report.counts, report.told(*report.kept)):
+    for line in lines_of_notes(report.counts, report.list_examples(*report.examples)):
         reporter.warn(line)
     if report.flat:
         reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")

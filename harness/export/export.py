@@ -19,7 +19,8 @@ from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
 from harness.stored.atomic import Output
 from scenes import load
-from scenes.cleaning.clean import Cleaned, Noted
+from scenes.cleaning.notes import NoteCounter
+from scenes.cleaning.repair import Cleaned
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
@@ -123,7 +124,7 @@ class Certified:
 
 
 @dataclass
-class Report(Noted):
+class Report(NoteCounter):
     """What an export did; "failed" are polygons that the triangulator could not do.
 
     files : what was written, the target first
@@ -350,7 +351,7 @@ def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np
 
 
 def _nothing(source: str, report: Report) -> str:
-    if notes := report.told("failed", "dropped"):
+    if notes := report.list_examples("failed", "dropped"):
         _, which, reason = notes[0]
         return f"{source}: no polygon could be triangulated; {which}: {reason}"
     return f"{source} holds no polygon: nothing was written"

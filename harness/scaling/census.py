@@ -28,7 +28,7 @@ from harness.scaling.sums import (
     Sums,
     read_done,
 )
-from scenes.cleaning.clean import Noted
+from scenes.cleaning.notes import NoteCounter
 from scenes.files import Chunk, read_chunks
 from scenes.slices import Chosen, Slices, Tile, cut, cut_tiles, read_tiles
 from scenes.tiles.read import rounding
@@ -126,7 +126,7 @@ class _Found:
     triangulators: tuple[str, ...]
     threads: int | None
     counted: Counted = field(default_factory=Counted)
-    noted: Noted = field(default_factory=Noted)
+    noted: NoteCounter = field(default_factory=NoteCounter)
     notes: list[str] = field(default_factory=list)
     waiting: list[_Some] = field(default_factory=list)
 
@@ -232,7 +232,7 @@ class _Found:
             certified=None,
             about=part.about,
             notes=self.notes,
-            left_out=self.noted.told("dropped", "failed"),
+            left_out=self.noted.list_examples("dropped", "failed"),
         )
         self.counted.save(place, done)
         return done

@@ -75,7 +75,7 @@ class Triangulating(Work):
                 certified=None if certified is None else asdict(certified),
                 about=part.about,
                 notes=report.notes,
-                left_out=report.told("dropped", "failed"),
+                left_out=report.list_examples("dropped", "failed"),
             )
             writer.finish({FOOTER: json.dumps(asdict(done), sort_keys=True)})
             output.publish()

@@ -10,7 +10,8 @@ import shapely
 from matplotlib import font_manager, ft2font
 from numpy.random import Generator
 
-from scenes.cleaning.clean import clean, in_rows, moved
+from scenes.cleaning.layout import arrange_in_rows, translate
+from scenes.cleaning.repair import clean
 from scenes.readers.meshes import facets
 from scenes.real import outline
 from scenes.scene import Scene, SceneError
@@ -50,11 +51,11 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
 def _by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
     """Laid out by part, so that islands stay where they were cut."""
     whole = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
-    placed = in_rows(whole, gap=0.15)
+    placed = arrange_in_rows(whole, gap=0.15)
     out = []
     for i, before, after in zip(np.unique(source), whole, placed, strict=True):
         dx, dy = np.subtract(after.bounds[:2], before.bounds[:2])
-        out += [moved(p, dx, dy) for p in polygons[source == i]]
+        out += [translate(p, dx, dy) for p in polygons[source == i]]
     return out
 
 
@@ -170,7 +171,7 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
     for character in name:
         cleaned, advance = outline(face, character, max(2, segments // 8))
-        letters += [moved(p, x, 0.0) for p in cleaned.polygons]
+        letters += [translate(p, x, 0.0) for p in cleaned.polygons]
         x += 1.08 * advance
     scale = 28.0 / face.units_per_EM
     text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])
@@ -183,7 +184,7 @@ def build_faces(*, seed: int = 0) -> Scene:
     polygons = []
     for part in build(seed=seed, parts=10, segments=16).polygons:
         polygons += facets(*_extruded(part, 20.0))[0]
-    cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
+    cleaned = clean(arrange_in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",
         polygons=list(cleaned.polygons),

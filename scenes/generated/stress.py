@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from scenes.cleaning.clean import clean, in_rows
+from scenes.cleaning.layout import arrange_in_rows
+from scenes.cleaning.repair import clean
 from scenes.scene import Scene, SceneError
 
 MOST = 100_000
@@ -41,7 +42,7 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     cleaned = clean(polygons, chosen)
     return Scene(
         name="stress",
-        polygons=in_rows(list(cleaned.polygons)),
+        polygons=arrange_in_rows(list(cleaned.polygons)),
         units="units",
         description="combs, spirals, stars, needles, fractals, random polygons",
         licence="generated, no rights reserved",

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import in_rows
+from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers.guard import LONGEST, numbered_lines, refuse_special
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
@@ -57,7 +57,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
             repaired.append((label, f"is not planar by {off:.2g} of its size; projected"))
         polygons.append(polygon)
         labels.append(label)
-    yield Raw(in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
+    yield Raw(arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
 
 
 def _sound(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
@@ -119,7 +119,7 @@ def _joined(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
     """Faces of a model of triangles: neighbours in one plane become one polygon."""
     polygons, dropped = facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
-    return Raw(in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
+    return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
 
 
 def facets(

@@ -13,7 +13,7 @@ from fontTools.pens.basePen import BasePen  # type: ignore[import-untyped]
 from fontTools.pens.transformPen import TransformPen  # type: ignore[import-untyped]
 from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
 
-from scenes.cleaning.clean import filled
+from scenes.cleaning.fill import fill_contours
 from scenes.readers.guard import noted
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
@@ -53,7 +53,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawin
             contours = _contours(element, transform)
             if not all(np.isfinite(contour).all() for contour in contours):
                 raise ValueError("it has a NaN or infinite coordinate")
-            area = filled(contours, "evenodd" if rule == "evenodd" else "nonzero")
+            area = fill_contours(contours, "evenodd" if rule == "evenodd" else "nonzero")
             geometries.append(area[0] if area else None)
             labels.append(label)
             identifiers.append(identifier)

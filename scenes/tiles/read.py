@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import clean
+from scenes.cleaning.repair import clean
 from scenes.readers import guard
 from scenes.readers.guard import existing
 from scenes.scene import Note, Scene, SceneError, Tiling

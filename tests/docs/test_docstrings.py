@@ -12,7 +12,15 @@ import triangulators
 
 WITH_EXAMPLES = [
     "scenes",
-    *("scenes.cleaning.clean", "scenes.cleaning.projection", "scenes.registry", "scenes.spec"),
+    *(
+        "scenes.cleaning.fill",
+        "scenes.cleaning.layout",
+        "scenes.cleaning.notes",
+        "scenes.cleaning.repair",
+        "scenes.cleaning.projection",
+        "scenes.registry",
+        "scenes.spec",
+    ),
     "triangulators",
     *("triangulators.many", "triangulators.certificate.certify"),
     *("triangulators.criteria", "triangulators.dropin", "triangulators.polygon"),

@@ -222,9 +222,9 @@ def test_obj_groups_are_polygons(tmp_path):
 
 def test_what_cannot_be_triangulated_is_named(tmp_path):
     report = export_file("paper", tmp_path / "a.obj", "optimal:overdraw")
-    assert report.told("failed") == []
+    assert report.list_examples("failed") == []
     report = export_file(CITY, tmp_path / "b.obj", "fan")
-    failed = report.told("failed")
+    failed = report.list_examples("failed")
     assert failed
     assert report.polygons + len(failed) == 60
     assert sum(n for (kind, _), n in report.counts.items() if kind == "failed") == len(failed)

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.clean import in_rows
+from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers import guard
 from scenes.readers.vector import is_sequence
 from tests.scenes.conftest import SQUARE, feature
@@ -57,9 +57,9 @@ def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, kind):
     for module, function in (("shapely", "from_wkb"), ("shapely", "from_wkt")):
         monkeypatch.setattr(f"{module}.{function}", fail)
     for place in (
-        "scenes.readers.svg.filled",
+        "scenes.readers.svg.fill_contours",
         "scenes.readers.cityjson._vertices",
-        "scenes.readers.meshes.in_rows",
+        "scenes.readers.meshes.arrange_in_rows",
     ):
         monkeypatch.setattr(place, fail)
     with pytest.raises(SceneError, match="first line second") as caught:
@@ -124,7 +124,7 @@ def test_a_record_separator_begins_a_sequence_and_no_polygons_are_no_rows(tmp_pa
     path = tmp_path / "a.json"
     path.write_bytes(b"\x1e{}\n")
     assert is_sequence(path)
-    assert in_rows([], gap=0.5, aspect=1.0) == []
+    assert arrange_in_rows([], gap=0.5, aspect=1.0) == []
 
 
 @pytest.mark.parametrize("size", [1e9, 1e-12, 1e-300])

@@ -4,7 +4,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.cleaning.clean import clean, even_odd, filled
+from scenes import load
+from scenes.cleaning.fill import fill_contours, fill_even_odd
+from scenes.cleaning.repair import clean
 
 number = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float)
 point = st.tuples(number, number)
@@ -85,14 +87,14 @@ class TestManyCrossings:
         for corners in (5, 12, 40):
             ring = shapely.Polygon(rng.random((corners, 2)))
             expected = shapely.make_valid(ring)
-            found = even_odd(shapely.get_rings(ring))
+            found = fill_even_odd(shapely.get_rings(ring))
             assert found.is_valid
             assert shapely.symmetric_difference(found, expected).area < 1e-12
             assert shapely.get_num_geometries(found) == shapely.get_num_geometries(expected)
 
     def test_edges_that_lie_on_each_other_count_twice(self):
         pair = [shapely.box(0, 0, 2, 2), shapely.box(1, 0, 3, 2), shapely.box(3, 0, 4, 2)]
-        found = even_odd(shapely.get_exterior_ring(pair))
+        found = fill_even_odd(shapely.get_exterior_ring(pair))
         assert found.equals(shapely.union_all([shapely.box(0, 0, 1, 2), shapely.box(2, 0, 4, 2)]))
 
     def test_a_ring_of_many_is_repaired(self, monkeypatch):
@@ -118,7 +120,74 @@ def test_contours_with_many_holes_keep_their_vertices(rule):
     holes = [shapely.box(x, y, x + 8, y + 8).exterior.reverse() for x, y in corners]
     islands = [shapely.box(x + 2, y + 2, x + 4, y + 4).exterior for x, y in corners]
     rings = [outline.exterior, *holes, *islands]
-    (area,) = filled([shapely.get_coordinates(ring)[:-1] for ring in rings], rule)
+    (area,) = fill_contours([shapely.get_coordinates(ring)[:-1] for ring in rings], rule)
     assert area.area == 100 * k * k - 64 * k * k + 4 * k * k
     assert shapely.get_num_coordinates(area) == 5 * len(rings)
     assert shapely.get_num_geometries(area) == 1 + k * k
+
+
+STAR = np.array([(100, 10), (40, 180), (190, 70), (10, 70), (160, 180)])
+
+
+class TestFillRules:
+    @settings(max_examples=150, deadline=None)
+    @given(st.integers(0, 2**32 - 1), st.sampled_from(["nonzero", "evenodd"]))
+    def test_points_are_inside_by_their_angles(self, seed, rule):
+        """The winding number as the sum of angles under which a point sees the edges."""
+        rng = np.random.default_rng(seed)
+        rings = [rng.integers(0, 7, (rng.integers(3, 8), 2)) for _ in range(rng.integers(1, 5))]
+        points = rng.random((40, 2)) * 7
+        turns = np.zeros(len(points))
+        for ring in rings:
+            seen = ring[None] - points[:, None]
+            x, y = np.moveaxis(seen, 2, 0)
+            after_x, after_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+            turns += np.arctan2(x * after_y - y * after_x, x * after_x + y * after_y).sum(axis=1)
+        winding = np.rint(turns / (2 * np.pi)).astype(int)
+        expected = winding != 0 if rule == "nonzero" else winding % 2 == 1
+        (area,) = fill_contours(rings, rule)
+        assert (shapely.contains_xy(area, *points.T) == expected).all()
+
+    def test_a_glyph_that_crosses_itself_covers_what_freetype_draws(self, tmp_path):
+        import freetype
+        from fontTools.fontBuilder import FontBuilder
+        from fontTools.pens.ttGlyphPen import TTGlyphPen
+
+        pen = TTGlyphPen(None)
+        for ring in (5 * STAR, 5 * STAR[::-1] + (450, 0), np.array([(0, 0), (900, 0), (0, 99)])):
+            pen.moveTo(tuple(ring[0].tolist()))
+            for vertex in ring[1:].tolist():
+                pen.lineTo(tuple(vertex))
+            pen.closePath()
+        empty, path = TTGlyphPen(None).glyph(), str(tmp_path / "star.ttf")
+        font = FontBuilder(1000, isTTF=True)
+        font.setupGlyphOrder([".notdef", "A"])
+        font.setupCharacterMap({65: "A"})
+        font.setupGlyf({".notdef": empty, "A": pen.glyph()})
+        font.setupHorizontalMetrics({".notdef": (2000, 0), "A": (2000, 0)})
+        font.setupHorizontalHeader(ascent=1000, descent=-200)
+        font.setupNameTable({"familyName": "Star", "styleName": "Regular"})
+        font.setupOS2()
+        font.setupPost()
+        font.save(path)
+        face = freetype.Face(path)
+        face.set_pixel_sizes(0, 500)
+        face.load_char("A", freetype.FT_LOAD_RENDER | freetype.FT_LOAD_NO_HINTING)
+        drawn = 4 * sum(face.glyph.bitmap.buffer) / 255
+        filled = sum(p.area for p in load("glyphs", font=path, text="A").polygons)
+        assert filled == pytest.approx(drawn, rel=0.003)
+
+    @pytest.mark.parametrize(("rule", "area"), [("nonzero", 10319.4), ("evenodd", 7138.7)])
+    def test_a_star(self, rule, area):
+        (filled,) = fill_contours([STAR], rule)
+        assert filled.area == pytest.approx(area, abs=0.1)
+        assert shapely.get_num_coordinates(filled) == (11 if rule == "nonzero" else 20)
+
+    def test_rings_within_rings_keep_their_vertices(self):
+        """Twice round, then back once: no edge of the two inner rings is of the area."""
+        rings = [shapely.box(i, i, 90 - i, 90 - i).exterior for i in (0, 10, 30)]
+        contours = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+        contours[2] = contours[2][::-1]
+        (area,) = fill_contours(contours)
+        assert area.equals(shapely.box(0, 0, 90, 90))
+        assert shapely.get_num_coordinates(area) == 5

@@ -1,0 +1,164 @@
+"""Fill rules: the area inside contours that may cross, by winding numbers.
+
+Fonts and SVG fill by the rule "nonzero": a point is inside if the contours wind round it a number
+of times other than 0, counted with their direction. By "evenodd" it is inside if the number is odd.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Rule = Literal["nonzero", "evenodd"]
+
+MAX_CROSSINGS = 200_000
+"""Crossings of the contours that are resolved, into about as many faces."""
+
+_SAMPLE = 100
+"""Vertices up to which crossings are not counted; edges by which they are estimated."""
+
+_MAX_PEELED = 1000
+"""Pieces of edges up to which `shapely.make_valid` is used."""
+
+
+def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
+    """Return the area that contours fill together, as a list of one geometry, or of none.
+
+    `contours` are (n, 2) arrays without a closing point. Contours that do not cross keep their
+    vertices; others get vertices where they cross. Raises shapely.GEOSException for contours that
+    cross more than `MAX_CROSSINGS` times.
+
+    >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
+    >>> [area.area for area in fill_contours([square, square[::-1] / 2 + 1])]
+    [12.0]
+    """
+    rings = np.array([shapely.Polygon(c) for c in contours if len(c) >= 3], dtype=object)
+    if not len(rings):
+        return []
+    area = _fill_nested(rings, rule) if shapely.is_valid(rings).all() else None
+    if area is None:
+        outlines = shapely.get_exterior_ring(rings)
+        _check_crossings(outlines)
+        faces, winding = winding_numbers(outlines)
+        inside = winding != 0 if rule == "nonzero" else winding % 2 == 1
+        area = shapely.coverage_union_all(faces[inside])
+    return [area]
+
+
+def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
+    """Return the area of simple rings by the rings around each, or None if it has to be resolved.
+
+    A ring bounds the area if the rule says "inside" on one of its sides only.
+    """
+    tree = shapely.STRtree(rings)
+    if (np.diff(tree.query(rings, predicate="overlaps"), axis=0) != 0).any():
+        return None
+    outer, inner = tree.query(rings, predicate="contains")
+    other = outer != inner
+    outer, inner = outer[other], inner[other]
+    if np.isin(outer * len(rings) + inner, inner * len(rings) + outer).any():
+        return None  # equal rings contain each other
+    direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
+    around = np.bincount(inner, weights=direction[outer], minlength=len(rings)).astype(np.int64)
+    within = around + direction
+    inside, outside = (
+        number != 0 if rule == "nonzero" else number % 2 == 1 for number in (within, around)
+    )
+    return _insert_holes(rings[inside & ~outside], rings[outside & ~inside])
+
+
+def _insert_holes(shells: NDArray[Any], holes: NDArray[Any]) -> Any | None:
+    """Return the shells, each hole in the smallest shell around it, or None if that is invalid.
+
+    A shell may lie in a hole of another one, as in the copyright sign.
+    """
+    shells = shells[np.argsort(shapely.area(shells), kind="stable")]
+    around, hole = shapely.STRtree(holes).query(shells, predicate="covers")
+    owner = np.full(len(holes), len(shells))
+    np.minimum.at(owner, hole, around)
+    if (owner == len(shells)).any():
+        return None
+    order = np.argsort(owner, kind="stable")
+    by_shell = np.split(order, np.cumsum(np.bincount(owner, minlength=len(shells)))[:-1])
+    inner = shapely.get_exterior_ring(holes)
+    pairs = zip(shells, by_shell, strict=True)
+    area = shapely.MultiPolygon([shapely.Polygon(s.exterior, inner[own]) for s, own in pairs])
+    return area if area.is_valid else None
+
+
+def winding_numbers(
+    rings: NDArray[Any], noded: Any | None = None
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the faces into which rings divide the plane, and how often the rings wind round each.
+
+    A ring counts 1 around each face on its left and -1 around each face on its right, except the
+    face outside of all. `noded` is `shapely.unary_union(rings)`, if that is known.
+
+    >>> square = shapely.box(0, 0, 2, 2).exterior
+    >>> both = np.array([square, shapely.box(1, 0, 3, 2).exterior])
+    >>> faces, numbers = winding_numbers(both)
+    >>> sorted(zip(shapely.area(faces).tolist(), numbers.tolist()))
+    [(2.0, 1), (2.0, 1), (2.0, 2)]
+    """
+    noded = shapely.unary_union(rings) if noded is None else noded
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
+    x, y = shapely.get_coordinates(shapely.point_on_surface(faces)).T
+    order = np.argsort(y)
+    x, y = x[order], y[order]
+    numbers = np.zeros(len(faces), dtype=np.int64)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    a, b = points[:-1][same], points[1:][same]
+    upward = a[:, 1] < b[:, 1]
+    low, high = np.where(upward[:, None], a, b), np.where(upward[:, None], b, a)
+    first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1])
+    edges = zip(low, high, np.where(upward, 1, -1), first, last, strict=True)
+    for (x0, y0), (x1, y1), sign, i, j in edges:
+        if i < j:  # a ray from the face to the right meets the edge
+            meets = (x1 - x0) * (y[i:j] - y0) > (x[i:j] - x0) * (y1 - y0)
+            numbers[i:j] += sign * meets
+    return faces[order], numbers
+
+
+def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
+    """Return the area within an odd number of rings, which may cross in any way.
+
+    >>> fill_even_odd(np.array([shapely.LinearRing([(0, 0), (6, 8), (6, 0), (0, 8)])])).area
+    24.0
+    """
+    faces, numbers = winding_numbers(rings, noded)
+    return shapely.coverage_union_all(faces[numbers % 2 == 1])
+
+
+def repair_polygon(polygon: shapely.Polygon) -> Any:
+    """Return the area that an invalid polygon covers an odd number of times.
+
+    This is `shapely.make_valid`, except for rings that cross themselves often: there it peels layer
+    after layer, each at the cost of all crossings. Raises shapely.GEOSException if GEOS does, and
+    for a polygon that crosses itself more than `MAX_CROSSINGS` times.
+
+    >>> repair_polygon(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
+    24.0
+    """
+    if shapely.get_num_coordinates(polygon) > _SAMPLE:
+        rings = shapely.get_rings(polygon)
+        _check_crossings(rings)
+        noded = shapely.unary_union(rings)
+        if shapely.get_num_geometries(noded) > _MAX_PEELED:
+            return fill_even_odd(rings, noded)
+    return shapely.make_valid(polygon)
+
+
+def _check_crossings(rings: NDArray[Any]) -> None:
+    """Raise shapely.GEOSException for rings that cross too often, estimated by some edges."""
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    if len(points) <= _SAMPLE:
+        return
+    same = ring[1:] == ring[:-1]
+    edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
+    sample = edges[:: max(len(edges) // _SAMPLE, 1)]
+    pairs = shapely.STRtree(edges).query(sample, predicate="crosses").shape[1]
+    if pairs * len(edges) / len(sample) / 2 > MAX_CROSSINGS:
+        raise shapely.GEOSException(f"it crosses itself more than {MAX_CROSSINGS} times")

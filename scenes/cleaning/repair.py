@@ -1,0 +1,179 @@
+"""Repair of geometries: valid, oriented polygons, and a note on each that is dropped or changed."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from scenes.cleaning.fill import repair_polygon
+from scenes.scene import Note
+
+_POLYGON = shapely.GeometryType.POLYGON
+_REASONS = {
+    "Self-intersection": "self-intersects",
+    "Ring Self-intersection": "touches itself",
+    "Hole lies outside shell": "has a hole outside its exterior ring",
+    "Nested holes": "has nested holes",
+    "Holes are nested": "has nested holes",
+    "Interior is disconnected": "has a disconnected interior",
+    "Too few points in geometry component": "has a ring of too few distinct vertices",
+    "Duplicate Rings": "has a duplicate ring",
+}
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """Valid, oriented, two-dimensional polygons, and for each the index of its geometry."""
+
+    polygons: NDArray[Any]
+    source: NDArray[np.int64]
+    dropped: list[Note]
+    repaired: list[Note]
+
+
+Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Maps (n, 2) coordinates back to those of the source file, for the locations in notes."""
+
+
+def clean(
+    geometries: Any, labels: list[str] | None = None, locate: Locate | None = None
+) -> Cleaned:
+    """Return valid, two-dimensional, oriented polygons of geometries, with notes on the others.
+
+    Each part of a multi-polygon becomes a polygon. An invalid polygon is repaired by
+    `repair_polygon`; a polygon without area is dropped.
+
+    Parameters
+    ----------
+    geometries
+        Sequence of shapely geometries or None.
+    labels
+        Names of the geometries in the notes; "feature 0", "feature 1", ... by default.
+    locate
+        Inverse of the projection of the geometries: locations in notes are then the source's.
+
+    Examples
+    --------
+    >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
+    >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])
+    >>> [polygon.area for polygon in cleaned.polygons], cleaned.source.tolist()
+    ([1.0, 12.0, 12.0], [0, 1, 1])
+    >>> cleaned.dropped, cleaned.repaired[0][0]
+    ([('feature 2', 'is a Point, not a polygon')], 'feature 1')
+    """
+    inputs = np.asarray(geometries, dtype=object).ravel()
+    dropped: list[Note] = []
+    repaired: list[Note] = []
+    names = labels or [f"feature {index}" for index in range(len(inputs))]
+    usable = _find_usable(inputs, names, dropped)
+    parts, source = _split_parts(inputs, usable, names, dropped)
+    parts = shapely.force_2d(parts)
+    valid = shapely.is_valid(parts)
+    if not valid.all():
+        parts, source = _repair(parts, source, valid, names, locate, dropped, repaired)
+    with np.errstate(over="ignore"):
+        area = shapely.area(parts)
+    usable_area = (area > 0) & np.isfinite(area)
+    for i in np.flatnonzero(~usable_area):
+        reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
+        dropped.append((names[source[i]], reason))
+    simple = _remove_empty_holes(shapely.remove_repeated_points(parts[usable_area]))
+    polygons, source = shapely.orient_polygons(simple), source[usable_area]
+    # Areas of coordinates beyond 2^53 units are rounding errors, which depend on the first vertex.
+    positive = shapely.area(polygons) > 0
+    dropped += [
+        (names[source[i]], "its area is lost in rounding") for i in np.flatnonzero(~positive)
+    ]
+    return Cleaned(polygons[positive], source[positive], dropped, repaired)
+
+
+def _find_usable(inputs: NDArray[Any], names: list[str], dropped: list[Note]) -> NDArray[np.int64]:
+    """Return the indices of geometries that exist and have finite coordinates only."""
+    absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
+    dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
+    coordinates, owner = shapely.get_coordinates(inputs, return_index=True)
+    infinite = np.zeros(len(inputs), dtype=bool)
+    infinite[owner[~np.isfinite(coordinates).all(axis=1)]] = True
+    dropped += [(names[i], "has a NaN or infinite coordinate") for i in np.flatnonzero(infinite)]
+    return np.flatnonzero(~absent & ~infinite)
+
+
+def _split_parts(
+    inputs: NDArray[Any], usable: NDArray[np.int64], names: list[str], dropped: list[Note]
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the polygons in the usable geometries, and the index of the geometry of each."""
+    if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # the usual case, at no cost
+        return inputs[usable], usable
+    parts, at = shapely.get_parts(inputs[usable], return_index=True)
+    # Collections may hold multi-polygons and collections: split until only simple types remain.
+    while not np.isin(shapely.get_type_id(parts), range(4)).all():
+        parts, inner = shapely.get_parts(parts, return_index=True)
+        at = at[inner]
+    polygonal = shapely.get_type_id(parts) == _POLYGON
+    dropped += [
+        (names[usable[at[i]]], f"is a {parts[i].geom_type}, not a polygon")
+        for i in np.flatnonzero(~polygonal)
+    ]
+    return parts[polygonal], usable[at[polygonal]]
+
+
+def _repair(
+    parts: NDArray[Any],
+    source: NDArray[np.int64],
+    valid: NDArray[np.bool_],
+    names: list[str],
+    locate: Locate | None,
+    dropped: list[Note],
+    repaired: list[Note],
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the polygons, each invalid one replaced by its repaired pieces, and their indices."""
+    polygons: list[Any] = []
+    owners: list[int] = []
+    for part, index, is_valid in zip(parts, source, valid, strict=True):
+        pieces = [part] if is_valid else _repaired_pieces(part)
+        if not is_valid:
+            fault = _describe_fault(part, locate)
+            if pieces:
+                repaired.append((names[index], f"{fault}; repaired into {len(pieces)} polygon(s)"))
+            else:
+                dropped.append((names[index], f"{fault}; could not be repaired"))
+        polygons.extend(pieces)
+        owners.extend([index] * len(pieces))
+    return np.array(polygons, dtype=object), np.array(owners, dtype=np.int64)
+
+
+def _repaired_pieces(part: shapely.Polygon) -> list[shapely.Polygon]:
+    try:
+        pieces = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
+    except shapely.GEOSException:
+        return []
+    polygonal = shapely.get_type_id(pieces) == _POLYGON
+    return list(pieces[polygonal & shapely.is_valid(pieces) & (shapely.area(pieces) > 0)])
+
+
+def _remove_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
+    rings, owner = shapely.get_rings(polygons, return_index=True)
+    empty = np.unique(owner[shapely.is_empty(rings)])
+    if not len(empty):
+        return polygons
+    result = polygons.copy()
+    for i in empty:
+        holes = [hole for hole in polygons[i].interiors if not hole.is_empty]
+        result[i] = shapely.Polygon(polygons[i].exterior, holes)
+    return result
+
+
+def _describe_fault(part: shapely.Polygon, locate: Locate | None) -> str:
+    """Return why a polygon is invalid, as a phrase: "self-intersects at 3.0 4.0"."""
+    text = shapely.is_valid_reason(part)
+    match = re.fullmatch(r"(.*?)\[(.*)\]", text)
+    reason, location = match.groups() if match else (text, "")
+    phrase = _REASONS.get(reason, f"is invalid ({reason})")
+    numbers = [float(number) for number in location.split()]
+    if locate is not None and len(numbers) == 2:
+        numbers = np.round(locate(np.array([numbers]))[0], 9).tolist()
+    return f"{phrase} at {' '.join(map(str, numbers))}" if numbers else phrase
