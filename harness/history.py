@@ -28,7 +28,7 @@ from harness.errors import UsageError, unknown
 from harness.figures import groups
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
-from harness.machine.environment import commit_of
+from harness.machine.git import commit_of
 from harness.settings import HISTORY_METRICS
 from harness.stored.folder import Record, Run, read_facts, read_run
 from harness.style import COLOURS, MARKERS, draw, grid, legend_below

@@ -35,7 +35,7 @@ from harness.errors import UsageError
 from harness.figures import groups
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.figures.run_state import state_of
-from harness.machine.environment import commit_of
+from harness.machine.git import commit_of
 from harness.stored.folder import Record, Run
 
 

@@ -14,13 +14,13 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import metadata
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from harness import __version__
+from harness.machine.git import describe_project, git_state
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -52,21 +52,17 @@ BUSY = 0.5
 """Load a core above which other programs are likely to disturb the times."""
 
 
-COMMITS = ("GITHUB_SHA", "CI_COMMIT_SHA", "BUILDKITE_COMMIT", "CIRCLE_SHA1", "GIT_COMMIT")
-"""Environment variables by which services of continuous integration tell the commit."""
-
-
 def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
     """Return the facts about this machine, JSON-ready; what cannot be read is None.
 
-    triangulators : as named; where their modules are tells whose repository is measured
+    triangulators : as named; the folders of their modules show whose repository is measured
     """
     memory = psutil.virtual_memory()
     return {
         "harness": __version__,
         "code": code_version(),
         "git": git_state(ROOT) if (ROOT / ".git").exists() else None,
-        "project": project(triangulators),
+        "project": describe_project(triangulators),
         "command": ["harness", *sys.argv[1:]],
         "seed": seed,
         "python": platform.python_version(),
@@ -115,69 +111,6 @@ def source_hash(*packages: Path) -> str:
             digest.update(str(file.relative_to(folder.parent)).encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def git_state(folder: Path) -> dict[str, Any] | None:
-    """Return the commit of the repository at `folder` and whether it has local changes.
-
-    None outside git.
-    """
-    commit = _run("git", "-C", str(folder), "rev-parse", "HEAD")
-    changes = _run("git", "-C", str(folder), "status", "--porcelain", "--untracked-files=no")
-    if commit is None or changes is None:
-        return None
-    return {"commit": commit, "dirty": bool(changes)}
-
-
-def project_folder(triangulators: Sequence[str]) -> Path | None:
-    """Return the top of the user's repository, None where there is none.
-
-    It is the one that holds the current folder, else the first that holds a triangulator named as
-    `module:function`.
-    """
-    for folder in (Path.cwd(), *_module_folders(triangulators)):
-        top = _run("git", "-C", str(folder), "rev-parse", "--show-toplevel")
-        if top:
-            return Path(top)
-    return None
-
-
-def project(triangulators: Sequence[str]) -> dict[str, Any] | None:
-    """Return commit and local changes of the user's repository.
-
-    Where git does not tell, as in a container without it, the commit is that of the environment
-    variable which a service of continuous integration sets, if any.
-    """
-    folder = project_folder(triangulators)
-    state = None if folder is None else git_state(folder)
-    if state is not None and folder is not None:
-        return {"name": folder.name, **state}
-    commit = next((os.environ[name] for name in COMMITS if os.environ.get(name)), None)
-    return None if commit is None else {"name": Path.cwd().name, "commit": commit, "dirty": False}
-
-
-def commit_of(facts: Mapping[str, Any], of: str = "project") -> str:
-    """Return `0123456789ab`, or `0123456789ab with local changes`; "" where a run does not say.
-
-    of : "project" is the user's repository, or the harness's in a run that knows no other; "git"
-        is the harness's
-    """
-    environment = facts.get("environment") or {}
-    state = environment.get(of) or environment.get("git") or {}
-    commit = str(state.get("commit") or "")[:12]
-    return f"{commit} with local changes" if commit and state.get("dirty") else commit
-
-
-def _module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
-    """Yield where the modules of `module:function` names are; none is imported but its parents."""
-    for name in triangulators:
-        module, colon, _ = name.partition(":")
-        try:
-            spec = find_spec(module) if colon else None
-        except (ImportError, ValueError):
-            continue
-        if spec is not None and spec.origin and Path(spec.origin).is_file():
-            yield Path(spec.origin).parent
 
 
 def _nvidia() -> list[dict[str, str]] | None:

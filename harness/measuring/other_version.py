@@ -12,7 +12,6 @@ triangulation is.
 
 import os
 import pickle
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,7 +27,8 @@ import shapely
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.machine.environment import project_folder, source_hash
+from harness.machine.environment import source_hash
+from harness.machine.git import checked_out, find_commit, project_folder
 from harness.measuring.serving import TaskFailed
 from harness.triangulating.frames import FrameTriangulation, check, small_polygons
 from harness.triangulating.recipes import Recipe
@@ -94,9 +94,9 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
         if there is no such version
     """
     top = project_folder(triangulators)
-    commit = None if top is None else _commit(top, reference)
+    commit = None if top is None else find_commit(top, reference)
     if top is not None and commit is not None:
-        with _checked_out(top, commit) as folder:
+        with checked_out(top, commit) as folder:
             yield _placed(reference, commit, folder, top)
         return
     folder = Path(reference)
@@ -105,7 +105,7 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
         place, interpreter = str(folder.resolve()), str(python.absolute())
         yield OtherVersion(reference, "", place, "", str(Path.cwd()), (), interpreter)
     elif folder.is_dir():
-        commit = _commit(folder, "HEAD") or ""
+        commit = find_commit(folder, "HEAD") or ""
         yield _placed(reference, commit, folder.resolve(), top or Path.cwd())
     else:
         where = f"the repository {top}" if top else f"{Path.cwd()}, which is in no git repository"
@@ -113,33 +113,6 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
             f"--beside {reference}: no commit of {where}, and no folder; in CI, fetch it first: "
             f"git fetch --depth=1 origin {reference}"
         )
-
-
-def _commit(folder: Path, reference: str) -> str | None:
-    wanted = f"{reference}^{{commit}}"
-    command = ["git", "-C", str(folder), "rev-parse", "--verify", "--quiet", "--end-of-options"]
-    try:
-        done = subprocess.run([*command, wanted], capture_output=True, text=True, check=False)
-    except OSError:  # no git here
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
-
-
-@contextmanager
-def _checked_out(top: Path, commit: str) -> Iterator[Path]:
-    """Check `commit` out into a temporary work tree; it is removed afterwards."""
-    above = Path(tempfile.mkdtemp(prefix="harness-base-")).resolve()
-    folder = above / top.name
-    git = ["git", "-C", str(top), "worktree"]
-    add = [*git, "add", "--detach", "--force", str(folder), commit]
-    try:
-        done = subprocess.run(add, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise UsageError(f"--beside {commit}: {done.stderr.strip().splitlines()[-1]}")
-        yield folder
-    finally:
-        shutil.rmtree(above, ignore_errors=True)
-        subprocess.run([*git, "prune"], capture_output=True, check=False)
 
 
 def _placed(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:

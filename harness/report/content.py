@@ -22,7 +22,8 @@ from harness.figures.polygons import (
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.figures.run_state import state_of
 from harness.figures.verdict import Decision, Standing, advice, decide
-from harness.machine.environment import commit_of, label_of
+from harness.machine.environment import label_of
+from harness.machine.git import commit_of
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings

@@ -12,7 +12,7 @@ from harness.compare.wording import run_lines
 from harness.errors import UsageError
 from harness.history import read_series, run_label
 from harness.machine import environment
-from harness.machine.environment import COMMITS, commit_of
+from harness.machine.git import COMMITS, commit_of, describe_project
 from harness.scaling import merging
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import MACHINE, slower, write_run
@@ -59,17 +59,17 @@ def test_the_repository_of_the_current_folder_is_the_users(tmp_path, monkeypatch
 def test_else_that_of_a_triangulators_module(tmp_path, monkeypatch):
     commit = repository(tmp_path / "project")
     monkeypatch.syspath_prepend(str(tmp_path / "project/code"))
-    found = environment.project(["optimal:overdraw", "nowhere:cut", "of_a_project:cut"])
+    found = describe_project(["optimal:overdraw", "nowhere:cut", "of_a_project:cut"])
     assert found is not None
     assert found["commit"] == commit
-    assert environment.project(["delaunay"]) is None
+    assert describe_project(["delaunay"]) is None
 
 
 @pytest.mark.parametrize("name", COMMITS)
 def test_without_git_the_service_tells_the_commit(monkeypatch, name):
-    assert environment.project([]) is None
+    assert describe_project([]) is None
     monkeypatch.setenv(name, "0123456789abcdef0123456789abcdef01234567")
-    found = environment.project([])
+    found = describe_project([])
     assert commit_of({"environment": {"project": found, "git": None}}) == "0123456789ab"
 
 

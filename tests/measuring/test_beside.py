@@ -2,7 +2,6 @@
 
 import contextlib
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -216,11 +215,15 @@ def test_bad_usage_is_one_line(harness, options, parts):
     assert not Path("out").exists()
 
 
-def test_a_run_that_was_killed_leaves_a_repository_that_works(measured):
-    """Its work tree is gone, its entry is not: git forgets that with the next one's."""
-    with version("main", []) as place:
-        shutil.rmtree(place.folder)
-        subprocess.run(["git", "worktree", "prune"], check=True)
-    with version("main", []) as place:
-        assert Path(place.folder, "theirs.py").is_file()
+def test_removes_only_its_own_work_tree(measured, tmp_path):
+    """Neither a lost folder of its own nor another work tree that is out of reach is in the way."""
+    git(measured, "worktree", "add", "-q", "--detach", str(tmp_path / "another"))
+    (tmp_path / "another").rename(tmp_path / "out of reach")
+    with version("main", []) as base:
+        shutil.rmtree(base.folder)
+    with version("main", []) as base:
+        assert Path(base.folder, "theirs.py").is_file()
+    listed = git(measured, "worktree", "list").splitlines()
+    assert [Path(line.split()[0]).name for line in listed] == [measured.name, "another"]
     assert git(measured, "status", "--porcelain", "--untracked-files=no") == ""
+    git(measured, "worktree", "remove", "--force", str(tmp_path / "another"))

@@ -1,0 +1,206 @@
+"""Git: the commit of a repository, and a temporary checkout of another commit.
+
+All calls of git go through `run_git`. A repository may be a stranger's, or the caller may be a git
+hook, so neither the repository's settings nor the environment of this process may start a program,
+name another repository or index, or remove anything that this process did not make.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError
+
+COMMITS = ("GITHUB_SHA", "CI_COMMIT_SHA", "BUILDKITE_COMMIT", "CIRCLE_SHA1", "GIT_COMMIT")
+"""Environment variables in which services of continuous integration store the commit."""
+
+KEPT_VARIABLES = (
+    "GIT_CEILING_DIRECTORIES",
+    "GIT_CONFIG_GLOBAL",
+    "GIT_CONFIG_NOSYSTEM",
+    "GIT_CONFIG_SYSTEM",
+    "GIT_DISCOVERY_ACROSS_FILESYSTEM",
+    "GIT_EXEC_PATH",
+)
+"""Variables of git that are passed on: where it is installed, and the user's settings.
+
+All others are removed: a hook inherits the GIT_DIR and GIT_INDEX_FILE of the commit in progress."""
+
+NO_PROGRAMS = (
+    *("-c", f"core.hooksPath={os.devnull}"),
+    *("-c", "core.fsmonitor=false"),
+    *("-c", "diff.external="),
+    *("-c", "diff.ignoreSubmodules=dirty"),  # a submodule's settings could start programs, too
+)
+
+QUERY_TIMEOUT_S = 30.0
+"""Longest duration of a command that only reads; checking a commit out may take longer."""
+
+
+def run_git(folder: Path, *arguments: str) -> str:
+    """Return the output of a git command in `folder`, without its last line break.
+
+    Hooks, the file system monitor, external diff programs and the filters that the repository's
+    own settings define are off. Filters of the user's own settings, such as Git LFS, stay on.
+
+    Raises
+    ------
+    OSError
+        if git is not installed
+    subprocess.SubprocessError
+        if the command fails
+    """
+    git = shutil.which("git")
+    if git is None:
+        raise FileNotFoundError("git is not installed")
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("GIT_") or name in KEPT_VARIABLES
+    }
+    environment |= {"GIT_OPTIONAL_LOCKS": "0", "GIT_TERMINAL_PROMPT": "0", "LC_ALL": "C"}
+    reads = arguments[0] != "worktree"
+    if reads:  # a partial clone would fetch missing objects, by a program that its settings name
+        environment["GIT_ALLOW_PROTOCOL"] = "none"
+
+    def call(*parts: str) -> bytes:
+        command = [git, "-C", str(folder), *NO_PROGRAMS, *parts]
+        return subprocess.run(
+            command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=QUERY_TIMEOUT_S if reads else None,
+            check=True,
+        ).stdout
+
+    off = []
+    if arguments[0] in ("status", "worktree"):
+        settings = call("config", "--list", "--show-scope", "--name-only", "-z").split(b"\0")
+        for scope, name in zip(settings[::2], settings[1::2], strict=False):
+            match = re.fullmatch(rb"filter\.(.*)\.(?:clean|smudge|process|required)", name, re.S)
+            if match and scope not in (b"system", b"global", b"command"):
+                if b"=" in match[1]:  # git's option -c cannot name such a filter
+                    raise subprocess.SubprocessError("a filter's name contains '='")
+                driver = f"filter.{os.fsdecode(match[1])}"
+                off += [f"{driver}.{kind}=" for kind in ("clean", "smudge", "process")]
+                off.append(f"{driver}.required=false")
+    switches = [part for setting in dict.fromkeys(off) for part in ("-c", setting)]
+    return os.fsdecode(call(*switches, *arguments)).removesuffix("\n")
+
+
+def _ask_git(folder: Path, *arguments: str) -> str | None:
+    """Return what `run_git` returns, or None if it fails."""
+    try:
+        return run_git(folder, *arguments)
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def git_state(folder: Path) -> dict[str, Any] | None:
+    """Return the commit of the repository at `folder` and whether it has local changes.
+
+    None outside git.
+    """
+    commit = _ask_git(folder, "rev-parse", "HEAD")
+    changes = _ask_git(folder, "status", "--porcelain", "--untracked-files=no")
+    if commit is None or changes is None:
+        return None
+    return {"commit": commit, "dirty": bool(changes)}
+
+
+def find_commit(folder: Path, reference: str) -> str | None:
+    """Return the full hash of a commit, branch or tag, or None if the repository has none such."""
+    options = ("--verify", "--quiet", "--end-of-options")
+    return _ask_git(folder, "rev-parse", *options, f"{reference}^{{commit}}") or None
+
+
+@contextmanager
+def checked_out(top: Path, commit: str) -> Iterator[Path]:
+    """Check `commit` out into a temporary work tree, which is removed afterwards.
+
+    Raises
+    ------
+    UsageError
+        if git cannot check it out
+    """
+    parent = Path(tempfile.mkdtemp(prefix="harness-base-")).resolve()
+    folder = parent / top.name
+    try:
+        try:
+            run_git(top, "worktree", "add", "--detach", "--force", str(folder), commit)
+        except subprocess.CalledProcessError as error:
+            reason = error.stderr.decode(errors="replace").strip().splitlines()
+            raise UsageError(f"--beside {commit}: {reason[-1] if reason else error}") from error
+        except (OSError, subprocess.SubprocessError) as error:
+            raise UsageError(f"--beside {commit}: git cannot check it out: {error}") from error
+        yield folder
+    finally:
+        # Not `git worktree prune`: it removes work trees that are only out of reach for now.
+        _ask_git(top, "worktree", "remove", "--force", "--force", str(folder))
+        shutil.rmtree(parent, ignore_errors=True)
+
+
+def project_folder(triangulators: Sequence[str]) -> Path | None:
+    """Return the top of the user's repository, or None if there is none.
+
+    It is the one that holds the current folder, else the first that holds a triangulator named as
+    `module:function`.
+    """
+    for folder in (Path.cwd(), *_module_folders(triangulators)):
+        top = _ask_git(folder, "rev-parse", "--show-toplevel")
+        if top:
+            return Path(top)
+    return None
+
+
+def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
+    """Return commit and local changes of the user's repository, JSON-ready.
+
+    Without git, as in a container, the commit is that of the environment variable which a service
+    of continuous integration sets, if any.
+    """
+    folder = project_folder(triangulators)
+    state = None if folder is None else git_state(folder)
+    if state is not None and folder is not None:
+        return {"name": _printable(folder.name), **state}
+    commit = next((os.environ[name] for name in COMMITS if os.environ.get(name)), None)
+    if commit is None:
+        return None
+    return {"name": _printable(Path.cwd().name), "commit": commit, "dirty": False}
+
+
+def commit_of(facts: Mapping[str, Any], of: str = "project") -> str:
+    """Return `0123456789ab`, or `0123456789ab with local changes`; "" if a run has no commit.
+
+    of : "project" is the user's repository, or the harness's in a run that has no other; "git"
+        is the harness's
+    """
+    environment = facts.get("environment") or {}
+    state = environment.get(of) or environment.get("git") or {}
+    commit = str(state.get("commit") or "")[:12]
+    return f"{commit} with local changes" if commit and state.get("dirty") else commit
+
+
+def _printable(name: str) -> str:
+    """Return a file's name as text that JSON can hold, whatever its bytes are."""
+    return os.fsencode(name).decode(errors="replace")
+
+
+def _module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
+    """Yield the folders of the modules of `module:function` names; only parents are imported."""
+    for name in triangulators:
+        module, colon, _ = name.partition(":")
+        try:
+            spec = find_spec(module) if colon else None
+        except (ImportError, ValueError):
+            continue
+        if spec is not None and spec.origin and Path(spec.origin).is_file():
+            yield Path(spec.origin).parent

@@ -1,0 +1,95 @@
+"""Git is called without the caller's variables, and a repository's settings start no program."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from harness.machine.git import checked_out, describe_project, find_commit, git_state
+from tests.harness.test_environment import git, repository
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch) -> Path:
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path))
+    repository(tmp_path / "project")
+    monkeypatch.chdir(tmp_path / "project")
+    return tmp_path / "project"
+
+
+def test_ignores_the_variables_of_a_hook(project, tmp_path, monkeypatch):
+    """In a hook, GIT_INDEX_FILE is the index of the commit that is being made."""
+    commit, index = git(project, "rev-parse", "HEAD"), (project / ".git/index").read_bytes()
+    repository(tmp_path / "other")
+    git(tmp_path / "other", "commit", "-q", "--allow-empty", "-m", "other")
+    names = git(project, "rev-parse", "--local-env-vars").split()
+    for name in names:
+        monkeypatch.setenv(name, "/nonexistent")
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / "other/.git"))
+    monkeypatch.setenv("GIT_INDEX_FILE", str(project / ".git/index"))
+    state = describe_project([])
+    with checked_out(project, commit) as folder:
+        assert (folder / "code/of_a_project.py").is_file()
+    for name in names:
+        monkeypatch.delenv(name)
+    assert state == {"name": "project", "commit": commit, "dirty": False}
+    assert (project / ".git/index").read_bytes() == index
+
+
+def test_starts_no_program_of_the_repository(project, tmp_path):
+    marker, program = tmp_path / "started", tmp_path / "program"
+    program.write_text(f"#!/bin/sh\necho $0 >> '{marker}'\ncat\n")
+    program.chmod(0o700)
+    hooks = project / ".git/hooks"
+    hooks.mkdir(exist_ok=True)
+    for hook in ("post-checkout", "post-index-change", "reference-transaction"):
+        (hooks / hook).symlink_to(program)
+    (project / ".gitattributes").write_text("*.py filter=theirs\n")
+    git(project, "add", ".")
+    git(project, "commit", "-q", "-m", "second")
+    for kind in ("clean", "smudge", "process"):
+        git(project, "config", f"filter.theirs.{kind}", str(program))
+    git(project, "config", "filter.theirs.required", "true")
+    git(project, "config", "core.fsmonitor", str(program))
+    git(project, "config", "diff.external", str(program))
+    git(project, "config", "core.sshCommand", str(program))
+    git(project, "config", "remote.origin.url", "ssh://host/repository")
+    git(project, "config", "remote.origin.promisor", "true")
+    marker.unlink(missing_ok=True)
+    source = project / "code/of_a_project.py"
+    os.utime(source, (1, 1))  # git has to compare its content
+    assert git_state(project) == {"commit": git(project, "rev-parse", "HEAD"), "dirty": False}
+    assert find_commit(project, "ab" * 20) is None  # a partial clone would fetch it
+    with checked_out(project, "HEAD") as folder:
+        assert (folder / "code/of_a_project.py").read_text() == source.read_text()
+    assert not marker.exists()
+    git(project, "config", "filter.a=b.clean", str(program))
+    assert git_state(project) is None
+
+
+def test_filters_of_the_user_stay_on(project, tmp_path, monkeypatch):
+    """Git LFS is one: without it each of its files would count as changed."""
+    settings = tmp_path / "settings"
+    settings.write_text('[filter "upper"]\n clean = tr a-z A-Z\n')
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", str(settings))
+    (project / ".gitattributes").write_text("*.txt filter=upper\n")
+    (project / "some.txt").write_text("words")
+    git(project, "add", ".")
+    git(project, "commit", "-q", "-m", "second")
+    os.utime(project / "some.txt", (1, 1))
+    assert git_state(project)["dirty"] is False
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9", b"ends with a space ", b"two\nlines\n"])
+def test_paths_of_any_bytes(name, tmp_path, monkeypatch):
+    folder = tmp_path / os.fsdecode(name)
+    commit = repository(folder)
+    monkeypatch.chdir(folder / "code")
+    state = describe_project([])
+    assert state == {"name": name.decode(errors="replace"), "commit": commit, "dirty": False}
+    with checked_out(folder, commit) as copy:
+        assert copy.name == folder.name
+    assert (
+        subprocess.run(["git", "worktree", "prune", "-n", "-v"], capture_output=True).stderr == b""
+    )
