@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from harness.models.flat_faces import Mesh, Part, tolerance_of
-from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile, index
+from harness.models.gltf_file import GltfEditor
+from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, index
 
 _VARIANTS = "KHR_materials_variants"
 HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
@@ -22,10 +22,8 @@ _LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, 
 _WHOLE = 1e-4
 """Of a mesh's extent: what a step of whole coordinates counts for, at most."""
 
-_FULL = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 
-
-class GltfModel(GltfFile):
+class GltfModel(GltfEditor):
     """A glTF model; `groups` yields the parts of each mesh, `replace` and `write` change them."""
 
     def __init__(self, path: Path) -> None:
@@ -39,7 +37,7 @@ class GltfModel(GltfFile):
         alike: dict[str, list[dict[str, Any]]] = {}
         places: dict[str, tuple[NDArray[np.float64], ...]] = {}
         left: dict[str, str] = {}
-        for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
+        for mesh, matrices in zip(meshes, self.placements(), strict=True):
             for primitive in mesh["primitives"]:
                 key = _key(primitive)
                 alike.setdefault(key, []).append(primitive)
@@ -55,28 +53,6 @@ class GltfModel(GltfFile):
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
         self.refer(part.source, triangles.reshape(-1))
-
-    def _placements(self, count: int) -> list[tuple[NDArray[np.float64], ...]]:
-        """Return for each mesh where the scene's nodes place it; as it is, if there is no scene."""
-        told = self.json
-        scenes = told.get("scenes")
-        if not scenes:
-            return [(np.eye(4),)] * count
-        nodes = told.get("nodes", [])
-        found: list[tuple[NDArray[np.float64], ...]] = [()] * count
-        waiting = [
-            (number, np.eye(4)) for number in scenes[index(told.get("scene", 0))].get("nodes", [])
-        ]
-        for _ in range(len(nodes)):  # a tree has each node once
-            if not waiting:
-                break
-            number, above = waiting.pop()
-            node = nodes[index(number)]
-            matrix = above @ _matrix(node)
-            if "mesh" in node:
-                found[index(node["mesh"])] += (matrix,)
-            waiting += [(child, matrix) for child in node.get("children", [])]
-        return found
 
     def _why_left(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
         """Return why a primitive's triangles stay as they are, "" if they need not."""
@@ -105,13 +81,8 @@ class GltfModel(GltfFile):
         attributes = primitive["attributes"]
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
             return None
-        positions, normalized = self._values(attributes["POSITION"])
-        if positions.shape[1] != 3:
-            raise ValueError(f"POSITION has {positions.shape[1]} numbers a vertex, not 3")
-        if normalized:
-            units = np.diag([*3 * [1.0 / _FULL[positions.dtype.str[1:]]], 1.0])
-            placements = tuple(matrix @ units for matrix in placements)
-        triangles = self._triangles(primitive, mode, len(positions))
+        positions, placements = self.positions(primitive, placements)
+        triangles = self.triangles(primitive, len(positions))
         at = np.unique(triangles)
         carried = self._carried(primitive, len(positions), at)
         exact = positions.astype(np.float64)
@@ -137,7 +108,7 @@ class GltfModel(GltfFile):
         for target in primitive.get("targets", []):
             named += sorted(target.items())
         for name, accessor in named:
-            values, normalized = self._values(accessor)
+            values, normalized = self.values(accessor)
             given = values.astype(np.float64)
             if len(given) != count:
                 raise ValueError(f"{name} has {len(given):,} of {count:,} values")
@@ -146,46 +117,12 @@ class GltfModel(GltfFile):
                 fixed.append(given)
                 continue
             if normalized:
-                given = given / _FULL[values.dtype.str[1:]]
+                given = given / FULL_SCALE[values.dtype.str[1:]]
             affine.append(given / max(least, tolerance_of(given[used])))
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
-
-    def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
-        about = self.json["accessors"][index(accessor)]
-        return self.array(accessor), bool(about.get("normalized"))
-
-    def _triangles(self, primitive: dict[str, Any], mode: int, count: int) -> NDArray[np.int64]:
-        if "indices" in primitive:
-            corner = self.array(primitive["indices"])[:, 0].astype(np.int64)
-        else:
-            corner = np.arange(count)
-        if len(corner) and not 0 <= corner.min() <= corner.max() < count:
-            raise ValueError(f"index {corner.max():,} of {count:,} vertices")
-        if mode == TRIANGLES:
-            if len(corner) % 3:
-                raise ValueError(f"{len(corner):,} indices are no triangles")
-            return corner.reshape(-1, 3)
-        if mode == FAN:
-            hub = np.full(max(len(corner) - 2, 0), corner[0] if len(corner) else 0)
-            return np.stack([corner[1:-1], corner[2:], hub], axis=1)
-        odd = np.arange(max(len(corner) - 2, 0)) % 2
-        strip = np.stack([corner[:-2], corner[1:-1], corner[2:]], axis=1)
-        strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
-        return strip
 
 
 def _key(primitive: dict[str, Any]) -> str:
     """What makes primitives draw the same triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])
-
-
-def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return the (4, 4) matrix by which a node places what is in it."""
-    if "matrix" in node:
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    turned = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
-    result = np.eye(4)
-    result[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
-    result[:3, 3] = node.get("translation", (0, 0, 0))
-    return result

@@ -1,10 +1,9 @@
-"""A glTF 2.0 file (.glb, .gltf) whose indices can be replaced, and nothing else changes.
+"""Writes a glTF 2.0 file (.glb, .gltf) with other indices; everything else stays as it is.
 
-Bytes of indices are overwritten where they lie if nothing else reads them. Otherwise new ones are
-put behind the buffer, and the primitive refers to these.
+Bytes of indices are overwritten in place if nothing else reads them. Otherwise new indices are
+appended to the buffer, and the primitive refers to these.
 
-Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.7.2 (meshes), 4.4
-(GLB).
+Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 4.4 (GLB).
 """
 
 import base64
@@ -19,112 +18,30 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.stored.atomic import Output
+from scenes.readers.gltf import (
+    BIN,
+    DATA_URI,
+    JSON,
+    MAGIC,
+    TRIANGLES,
+    WIDTHS,
+    GltfFile,
+    component_type,
+)
 from scenes.scene import SceneError
 
-TRIANGLES, STRIP, FAN = 4, 5, 6
-"""Modes of a primitive, of those that have triangles."""
-
 ELEMENT_ARRAY_BUFFER = 34963
-_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _SPARSE = ("indices", "values")
-_MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
-_DATA = "base64,"
-
-PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-"""Extensions that hold vertices and triangles in a stream of their own."""
 
 
-class GltfFile:
-    """A model in memory: its JSON, and the bytes of its buffers.
-
-    Raises SceneError for a file that holds its triangles packed, and whatever it meets in one that
-    is damaged.
-    """
+class GltfEditor(GltfFile):
+    """A model in memory whose indices can be replaced, and which can be written again."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._text = self._read(path.read_bytes())
-        self.json: dict[str, Any] = json.loads(self._text)
-        used = self.json.get("extensionsUsed", [])
-        packed = [name for name in PACKED if name in used]
-        if packed:
-            raise SceneError(
-                f"{path}: {packed[0]} packs its triangles; unpack it first, for instance by "
-                "`gltf-transform copy`"
-            )
-        self.buffers = [self._buffer(each) for each in self.json.get("buffers", [])]
+        super().__init__(path)
         self._images = [each["uri"] for each in self.json.get("images", []) if "uri" in each]
         self._grown: set[int] = set()
         self._changed: set[int] = set()
-
-    def _read(self, data: bytes) -> bytes:
-        """Split a .glb into its chunks; returns the JSON."""
-        self._chunks: list[tuple[bytes, bytes]] = []
-        if data[:4] != _MAGIC:
-            return data
-        version, length = struct.unpack_from("<II", data, 4)
-        if version != 2 or length != len(data):
-            raise ValueError(f"version {version}, {len(data):,} of {length:,} bytes")
-        place = 12
-        while place < length:
-            size, kind = struct.unpack_from("<I4s", data, place)
-            if place + 8 + size > length:
-                raise ValueError("a chunk is cut off")
-            self._chunks.append((kind, data[place + 8 : place + 8 + size]))
-            place += 8 + size
-        if not self._chunks or self._chunks[0][0] != _JSON:
-            raise ValueError("its first chunk is not JSON")
-        return self._chunks[0][1]
-
-    def _buffer(self, buffer: dict[str, Any]) -> bytearray:
-        uri = buffer.get("uri")
-        if uri is None:
-            data = next(content for kind, content in self._chunks if kind == _BIN)
-        elif uri.startswith("data:"):
-            data = base64.b64decode(uri.partition(_DATA)[2], validate=True)
-        else:
-            data = self._beside(uri).read_bytes()
-        if len(data) < buffer["byteLength"]:
-            raise ValueError(f"a buffer has {len(data):,} of {buffer['byteLength']:,} bytes")
-        return bytearray(data)
-
-    def _beside(self, uri: str) -> Path:
-        place = self.path.parent / unquote(uri)
-        if not place.resolve().is_relative_to(self.path.parent.resolve()):
-            raise SceneError(
-                f"{self.path} names {uri}, which is not below its folder: copy it there"
-            )
-        if not place.is_file():
-            raise SceneError(f"{self.path} needs {uri}, which is not there")
-        return place
-
-    def array(self, accessor: int) -> NDArray[Any]:
-        """Return an accessor's values (n, width), of the type in which they are stored."""
-        about = self.json["accessors"][index(accessor)]
-        kind, width = _kind(about), _WIDTHS[about["type"]]
-        if "bufferView" in about:
-            values = self._view(about, kind, width, about["count"]).copy()
-        else:
-            values = np.zeros((about["count"], width), kind)
-        if "sparse" in about:
-            sparse = about["sparse"]
-            at = sparse["indices"]
-            places = self._view(at, _kind(at), 1, sparse["count"])
-            values[places[:, 0]] = self._view(sparse["values"], kind, width, sparse["count"])
-        return values
-
-    def _view(
-        self, about: dict[str, Any], kind: np.dtype[Any], width: int, count: int
-    ) -> NDArray[Any]:
-        view = self.json["bufferViews"][index(about["bufferView"])]
-        first = view.get("byteOffset", 0) + about.get("byteOffset", 0)
-        stride = view.get("byteStride", kind.itemsize * width)
-        last = first + (count - 1) * stride + kind.itemsize * width
-        if min(count, first, stride) < 0 or last > view.get("byteOffset", 0) + view["byteLength"]:
-            raise ValueError("an accessor reaches beyond its buffer view")
-        buffer = self.buffers[index(view["buffer"])]
-        return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
 
     def refer(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
         """Let primitives, which have one accessor of indices, draw triangles by others, (k,)."""
@@ -142,7 +59,7 @@ class GltfFile:
                 and using == len(primitives)
                 and self._alone(number)
             ):
-                self._view(about, _kind(about), 1, len(indices))[:, 0] = indices
+                self._view(about, component_type(about), 1, len(indices))[:, 0] = indices
                 self._changed.add(self.json["bufferViews"][about["bufferView"]]["buffer"])
                 return
         number = self._append(indices, about)
@@ -175,13 +92,13 @@ class GltfFile:
     def _span(self, accessor: dict[str, Any]) -> tuple[int, int]:
         """Return where in its buffer an accessor's values begin and end."""
         view = self.json["bufferViews"][accessor["bufferView"]]
-        size = _kind(accessor).itemsize * _WIDTHS[accessor["type"]]
+        size = component_type(accessor).itemsize * WIDTHS[accessor["type"]]
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
     def _append(self, indices: NDArray[np.int64], like: dict[str, Any]) -> int:
         """Put indices behind the first buffer; returns their accessor."""
-        packed = indices.astype(_kind(like)).tobytes()
+        packed = indices.astype(component_type(like)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]
         accessors = self.json["accessors"]
         buffer += b"\0" * (-len(buffer) % 4)
@@ -237,7 +154,7 @@ class GltfFile:
                 continue
             if uri.startswith("data:"):
                 packed = base64.b64encode(self.buffers[number]).decode()
-                about["uri"] = uri.partition(_DATA)[0] + _DATA + packed
+                about["uri"] = uri.partition(DATA_URI)[0] + DATA_URI + packed
             else:
                 suffix = f".{number}.bin"
                 with output.file(suffix) as file:
@@ -249,27 +166,13 @@ class GltfFile:
     def _packed(self, text: bytes) -> bytes:
         parts = []
         for kind, content in self._chunks:
-            if kind == _JSON:
+            if kind == JSON:
                 content, fill = text, b" "
-            elif kind == _BIN and self.json["buffers"] and "uri" not in self.json["buffers"][0]:
+            elif kind == BIN and self.json["buffers"] and "uri" not in self.json["buffers"][0]:
                 content, fill = bytes(self.buffers[0]), b"\0"
             else:
                 fill = b"\0"
             content += fill * (-len(content) % 4)
             parts.append(struct.pack("<I4s", len(content), kind) + content)
         whole = b"".join(parts)
-        return struct.pack("<4sII", _MAGIC, 2, 12 + len(whole)) + whole
-
-
-def index(number: Any) -> int:
-    """What stands for a place in a list; ValueError for -1, which Python takes for the last."""
-    if not isinstance(number, int) or isinstance(number, bool) or number < 0:
-        raise ValueError(f"{number!r} is no index")
-    return number
-
-
-def _kind(about: dict[str, Any]) -> np.dtype[Any]:
-    """Return the type in which an accessor's numbers are stored."""
-    if about["componentType"] not in _TYPES:
-        raise ValueError(f"component type {about['componentType']} is unknown")
-    return np.dtype(_TYPES[about["componentType"]])
+        return struct.pack("<4sII", MAGIC, 2, 12 + len(whole)) + whole

@@ -1,6 +1,7 @@
-"""Faces of 3D models: n-gons of OBJ and PLY as they are, coplanar triangles joined.
+"""Faces of 3D models: n-gons of OBJ and PLY unchanged, coplanar triangles joined.
 
-OBJ and PLY have readers of their own, because trimesh cuts n-gons into triangles.
+trimesh reads OFF and STL as text. It cuts n-gons into triangles, and of glTF and binary STL it
+reads less than the formats allow, so these have readers here and in `scenes.readers.gltf`.
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.layout import arrange_in_rows
-from scenes.readers.guard import LONGEST, numbered_lines, refuse_special
+from scenes.readers.gltf import read_triangles
+from scenes.readers.guard import LONGEST, numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 from scenes.spec import install
@@ -32,7 +34,11 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     """
     suffix = source.path.suffix.lower()
     if suffix not in (".obj", ".ply"):
-        yield _joined(*_triangles(source))
+        vertices, triangles, notes = _read_triangles(source)
+        if len(triangles) == 0:
+            raise SceneError(f"{source.path} holds no face: give a model with faces")
+        joined = _join(*_merge(vertices, triangles))
+        yield replace(joined, notes=joined.notes + notes)
         return
     vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
     dropped: list[Note] = []
@@ -42,9 +48,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
         if _sound(face, len(vertices), f"face {number}", dropped)
     ]
     if kept and all(len(face) == 3 for _, face in kept):
-        # the same triangles over vertices that are there once: neighbours share them
-        points, at = np.unique(vertices, axis=0, return_inverse=True)
-        joined = _joined(points, at.reshape(-1)[np.array([face for _, face in kept])])
+        joined = _join(*_merge(vertices, np.array([face for _, face in kept])))
         yield replace(joined, dropped=dropped + joined.dropped)
         return
     polygons, labels, repaired = [], [], []
@@ -95,28 +99,65 @@ def plane(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([x, np.cross(normal, x), normal])
 
 
-def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and triangles of a format that has triangles only."""
-    import trimesh  # slow to import, and needed for these formats alone
+def _read_triangles(
+    source: Source,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[str, ...]]:
+    """Return vertices, triangles and notes of a format that has triangles only."""
+    suffix = source.path.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        vertices, triangles, skipped = read_triangles(source.path)
+        notes = (f"{skipped} primitive(s) of points or lines skipped",) if skipped else ()
+        return vertices, triangles, notes
+    corners = _read_binary_stl(source.path) if suffix == ".stl" else None
+    if corners is not None:
+        return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), ()
+    import trimesh  # slow to import, and needed for these formats only
 
-    class Beside(trimesh.resolvers.FilePathResolver):
-        """The files that a model names; none that might never end."""
-
-        def absolute(self, name: str) -> Path:
-            path: Path = super().absolute(name)
-            refuse_special(path)
-            return path
-
-    beside = Beside(str(source.path))
-    model = trimesh.load_mesh(source.path, resolver=beside, process=True)
+    model = trimesh.load_mesh(source.path, process=False)
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
-    if len(triangles) == 0:
-        raise SceneError(f"{source.path} holds no face: give a model with faces")
-    return np.asarray(model.vertices, dtype=float), triangles
+    return np.asarray(getattr(model, "vertices", np.empty((0, 3))), float), triangles, ()
 
 
-def _joined(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
-    """Faces of a model of triangles: neighbours in one plane become one polygon."""
+def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
+    """Return the vertices (m, 3, 3) of the triangles, or None if the STL is text.
+
+    A header may begin with "solid", and bytes may follow the triangles, whose number is stated.
+    """
+    data = path.read_bytes()
+    stated = int.from_bytes(data[80:84], "little")
+    is_text = data.lstrip().lower().startswith(b"solid") and b"facet" in data
+    if (
+        len(data) < 84 + 50 * stated
+        or len(data) < 84
+        or (is_text and len(data) != 84 + 50 * stated)
+    ):
+        return None
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    corners: NDArray[np.float64] = np.frombuffer(data, record, stated, 84)["corners"].astype(float)
+    return corners
+
+
+def _merge(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the same triangles over distinct vertices: neighbours share them.
+
+    Vertices closer than 2^-30 of the model's size count as one: matrices of glTF round differently.
+    """
+    finite = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(finite):
+        low, high = finite.min(axis=0), finite.max(axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = max(float((high - low).max()) * 2.0**-30, float(np.finfo(float).tiny))
+            cells = np.rint((vertices - low) / step)
+    else:
+        cells = vertices
+    _, first, at = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], at.reshape(-1)[triangles]
+
+
+def _join(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
+    """Return the faces of a model of triangles: neighbours in one plane become one polygon."""
     polygons, dropped = facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
     return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.models.gltf_file import GltfFile
 from harness.models.in_place import Changes, retriangulate
 from scenes import SceneError
+from scenes.readers.gltf import GltfFile
 from tests.models.build import KITE, LONG, Builder
 
 BLENDED = "a blended material shows in which order triangles are drawn"

@@ -10,8 +10,11 @@ import pytest
 import shapely
 import trimesh
 
+from harness.models.gltf import GltfModel
 from scenes import SceneError, load
 from scenes.files import read_chunks
+from scenes.readers.gltf import COMPRESSED
+from tests.models.build import Builder
 from tests.scenes.conftest import assert_sound
 
 SQUARE = shapely.box(0, 0, 10, 10)
@@ -368,3 +371,88 @@ class TestModels:
     def test_errors(self, tmp_path, name, content, message):
         with pytest.raises(SceneError, match=message):
             load(write(tmp_path / name, content))
+
+
+class TestGltf:
+    """Both readers of glTF, that of scenes and that of views and `--check`, see the same model."""
+
+    CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], dtype="<f4")
+    PAIR = np.array([0, 1, 2, 0, 2, 3])
+
+    def area(self, builder: Builder, path: Path) -> float:
+        scene = load(builder.write(path))
+        assert_sound(scene.polygons)
+        lengths = []
+        for part in (part for group in GltfModel(path).groups() for part in group):
+            for matrix in part.placements:
+                a, b, c = np.moveaxis(
+                    (part.mesh.positions @ matrix[:3, :3].T)[part.mesh.triangles], 1, 0
+                )
+                lengths += np.linalg.norm(np.cross(b - a, c - a), axis=1).tolist()
+        area = sum(p.area for p in scene.polygons)
+        assert area == pytest.approx(sum(lengths) / 2)
+        return area
+
+    @pytest.mark.parametrize(("mode", "indices"), [(4, PAIR), (5, [0, 1, 3, 2]), (6, None)])
+    def test_modes(self, tmp_path, mode, indices):
+        builder = Builder(self.CORNERS, indices, mode=mode)
+        builder.primitive(self.CORNERS[:2], None, mode=1)
+        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(1)
+        assert "1 primitive(s) of points or lines skipped" in load(tmp_path / "a.glb").notes
+
+    @pytest.mark.parametrize("kind", ["u1", "i1", "u2", "i2"])
+    @pytest.mark.parametrize("normalized", [True, False])
+    def test_quantized_positions(self, tmp_path, kind, normalized):
+        full = np.iinfo(kind).max
+        positions = np.hstack([self.CORNERS * full, np.zeros((4, 1))]).astype(kind)[:, :3]
+        builder = Builder(positions, self.PAIR)
+        builder.json["accessors"][0]["normalized"] = normalized
+        expected = 1 if normalized else float(full) ** 2
+        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(expected)
+
+    def test_the_lowest_integer_is_minus_one(self, tmp_path):
+        builder = Builder((self.CORNERS * -128).astype("i1"), self.PAIR)
+        builder.json["accessors"][0]["normalized"] = True
+        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(1)
+
+    def test_sparse_positions(self, tmp_path):
+        builder = Builder(self.CORNERS, self.PAIR)
+        stretched = self.CORNERS[1:3] * (5, 1, 1)
+        builder.json["accessors"][0]["sparse"] = {
+            "count": 2,
+            "indices": {"bufferView": builder.view(bytes([1, 2])), "componentType": 5121},
+            "values": {"bufferView": builder.view(stretched.astype("<f4").tobytes())},
+        }
+        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(5)
+
+    def test_nodes_and_instances(self, tmp_path):
+        builder = Builder(self.CORNERS, self.PAIR)
+        instances = {
+            "TRANSLATION": builder.accessor(np.array([(0, 0, 0), (5, 0, 0)], "<f4")),
+            "SCALE": builder.accessor(np.array([(1, 1, 1), (2, 2, 2)], "<f4")),
+            "ROTATION": builder.accessor(np.array([(0, 0, 0, 1), (0, 127, 0, 0)], "i1"), True),
+        }
+        builder.json |= {
+            "scenes": [{"nodes": [0]}],
+            "nodes": [
+                {"scale": [3, 3, 3], "children": [1, 2]},
+                {"mesh": 0, "translation": [0, 0, 9]},
+                {"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": instances}}},
+            ],
+        }
+        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(9 * (1 + 1 + 4))
+
+    @pytest.mark.parametrize("extension", COMPRESSED)
+    def test_compressed_triangles_are_refused_by_name(self, tmp_path, extension):
+        builder = Builder(self.CORNERS, self.PAIR)
+        builder.json["extensionsUsed"] = [extension]
+        with pytest.raises(SceneError, match=f"a.glb: {extension} packs its triangles"):
+            load(builder.write(tmp_path / "a.glb"))
+
+
+@pytest.mark.parametrize("header", [b"solid named so by its writer", b"facet in the head"])
+def test_binary_stl_with_bytes_behind_its_triangles(tmp_path, header):
+    solid = trimesh.creation.box((2, 3, 4)).export(file_type="stl")
+    for tail in (b"", b"exported by someone"):
+        path = write(tmp_path / "a.stl", header.ljust(80) + solid[80:] + tail)
+        assert sum(p.area for p in load(path).polygons) == pytest.approx(52)

@@ -1,0 +1,265 @@
+"""Reader of glTF 2.0 files (.glb, .gltf): buffers, accessors, and the triangles of their meshes.
+
+Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.7.2 (meshes), 4.4
+(GLB); extensions KHR_mesh_quantization, EXT_mesh_gpu_instancing.
+"""
+
+import base64
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from scenes.readers.guard import refuse_special
+from scenes.scene import SceneError
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+"""Modes of a primitive that consists of triangles."""
+
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Numbers of an element of an accessor, by the accessor's type."""
+
+FULL_SCALE = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
+"""The stored integer that stands for 1.0 if an accessor is normalized, by component type."""
+
+MAGIC, JSON, BIN = b"glTF", b"JSON", b"BIN\0"
+DATA_URI = "base64,"
+"""Last part of the head of a data URI."""
+
+COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+"""Extensions that store vertices and triangles in a compressed stream."""
+
+_INSTANCING = "EXT_mesh_gpu_instancing"
+
+
+class GltfFile:
+    """A model in memory: its JSON, and the bytes of its buffers.
+
+    Raises SceneError for a file with compressed triangles, and other exceptions for a file that
+    violates the format.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._text = self._read_chunks(path.read_bytes())
+        self.json: dict[str, Any] = json.loads(self._text)
+        used = self.json.get("extensionsUsed", [])
+        compressed = [name for name in COMPRESSED if name in used]
+        if compressed:
+            raise SceneError(
+                f"{path}: {compressed[0]} packs its triangles; unpack it first, for instance by "
+                "`gltf-transform copy`"
+            )
+        self.buffers = [self._read_buffer(each) for each in self.json.get("buffers", [])]
+
+    def _read_chunks(self, data: bytes) -> bytes:
+        """Split a .glb into its chunks; return the JSON."""
+        self._chunks: list[tuple[bytes, bytes]] = []
+        if data[:4] != MAGIC:
+            return data
+        version, length = struct.unpack_from("<II", data, 4)
+        if version != 2 or length != len(data):
+            raise ValueError(f"version {version}, {len(data):,} of {length:,} bytes")
+        start = 12
+        while start < length:
+            size, kind = struct.unpack_from("<I4s", data, start)
+            if start + 8 + size > length:
+                raise ValueError("a chunk is truncated")
+            self._chunks.append((kind, data[start + 8 : start + 8 + size]))
+            start += 8 + size
+        if not self._chunks or self._chunks[0][0] != JSON:
+            raise ValueError("its first chunk is not JSON")
+        return self._chunks[0][1]
+
+    def _read_buffer(self, buffer: dict[str, Any]) -> bytearray:
+        uri = buffer.get("uri")
+        if uri is None:
+            data = next((content for kind, content in self._chunks if kind == BIN), None)
+            if data is None:
+                raise ValueError("a buffer has neither a URI nor a binary chunk")
+        elif uri.startswith("data:"):
+            data = base64.b64decode(uri.partition(DATA_URI)[2], validate=True)
+        else:
+            data = self._resolve(uri).read_bytes()
+        if len(data) < buffer["byteLength"]:
+            raise ValueError(f"a buffer has {len(data):,} of {buffer['byteLength']:,} bytes")
+        return bytearray(data)
+
+    def _resolve(self, uri: str) -> Path:
+        """Return the file of a relative URI, which has to be below the model's folder."""
+        file = self.path.parent / unquote(uri)
+        if not file.resolve().is_relative_to(self.path.parent.resolve()):
+            raise SceneError(
+                f"{self.path} names {uri}, which is not below its folder: copy it there"
+            )
+        refuse_special(file)
+        if not file.is_file():
+            raise SceneError(f"{self.path} needs {uri}, which is not there")
+        return file
+
+    def array(self, accessor: int) -> NDArray[Any]:
+        """Return an accessor's values (n, width), of the type in which they are stored."""
+        about = self.json["accessors"][index(accessor)]
+        kind, width = component_type(about), WIDTHS[about["type"]]
+        if "bufferView" in about:
+            values = self._view(about, kind, width, about["count"]).copy()
+        else:
+            values = np.zeros((about["count"], width), kind)
+        if "sparse" in about:
+            sparse = about["sparse"]
+            at = sparse["indices"]
+            rows = self._view(at, component_type(at), 1, sparse["count"])
+            values[rows[:, 0]] = self._view(sparse["values"], kind, width, sparse["count"])
+        return values
+
+    def values(self, accessor: int) -> tuple[NDArray[Any], bool]:
+        """Return an accessor's stored values (n, width), and whether they are normalized."""
+        about = self.json["accessors"][index(accessor)]
+        return self.array(accessor), bool(about.get("normalized"))
+
+    def _view(
+        self, about: dict[str, Any], kind: np.dtype[Any], width: int, count: int
+    ) -> NDArray[Any]:
+        view = self.json["bufferViews"][index(about["bufferView"])]
+        first = view.get("byteOffset", 0) + about.get("byteOffset", 0)
+        stride = view.get("byteStride", kind.itemsize * width)
+        last = first + (count - 1) * stride + kind.itemsize * width
+        if min(count, first, stride) < 0 or last > view.get("byteOffset", 0) + view["byteLength"]:
+            raise ValueError("an accessor reaches beyond its buffer view")
+        buffer = self.buffers[index(view["buffer"])]
+        return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
+
+    def positions(
+        self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
+    ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
+        """Return a primitive's stored positions (n, 3), and its placements for these numbers.
+
+        Normalized integers stay as they are stored; the (4, 4) matrices then contain their scale.
+        """
+        positions, normalized = self.values(primitive["attributes"]["POSITION"])
+        if positions.shape[1] != 3:
+            raise ValueError(f"POSITION has {positions.shape[1]} numbers a vertex, not 3")
+        if normalized:
+            if positions.dtype.kind == "i":  # the lowest integer stands for -1.0, too
+                positions = np.maximum(positions, -np.iinfo(positions.dtype).max)
+            units = np.diag([*3 * [1.0 / FULL_SCALE[positions.dtype.str[1:]]], 1.0])
+            placements = tuple(matrix @ units for matrix in placements)
+        return positions, placements
+
+    def triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
+        """Return the triangles (m, 3) of a primitive of `count` vertices, fans and strips too."""
+        if "indices" in primitive:
+            vertex = self.array(primitive["indices"])[:, 0].astype(np.int64)
+        else:
+            vertex = np.arange(count)
+        if len(vertex) and not 0 <= vertex.min() <= vertex.max() < count:
+            raise ValueError(f"index {vertex.max():,} of {count:,} vertices")
+        mode = primitive.get("mode", TRIANGLES)
+        if mode == TRIANGLES:
+            if len(vertex) % 3:
+                raise ValueError(f"{len(vertex):,} indices are no triangles")
+            return vertex.reshape(-1, 3)
+        if mode == FAN:
+            hub = np.full(max(len(vertex) - 2, 0), vertex[0] if len(vertex) else 0)
+            return np.stack([vertex[1:-1], vertex[2:], hub], axis=1)
+        odd = np.arange(max(len(vertex) - 2, 0)) % 2
+        strip = np.stack([vertex[:-2], vertex[1:-1], vertex[2:]], axis=1)
+        strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
+        return strip
+
+    def placements(self) -> list[tuple[NDArray[np.float64], ...]]:
+        """Return for each mesh the (4, 4) matrices by which the scene's nodes place it.
+
+        A file without scenes places each mesh once, unchanged.
+        """
+        count = len(self.json.get("meshes", []))
+        scenes = self.json.get("scenes")
+        if not scenes:
+            return [(np.eye(4),)] * count
+        nodes = self.json.get("nodes", [])
+        placements: list[tuple[NDArray[np.float64], ...]] = [()] * count
+        roots = scenes[index(self.json.get("scene", 0))].get("nodes", [])
+        waiting = [(number, np.eye(4)) for number in roots]
+        for _ in range(len(nodes)):  # a tree has each node once
+            if not waiting:
+                break
+            number, parent = waiting.pop()
+            node = nodes[index(number)]
+            matrix = parent @ _node_matrix(node)
+            if "mesh" in node:
+                placements[index(node["mesh"])] += tuple(self._instances(node, matrix))
+            waiting += [(child, matrix) for child in node.get("children", [])]
+        return placements
+
+    def _instances(
+        self, node: dict[str, Any], matrix: NDArray[np.float64]
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield the matrix of each instance of a node's mesh; one if it is not instanced."""
+        instancing = node.get("extensions", {}).get(_INSTANCING)
+        if instancing is None:
+            yield matrix
+            return
+        columns = {}
+        for name in ("TRANSLATION", "ROTATION", "SCALE"):
+            if name in instancing["attributes"]:
+                stored, normalized = self.values(instancing["attributes"][name])
+                scale = FULL_SCALE[stored.dtype.str[1:]] if normalized else 1.0
+                columns[name.lower()] = np.maximum(stored / scale, -1.0 if normalized else -np.inf)
+        for row in range(min(map(len, columns.values()), default=0)):
+            yield matrix @ _node_matrix({name: values[row] for name, values in columns.items()})
+
+
+def index(number: Any) -> int:
+    """Return a valid position in a list; ValueError for -1, which Python takes for the last."""
+    if not isinstance(number, int) or isinstance(number, bool) or number < 0:
+        raise ValueError(f"{number!r} is no index")
+    return number
+
+
+def component_type(about: dict[str, Any]) -> np.dtype[Any]:
+    """Return the type in which an accessor's numbers are stored."""
+    if about["componentType"] not in _TYPES:
+        raise ValueError(f"component type {about['componentType']} is unknown")
+    return np.dtype(_TYPES[about["componentType"]])
+
+
+def _node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix by which a node places its content."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    rotation = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
+    result = np.eye(4)
+    result[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
+    result[:3, 3] = node.get("translation", (0, 0, 0))
+    return result
+
+
+def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
+    """Return vertices (n, 3) and triangles (m, 3) of a model as its scene places it.
+
+    The third value is the number of primitives that consist of points or lines, or lack positions.
+    """
+    model = GltfFile(path)
+    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
+    triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
+    count = skipped = 0
+    for mesh, placements in zip(model.json.get("meshes", []), model.placements(), strict=True):
+        for primitive in mesh["primitives"]:
+            mode = primitive.get("mode", TRIANGLES)
+            if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
+                skipped += 1
+                continue
+            stored, matrices = model.positions(primitive, placements)
+            local = model.triangles(primitive, len(stored))
+            for matrix in matrices:
+                vertices.append(stored @ matrix[:3, :3].T + matrix[:3, 3])
+                triangles.append(local + count)
+                count += len(stored)
+    return np.concatenate(vertices), np.concatenate(triangles), skipped
