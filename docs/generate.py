@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from harness import rasterisers
 from harness.commands.index import COMMANDS, load
-from harness.figures.registry import figures
+from harness.metrics.registry import figures
 from harness.page.device_summaries import plain_cell
 from harness.page.device_summaries import table as summaries
 from harness.profile.words import devices_table

@@ -25,12 +25,12 @@ from harness.compare.matching import case_name, latest
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
-from harness.figures import groups
-from harness.figures.registry import figures, figures_of, find
-from harness.figures.run_state import state_of
 from harness.machine.git import commit_of
+from harness.metrics import groups
+from harness.metrics.registry import figures, figures_of, find
+from harness.results.run_folder import Record, Run, read_facts, read_run
 from harness.settings import HISTORY_METRICS
-from harness.stored.folder import Record, Run, read_facts, read_run
+from harness.stats.run_quality import state_of
 from harness.style import COLOURS, MARKERS, draw, grid, legend_below
 from scenes.spec import install
 

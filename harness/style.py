@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.stored.folder import file_stem
+from harness.results.run_folder import file_stem
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,10 +9,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.figures import views
-from harness.figures.groups import base_of, condition, groups, time_ratio
-from harness.figures.intervals import FASTER, SLOWER, UNDECIDED
-from harness.figures.registry import (
+from harness import atomic
+from harness.metrics import per_view
+from harness.metrics.decision import (
+    Decision,
+    Standing,
+    advice,
+    break_even,
+    decide,
+    polygons_of,
+)
+from harness.metrics.groups import base_of, condition, groups, time_ratio
+from harness.metrics.registry import (
     LEAST,
     METRICS,
     Figure,
@@ -21,16 +29,8 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
-from harness.figures.verdict import (
-    Decision,
-    Standing,
-    advice,
-    break_even,
-    decide,
-    polygons_of,
-)
-from harness.stored import atomic
-from harness.stored.folder import Record
+from harness.results.run_folder import Record
+from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import plain_table
 
 MOST_COLUMNS = 4
@@ -55,7 +55,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        lines = [*views.said(good), *_proven(good), *_judged(good)]
+        lines = [*per_view.said(good), *_proven(good), *_judged(good)]
         if decision:
             lines.append(advice(decision))
         for line in lines:
@@ -192,7 +192,7 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
     low, high = (end * 1e3 for end in ends) if ends else (None, None)
     row |= {"draw_low_ms": low, "draw_high_ms": high}
     base = base if record["status"] == "ok" else None
-    if (over := views.over_views(record, base)) is not None:
+    if (over := per_view.over_views(record, base)) is not None:
         told = {f"view_{name}": value for name, value in vars(over).items() if name != "views"}
         row |= {"views": over.views, **told}
     if (ratio := time_ratio(record, base)) is not None:

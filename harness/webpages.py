@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.stored import atomic
+from harness import atomic
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -24,9 +24,9 @@ from statistics import median
 from typing import Any
 
 from harness.errors import REGRESSION
-from harness.figures.groups import groups, time_ratio
-from harness.figures.verdict import advice, decide
-from harness.stored.folder import read_run
+from harness.metrics.decision import advice, decide
+from harness.metrics.groups import groups, time_ratio
+from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
 

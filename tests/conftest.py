@@ -16,13 +16,13 @@ from shapely.geometry import Polygon, box
 
 from harness import style
 from harness.cli import main
-from harness.figures.run_state import QUIET, RunState
 from harness.machine import system
 from harness.measuring import serving, tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
+from harness.stats.run_quality import QUIET, RunState
 from tests.chromium import Chromium
 from tests.inline import Inline
 from triangulators.gpu import engine

@@ -12,7 +12,7 @@ import pandas as pd
 from docs.held import Held, profiles, simulated
 from docs.held.lookups import at_most, ends, one, some, values
 from docs.held.names import BEST_FOR_H, BEST_FOR_Q, REFINED, scenes
-from harness.figures.intervals import Ratio, of_any_run
+from harness.stats.intervals import Ratio, of_any_run
 
 SCENES = scenes("city", "helsinki", "glyphs", "counties")
 Q_H_A = ("expected_quads", "half_perimeter", "overdraw")

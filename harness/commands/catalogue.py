@@ -61,7 +61,7 @@ def _criteria() -> Iterator[Row]:
 
 
 def _metrics() -> Iterator[Row]:
-    from harness.figures.registry import figures
+    from harness.metrics.registry import figures
 
     for each in figures().values():
         parts = ("kind", "unit", "better", "best_case", "description")

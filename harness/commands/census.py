@@ -102,11 +102,11 @@ def count(
     Inconclusive
         if parts were set aside
     """
+    from harness.results.run_folder import clear_errors
     from harness.scaling import census_report
     from harness.scaling.census import THIN, TileCensus
     from harness.scaling.dataset import Dataset
     from harness.scaling.sums import Counted
-    from harness.stored.folder import clear_errors
     from scenes.spec import suggestion
 
     dataset = Dataset(pattern, out / "parts", census)

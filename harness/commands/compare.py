@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from harness.compare.model import Comparison
     from harness.compare.polygons import Grown
     from harness.history import Series
-    from harness.stored.folder import Run
+    from harness.results.run_folder import Run
 
 
 def compare(
@@ -86,7 +86,7 @@ def compare(
         _compare_repeated(base, head)
     from harness.compare.comparison import compare_runs, no_baseline
     from harness.compare.model import from_project, parse_gates, parse_threshold
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
 
     settings = from_project(Path.cwd())
     settings = replace(
@@ -132,7 +132,7 @@ def compare(
 
 def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     """Read BASE; None where it is not there and may be missing."""
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
 
     there = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
     if there:
@@ -171,7 +171,7 @@ def _compare_repeated(first: Path, second: Path) -> None:
     close for the time spent. Exits with 1 if a counter differs.
     """
     from harness.compare.matching import repeat as agreement
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
 
     cases, unequal, verdicts = agreement(read_run(first).records, read_run(second).records)
     if not cases:
@@ -228,9 +228,9 @@ def history(
     shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
     --all. Studies are left out: they measure each case once.
     """
-    from harness.figures import groups
+    from harness import atomic
     from harness.history import find_runs, matching, plot_history, read_series, worth_showing
-    from harness.stored import atomic
+    from harness.metrics import groups
     from harness.style import count
 
     runs, studies = find_runs(folders, studies=everything)

@@ -213,8 +213,8 @@ def _list_every(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     """List every triangulation of a polygon with its criteria."""
+    from harness import atomic
     from harness.commands.running import folder_for
-    from harness.stored import atomic
     from harness.study.enumeration import triangulation_table
     from harness.style import plain_table
     from triangulators import Skipped, TriangulationError

@@ -19,7 +19,7 @@ from harness.settings import TIMEOUT_S
 
 if TYPE_CHECKING:
     from harness.page import profile_result
-    from harness.stored.folder import Run
+    from harness.results.run_folder import Run
 
 
 def report(
@@ -35,9 +35,9 @@ def report(
     Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
     """
     from harness.compare.matching import latest
-    from harness.figures.groups import with_base
+    from harness.metrics.groups import with_base
     from harness.report.page import write_report
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
     from harness.webpages import is_stream
 
     found = latest(read_run(run))
@@ -70,7 +70,7 @@ def page(
     from harness.measuring.processes import Bench
     from harness.measuring.worker import Worker
     from harness.page.page_data import content_of, content_of_profile, write_page
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
     from harness.webpages import is_stream
 
     if profile == (run is not None):
@@ -128,7 +128,7 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import Measured, device_name, read_saved
-    from harness.stored.folder import file_stem, read_run
+    from harness.results.run_folder import file_stem, read_run
 
     if file.is_dir():
         if summary is None:
@@ -161,9 +161,9 @@ def import_(
 
 def _made(folder: Path, make: Callable[[Path], object], *, quiet: bool) -> Run:
     """Make a run's folder with its table and report, whole or not at all, and print its summary."""
+    from harness import atomic
     from harness.report.page import write_report
-    from harness.stored import atomic
-    from harness.stored.folder import clear_errors, read_run
+    from harness.results.run_folder import clear_errors, read_run
     from harness.summary import print_summary, write_csv
 
     with clear_errors(folder), atomic.folder(folder) as made:
@@ -215,8 +215,8 @@ def merge(
     """
     from harness.compare.matching import latest
     from harness.progress import Reporter
+    from harness.results.run_folder import read_run
     from harness.scaling import merging
-    from harness.stored.folder import read_run
 
     read = [latest(read_run(run)) for run in runs]
     for problem in chain.from_iterable(run.problems for run in read):

@@ -13,8 +13,8 @@ import typer
 from harness.commands import options
 from harness.errors import Inconclusive
 from harness.progress import Reporter, Screen
+from harness.results.run_folder import file_stem
 from harness.settings import TIMEOUT_S
-from harness.stored.folder import file_stem
 
 if TYPE_CHECKING:
     from harness.measuring.processes import Bench
@@ -42,7 +42,6 @@ def profile(
     minimises (run --profile FILE); a picture lies beside it.
     """
     from harness import rasterisers
-    from harness.figures.counters import CYCLES
     from harness.machine.environment import processor
     from harness.measuring.processes import Backend, Bench
     from harness.measuring.worker import Worker
@@ -50,6 +49,7 @@ def profile(
     from harness.profile import profile as profiles
     from harness.profile.counted import counters
     from harness.rasterisers.base import Options
+    from harness.rasterisers.counters import CYCLES
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()

@@ -12,15 +12,15 @@ import typer
 from rich.console import Console
 
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
-from harness.figures.groups import machine_words
-from harness.figures.verdict import COVERED
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.other_version import OtherVersion, version
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
+from harness.metrics.decision import COVERED
+from harness.metrics.groups import machine_words
 from harness.progress import Reporter
-from harness.stored.folder import Run, clear_errors, file_stem, read_run
+from harness.results.run_folder import Run, clear_errors, file_stem, read_run
 from harness.summary import print_summary, rows_of, write_csv
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from scenes import Scene

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from harness import atomic
 from harness.commands import options
 from harness.commands.run import run
 from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.progress import Reporter, Screen
 from harness.settings import StudySize, TimingSettings
-from harness.stored import atomic
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from harness.measuring.run import Part
-    from harness.stored.folder import Run
+    from harness.results.run_folder import Run
     from scenes import Scene
 
 
@@ -105,7 +105,7 @@ def validate(
 def _end(run: Run) -> None:
     """Say what disturbed the times of a study, and where it is."""
     from harness.commands.running import require_all
-    from harness.figures.run_state import state_of
+    from harness.stats.run_quality import state_of
 
     for line in state_of(run.facts, run.records).words:
         typer.echo(line)
@@ -133,9 +133,9 @@ def gains(
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
     import pandas as pd
 
-    from harness.figures import groups
-    from harness.figures.run_state import state_of
-    from harness.stored.folder import read_run
+    from harness.metrics import groups
+    from harness.results.run_folder import read_run
+    from harness.stats.run_quality import state_of
     from harness.study.gains import best, by_order, gain_table, plot
     from harness.triangulating.recipes import parse_all
 
@@ -166,7 +166,7 @@ def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
     """Say in how many views another triangulator was shown to be faster than `name`."""
     if views.empty:
         return
-    from harness.figures.groups import condition
+    from harness.metrics.groups import condition
 
     beaten = views[views["faster"] != ""]
     kept = len(views) - len(beaten)
@@ -261,7 +261,7 @@ def study(
     was found beside what we found. A study that is there already is not measured again. The exit
     code is 5 where cases failed or times were disturbed, and 4 where nothing could be judged.
     """
-    from harness.stored.folder import file_stem
+    from harness.results.run_folder import file_stem
     from harness.study import replication
     from scenes.spec import label
 

@@ -32,11 +32,11 @@ from harness.compare.model import (
     require_known,
 )
 from harness.errors import UsageError
-from harness.figures import groups
-from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
-from harness.figures.run_state import state_of
 from harness.machine.git import commit_of
-from harness.stored.folder import Record, Run
+from harness.metrics import groups
+from harness.metrics.registry import METRICS, PREDICTED, find, in_order, predictions
+from harness.results.run_folder import Record, Run
+from harness.stats.run_quality import state_of
 
 
 def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:

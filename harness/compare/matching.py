@@ -14,11 +14,11 @@ from typing import Any
 
 from harness.compare.model import CaseName
 from harness.errors import UsageError
-from harness.figures.groups import group_of, groups, time_ratio, without_twins
-from harness.figures.intervals import UNDECIDED
 from harness.machine.environment import label_of, same
-from harness.stored.folder import Record, Run
-from harness.stored.schema import flat
+from harness.metrics.groups import group_of, groups, time_ratio, without_twins
+from harness.results.run_folder import Record, Run
+from harness.results.schema import flat
+from harness.stats.intervals import UNDECIDED
 
 ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
 """What of a run's environment is compared."""

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from harness import errors
 from harness.errors import UsageError, unknown
-from harness.figures.counters import CYCLES
-from harness.figures.groups import condition
-from harness.figures.registry import figures as registered
-from harness.figures.registry import find
+from harness.metrics.groups import condition
+from harness.metrics.registry import figures as registered
+from harness.metrics.registry import find
+from harness.rasterisers.counters import CYCLES
 
 FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost best, the best first."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from harness.compare.matching import Match, latest, match
 from harness.compare.model import FIRST, Comparison
 from harness.frame import SUBPIXEL, Frame, frame_as_it_is
-from harness.stored import drawings
-from harness.stored.folder import Record, Run, read_arrays
+from harness.results import drawings
+from harness.results.run_folder import Record, Run, read_arrays
 
 MOST = 3
 """Polygons that are shown, of all cases that regressed."""

@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
-from harness.figures import run_state
-from harness.figures.counters import CYCLES
-from harness.figures.intervals import paired_ratio
-from harness.figures.run_state import ENOUGH, kept_pairs
-from harness.stored.folder import Record
+from harness.rasterisers.counters import CYCLES
+from harness.results.run_folder import Record
+from harness.stats import run_quality
+from harness.stats.intervals import paired_ratio
+from harness.stats.run_quality import ENOUGH, kept_pairs
 
 QUANTILE = 0.1
 """Of the samples: low enough to be clear of other programs, not as fickle as the fastest one."""
@@ -124,7 +124,9 @@ def read_pair(
     same_rounds = whole and len(first) == len(second) and np.array_equal(*references)
     parts = (after.get("epochs"), after.get("processes")) if same_rounds else (None, None)
     kept = kept_pairs(before, after) if same_rounds else None
-    unlike = "" if same_rounds else run_state.apart(before, after, machines_differ=machines_differ)
+    unlike = (
+        "" if same_rounds else run_quality.apart(before, after, machines_differ=machines_differ)
+    )
     return Pair(first, second, references, same_work, same_rounds, parts, kept, unlike)
 
 

@@ -19,7 +19,7 @@ from harness.compare.model import (
     TimeChange,
     Total,
 )
-from harness.figures.registry import find
+from harness.metrics.registry import find
 from harness.style import count, figure, percent, step
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.atomic import Output
 from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.apart import triangulate_many
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
-from harness.stored.atomic import Output
 from scenes import load
 from scenes.cleaning.notes import NoteCounter
 from scenes.cleaning.repair import Cleaned

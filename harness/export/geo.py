@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.atomic import Output
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
 from harness.export.writers import About, plain
-from harness.stored.atomic import Output
 from scenes.cleaning.projection import system
 from scenes.spec import install
 

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.atomic import Output
 from harness.errors import UsageError
 from harness.export.mesh import Mesh, with_z
-from harness.stored.atomic import Output
 from scenes.cleaning.projection import Projection
 
 

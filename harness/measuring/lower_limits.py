@@ -14,10 +14,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from harness.figures.registry import LEAST, OUTLINE
 from harness.frame import Frame
 from harness.measuring.processes import Bench, result_of
 from harness.measuring.worker import TaskFailed
+from harness.metrics.registry import LEAST, OUTLINE
 from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.frames import triangulate_polygons, warm_up
 from harness.triangulating.recipes import parse

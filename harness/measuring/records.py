@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.counters import CYCLES
-from harness.figures.registry import LEAST, OUTLINE
-from harness.figures.run_state import undisturbed
-from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.other_version import facts_of_base
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
+from harness.metrics.per_view import NAMES, VIEWS
+from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
-from harness.stored import drawings
-from harness.stored.folder import Record, Store
+from harness.rasterisers.counters import CYCLES
+from harness.results import drawings
+from harness.results.run_folder import Record, Store
+from harness.stats.run_quality import undisturbed
 from harness.triangulating.frames import FrameTriangulation
 from harness.triangulating.recipes import OTHER
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import shapely
 
 from harness.errors import NothingMeasured, UsageError
-from harness.figures.run_state import default_path, judge, reference_draws
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
 from harness.machine.environment import label_of, processor, same
@@ -26,7 +25,8 @@ from harness.measuring.records import Keeper
 from harness.measuring.scene import SceneRun
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
-from harness.stored.folder import FACTS, Record, Store, read_counted, read_run
+from harness.results.run_folder import FACTS, Record, Store, read_counted, read_run
+from harness.stats.run_quality import default_path, judge, reference_draws
 from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label

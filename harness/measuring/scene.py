@@ -15,7 +15,7 @@ from harness.measuring.processes import Backend, Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.stored.folder import Record
+from harness.results.run_folder import Record
 from harness.triangulating.frames import FrameTriangulation, carry_over, in_views, original
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from scenes import Scene

@@ -8,7 +8,7 @@ which later tell how much of a time is overhead and how fast the machine was.
 Where a drawing's buffers lie in memory makes it some tenths of a per cent faster or slower, and no
 number of rounds averages that out. So the rounds are split into epochs. Before each, all drawings
 are given up and prepared anew in another random order. What is said of a ratio then rests on how
-much it differs between epochs (`harness.figures.intervals`). Sources: T. Kalibera and R. Jones,
+much it differs between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
 """
@@ -23,11 +23,11 @@ from typing import Literal
 
 import numpy as np
 
-from harness.figures.intervals import median_interval, paired_ratio
-from harness.figures.run_state import kept_pairs
 from harness.machine import system
 from harness.rasterisers.base import Drawing, Sample
 from harness.settings import TimingSettings
+from harness.stats.intervals import median_interval, paired_ratio
+from harness.stats.run_quality import kept_pairs
 
 Timer = Literal["gpu", "cpu", "wall"]
 

@@ -16,8 +16,8 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.atomic import Output
 from harness.errors import UsageError
-from harness.stored.atomic import Output
 from scenes.readers.gltf import (
     BIN,
     DATA_URI,

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.atomic import Output
 from harness.errors import UsageError
 from harness.models.flat_faces import Mesh, Part, tolerance_of
-from harness.stored.atomic import Output
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from harness import atomic
 from harness.errors import UsageError
-from harness.figures.groups import base_of, groups, of_cpu, time_ratio
-from harness.figures.polygons import rank_correlation
-from harness.figures.registry import predictions
 from harness.machine.environment import label_of, same
+from harness.metrics.groups import base_of, groups, of_cpu, time_ratio
+from harness.metrics.per_polygon import rank_correlation
+from harness.metrics.registry import predictions
 from harness.profile.words import model
-from harness.stored import atomic
-from harness.stored.folder import Record, Run
+from harness.results.run_folder import Record, Run
 from harness.webpages import write_whole
 
 FORMAT = "raster-harness device"

@@ -12,10 +12,10 @@ import numpy as np
 
 from harness import __version__
 from harness.errors import UsageError
-from harness.figures.groups import USUAL_BASE
-from harness.figures.registry import predictions
 from harness.frame import OWN_VIEWS, View
 from harness.measuring.processes import Bench
+from harness.metrics.groups import USUAL_BASE
+from harness.metrics.registry import predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import KEPT, TOLD, counted_exactly
 from harness.profile import law
@@ -28,9 +28,9 @@ from harness.profile.words import BY_SUM
 from harness.rasterisers.base import shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
-from harness.stored import drawings
-from harness.stored.drawings import Geometry, view_of
-from harness.stored.folder import Record, Run
+from harness.results import drawings
+from harness.results.drawings import Geometry, view_of
+from harness.results.run_folder import Record, Run
 from harness.style import looks
 from harness.webpages import encoded, packed, static, template, write_whole
 

@@ -13,7 +13,6 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
-from harness.figures.intervals import FEWEST_EPOCHS
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
 from harness.page.saved import Finite, Part, Share, Text, Whole, check_rounds
@@ -23,6 +22,7 @@ from harness.profile.design import DESIGN, Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import fitted_of, profile
+from harness.stats.intervals import FEWEST_EPOCHS
 from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"

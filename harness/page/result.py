@@ -14,11 +14,11 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
-from harness.figures.registry import PREDICTED
 from harness.frame import SUBPIXEL
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
+from harness.metrics.registry import PREDICTED
 from harness.page.saved import (
     Finite,
     Measured,
@@ -32,10 +32,10 @@ from harness.page.saved import (
 )
 from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED, predict
+from harness.results import drawings
+from harness.results.drawings import Geometry, view_of
+from harness.results.run_folder import Record, Run, Store, read_arrays
 from harness.settings import RESOLUTIONS
-from harness.stored import drawings
-from harness.stored.drawings import Geometry, view_of
-from harness.stored.folder import Record, Run, Store, read_arrays
 
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"

@@ -14,8 +14,8 @@ from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import browser
-from harness.stored.folder import file_stem
-from harness.stored.schema import MOST
+from harness.results.run_folder import file_stem
+from harness.results.schema import MOST
 
 VERSION = 1
 MOST_BYTES = 256 * 2**20

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.intervals import mean_interval, student_interval
 from harness.frame import View, make_frame
 from harness.measuring.processes import Bench
 from harness.profile.counted import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS, Draw
 from harness.profile.law import COSTS, Law
 from harness.profile.measured import Measured
+from harness.stats.intervals import mean_interval, student_interval
 from harness.study.subjects import evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load

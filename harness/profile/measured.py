@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
-from harness.figures.counters import CYCLES
-from harness.figures.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
-from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.records import waiting_of
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
+from harness.rasterisers.counters import CYCLES
 from harness.settings import TimingSettings
+from harness.stats.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
+from harness.stats.run_quality import judge
 
 CONTROL = "(control)"
 """Name under which one draw of the design is drawn a second time."""

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from harness import __version__
+from harness import __version__, atomic
 from harness.errors import UsageError
 from harness.profile import law as laws
 from harness.profile.advice import aspects
@@ -20,7 +20,6 @@ from harness.profile.counted import IN_PX, TERMS, design_of
 from harness.profile.design import DESIGN, Draw
 from harness.profile.law import COSTS, Law, Seconds, costs_of, solve
 from harness.profile.measured import Measured
-from harness.stored import atomic
 
 FORMAT, VERSION = "raster-harness profile", 1
 

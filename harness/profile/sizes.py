@@ -19,8 +19,8 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.figures.verdict import LEAST_PIXELS
 from harness.frame import Frame, View, frame_of
+from harness.metrics.decision import LEAST_PIXELS
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile

@@ -6,7 +6,6 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from harness.errors import NoRasteriser, UsageError, unknown
-from harness.figures.counters import Counter, learn
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -16,6 +15,7 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
+from harness.rasterisers.counters import Counter, learn
 
 __all__ = [
     "Counter",

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError, unknown
-from harness.figures.counters import Counter
 from harness.machine import system
+from harness.rasterisers.counters import Counter
 from harness.settings import MOST_WORK, ORDERS, SAMPLES, Order
 from scenes.spec import install
 

@@ -21,9 +21,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from harness import atomic
 from harness.machine import system
 from harness.rasterisers.base import Device
-from harness.stored import atomic
 from triangulators.devices import is_software, matches
 
 PROBE = Path(__file__).with_name("probe.py")

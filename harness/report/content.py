@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures import views
-from harness.figures.counters import ESTIMATES, estimated
-from harness.figures.groups import base_of, condition, groups
-from harness.figures.polygons import (
+from harness.machine.environment import label_of
+from harness.machine.git import commit_of
+from harness.metrics import per_view
+from harness.metrics.decision import Decision, Standing, advice, decide
+from harness.metrics.groups import base_of, condition, groups
+from harness.metrics.per_polygon import (
     Columns,
     columns_of,
     error_of,
     rank_correlation,
     ratio_pairs,
 )
-from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
-from harness.figures.run_state import state_of
-from harness.figures.verdict import Decision, Standing, advice, decide
-from harness.machine.environment import label_of
-from harness.machine.git import commit_of
+from harness.metrics.registry import PREDICTED, Figure, figures_of, find, measures, predictions
+from harness.rasterisers.counters import ESTIMATES, estimated
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
-from harness.stored import drawings
-from harness.stored.drawings import Geometry, view_of
-from harness.stored.folder import Record, Run
-from harness.stored.schema import flat
+from harness.results import drawings
+from harness.results.drawings import Geometry, view_of
+from harness.results.run_folder import Record, Run
+from harness.results.schema import flat
+from harness.stats.run_quality import state_of
 from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
@@ -197,7 +197,7 @@ def _group(
         },
         "answer": advice(decision),
         "judged": criteria_of(main, correlations, spread),
-        "views": views.said(members),
+        "views": per_view.said(members),
     }, correlations
 
 

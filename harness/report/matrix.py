@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness import atomic
 from harness.errors import UsageError
-from harness.figures.groups import SAME
-from harness.figures.registry import find, measures, predictions
 from harness.frame import View
 from harness.measuring.worker import Worker
-from harness.stored import atomic, drawings
-from harness.stored.folder import Run
+from harness.metrics.groups import SAME
+from harness.metrics.registry import find, measures, predictions
+from harness.results import drawings
+from harness.results.run_folder import Run
 from harness.study.correlations import (
     TIME,
     Estimate,

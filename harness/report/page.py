@@ -5,7 +5,7 @@ from pathlib import Path
 from harness import __version__
 from harness.errors import UsageError
 from harness.report.content import content_of
-from harness.stored.folder import Run
+from harness.results.run_folder import Run
 from harness.webpages import packed, static, template, write_whole
 
 PACKAGE = "harness.report"

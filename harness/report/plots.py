@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.counters import ESTIMATES
-from harness.figures.groups import base_of, condition, groups
-from harness.figures.polygons import (
+from harness.metrics.groups import base_of, condition, groups
+from harness.metrics.per_polygon import (
     Columns,
     columns_of,
     error_of,
@@ -19,8 +18,9 @@ from harness.figures.polygons import (
     ratio_pairs,
     ratios,
 )
-from harness.figures.registry import PREDICTED, find, measures, predictions
-from harness.stored.folder import Record, Run
+from harness.metrics.registry import PREDICTED, find, measures, predictions
+from harness.rasterisers.counters import ESTIMATES
+from harness.results.run_folder import Record, Run
 from harness.style import (
     COLOURS,
     MOST_VECTOR_MARKS,

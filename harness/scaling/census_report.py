@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from harness import atomic
 from harness.scaling.census import Census, TileCensus
 from harness.scaling.sums import BINS, GAINED, MEASURES, Counted, Group, Sums
-from harness.stored import atomic
 from harness.style import TWO_COLUMNS, draw, grid, looks, plain_table
 
 if TYPE_CHECKING:

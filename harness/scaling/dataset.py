@@ -21,13 +21,13 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from harness import atomic
+from harness.atomic import BEGUN
 from harness.errors import UsageError, of_system
 from harness.machine import environment
 from harness.progress import Reporter
+from harness.results.run_folder import clear_errors
 from harness.scaling.crew import Crew
-from harness.stored import atomic
-from harness.stored.atomic import BEGUN
-from harness.stored.folder import clear_errors
 from scenes import SceneError
 from scenes.slices import Slices, is_folder
 

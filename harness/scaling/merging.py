@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.figures import groups
 from harness.measuring.plan import Case
-from harness.stored import drawings
-from harness.stored.folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
+from harness.metrics import groups
+from harness.results import drawings
+from harness.results.run_folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
 
 AT = "@"
 """Stands between a device and the host that it is in."""

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.atomic import Output
+from harness.results.run_folder import UNREADABLE
 from harness.scaling.dataset import Done
-from harness.stored.atomic import Output
-from harness.stored.folder import UNREADABLE
 
 GAINED = (
     *("quads", "helper_lanes", "partial_quads", "blocks", "bbox_tests"),

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from harness.atomic import Output
 from harness.errors import UsageError
 from harness.export.export import Certified, Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import AT_A_TIME, Done, Part, Work
-from harness.stored.atomic import Output
 from scenes.files import read_chunks
 from scenes.slices import Slices, cut
 

@@ -18,11 +18,11 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.figures.groups import SAME
-from harness.figures.intervals import UNKNOWN, median_over
-from harness.figures.polygons import spearman
-from harness.figures.registry import find, measures, predictions
-from harness.stored.folder import Record
+from harness.metrics.groups import SAME
+from harness.metrics.per_polygon import spearman
+from harness.metrics.registry import find, measures, predictions
+from harness.results.run_folder import Record
+from harness.stats.intervals import UNKNOWN, median_over
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
 from triangulators.criteria import FEATURES_KEPT
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.figures.groups import group_of, groups, time_ratio
-from harness.figures.intervals import FASTER
-from harness.figures.registry import find
-from harness.stored.folder import Record
+from harness.metrics.groups import group_of, groups, time_ratio
+from harness.metrics.registry import find
+from harness.results.run_folder import Record
+from harness.stats.intervals import FASTER
 from harness.style import draw, grid, looks
 
 if TYPE_CHECKING:

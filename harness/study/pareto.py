@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from harness.errors import UsageError
-from harness.figures.groups import groups, time_ratio
-from harness.figures.intervals import FASTER, SLOWER
-from harness.figures.polygons import PREDICTED, columns_of
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
+from harness.metrics.groups import groups, time_ratio
+from harness.metrics.per_polygon import PREDICTED, columns_of
+from harness.results.run_folder import Record, Run
 from harness.settings import StudySize
-from harness.stored.folder import Record, Run
+from harness.stats.intervals import FASTER, SLOWER
 from harness.study.subjects import choose_polygons, evenly
 from harness.style import plain_table
 from harness.triangulating.recipes import parse_all

@@ -20,12 +20,12 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.figures.counters import CYCLES
-from harness.figures.groups import groups
-from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
-from harness.figures.polygons import Column
-from harness.figures.registry import measures, predictions
-from harness.stored.folder import Record
+from harness.metrics.groups import groups
+from harness.metrics.per_polygon import Column
+from harness.metrics.registry import measures, predictions
+from harness.rasterisers.counters import CYCLES
+from harness.results.run_folder import Record
+from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.study.correlations import TIME, by_criterion
 from harness.study.subjects import LEAST
 from harness.style import family_of

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.figures.intervals import FEWEST
-from harness.figures.registry import find
+from harness.metrics.registry import find
+from harness.stats.intervals import FEWEST
 from harness.study.correlations import TIME, TOO_FEW
 
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.figures.registry import predictions
 from harness.frame import SUBPIXEL, View
+from harness.metrics.registry import predictions
 from harness.rasterisers.reference import Reference, predict
+from harness.results import drawings
 from harness.settings import StudySize
-from harness.stored import drawings
 from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
 from triangulators import criteria, registry, triangulate, vertices

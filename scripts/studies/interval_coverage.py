@@ -24,8 +24,11 @@ from numpy.typing import NDArray
 
 from harness.compare.model import Settings
 from harness.compare.times import Pair, judge_group
-from harness.figures.groups import time_ratio
-from harness.figures.intervals import (
+from harness.metrics.decision import break_even, decide
+from harness.metrics.groups import time_ratio
+from harness.metrics.per_polygon import spearman
+from harness.results.run_folder import Record
+from harness.stats.intervals import (
     CONFIDENCE,
     RUN_SCATTER,
     UNKNOWN,
@@ -35,9 +38,6 @@ from harness.figures.intervals import (
     paired_ratio,
     ratio_interval,
 )
-from harness.figures.polygons import spearman
-from harness.figures.verdict import break_even, decide
-from harness.stored.folder import Record
 from harness.study.correlations import median_estimate
 from harness.study.regret import regret_ends, regret_interval
 from scripts.studies.machines import EPOCHS, MACHINES, Machine, quiet, timed

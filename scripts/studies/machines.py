@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.stored.folder import Record
+from harness.results.run_folder import Record
 
 Values = NDArray[np.float64]
 Machine = Callable[[np.random.Generator, int], tuple[Values, Values]]

@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.errors import NothingMeasured
-from harness.figures.intervals import Ratio, mean_interval, paired_ratio
 from harness.frame import Frame, View, make_frame, on_coarser_grid
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
@@ -52,6 +51,7 @@ from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.settings import StudySize, TimingSettings
+from harness.stats.intervals import Ratio, mean_interval, paired_ratio
 from harness.study.regret import regret_ends, regret_interval
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse

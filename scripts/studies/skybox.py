@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.figures.polygons import spearman
 from harness.frame import Frame, View, bare_frame, frame_of
+from harness.metrics.per_polygon import spearman
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated import read
 from harness.rasterisers.simulated.skybox import Skybox

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.figures.intervals import mean_interval, median_over
-from harness.figures.polygons import spearman
 from harness.frame import View, frame_of
+from harness.metrics.per_polygon import spearman
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated.attila import BINDING, Attila
 from harness.settings import StudySize
+from harness.stats.intervals import mean_interval, median_over
 from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse_all

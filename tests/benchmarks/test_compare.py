@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from harness.compare.comparison import compare_runs
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
 

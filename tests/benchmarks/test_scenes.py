@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.stored.folder import Record, read_run
+from harness.results.run_folder import Record, read_run
 from scenes import load
 from scenes.registry import entry, names
 from tests.paths import ROOT

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.figures.intervals import Ratio, paired_ratio
 from harness.frame import Frame, View, bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
+from harness.stats.intervals import Ratio, paired_ratio
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import load

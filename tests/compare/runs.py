@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.stored.folder import Run, read_run
+from harness.results.run_folder import Run, read_run
 
 TRIANGULATORS = {
     "fan": (70_373, 99_275, 3.0e-3),

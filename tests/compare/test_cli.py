@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness.compare.matching import changes, machines_differ
-from harness.stored.folder import Run
+from harness.results.run_folder import Run
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.conftest import assert_refused, ends_well
 from tests.paths import ROOT

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
-from harness.stored.schema import Number, Record
+from harness.results.schema import Number, Record
 from tests.compare.runs import TRIANGULATORS, read_back, record, write_run
 from tests.conftest import ends_well
 from tests.fuzz.damage import JSON

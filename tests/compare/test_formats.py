@@ -14,7 +14,7 @@ from harness.compare.comparison import compare_runs, no_baseline
 from harness.compare.model import Settings
 from harness.compare.outputs import LIMIT, MARKER, to_html, to_json, to_junit, to_markdown
 from harness.compare.wording import headline
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.chromium import LOADED
 from tests.compare.runs import SCENARIOS, TRIANGULATORS, costlier, failed, slower, write_run
 from tests.paths import ROOT

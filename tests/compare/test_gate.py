@@ -16,9 +16,9 @@ from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import decide
 from harness.compare.wording import groups, headline
-from harness.figures.groups import SAME
+from harness.metrics.groups import SAME
 from harness.rasterisers.reference import Binning
-from harness.stored.folder import Run, read_run
+from harness.results.run_folder import Run, read_run
 from tests.compare.runs import (
     SCENARIOS,
     TRIANGULATORS,
@@ -30,7 +30,7 @@ from tests.compare.runs import (
     slower,
     write_run,
 )
-from tests.figures.test_decision import base, made
+from tests.metrics.test_decision import base, made
 
 COUNTERS = Settings(gates=("counters",))
 

@@ -12,8 +12,8 @@ from harness.compare.model import Settings
 from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _counted, most_grown
 from harness.heatmaps import lane_maps
-from harness.stored import drawings
-from harness.stored.folder import Run, read_arrays, read_run
+from harness.results import drawings
+from harness.results.run_folder import Run, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 from triangulators import triangulate
 

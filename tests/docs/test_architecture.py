@@ -121,8 +121,8 @@ def test_no_modules_import_each_other_around():
 
 def test_a_circle_would_be_found():
     graph = import_graph()
-    graph["harness.stored.folder"].add("harness.measuring.run")
-    assert {"harness.stored.folder", "harness.measuring.run"} <= set(import_circle(graph))
+    graph["harness.results.run_folder"].add("harness.measuring.run")
+    assert {"harness.results.run_folder", "harness.measuring.run"} <= set(import_circle(graph))
 
 
 def test_no_rooms_import_each_other_around():

@@ -10,7 +10,7 @@ from markdown import markdown
 
 from docs import generate
 from harness.commands.index import COMMANDS
-from harness.figures.registry import figures
+from harness.metrics.registry import figures
 from tests.chromium import LOADED
 from tests.docs.blocks import pages
 from tests.paths import ROOT, python

@@ -9,7 +9,7 @@ import pytest
 
 from harness.commands.index import COMMANDS, LATER, PROGRAM, RUN, load
 from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, REGRESSION
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
 from tests.page.conftest import result_of, saved_as

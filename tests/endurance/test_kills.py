@@ -20,7 +20,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from scenes import load
 from scenes.tiles.read import FILE
 from tests.fuzz.targets.runs import sound

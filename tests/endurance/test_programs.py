@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from scenes.tiles.archives import PMTiles
 from scenes.tiles.read import FILE
 from tests.endurance.programs import (

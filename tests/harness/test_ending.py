@@ -14,8 +14,8 @@ from shapely import box
 
 from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
-from harness.stored import drawings
-from harness.stored.folder import Run, Store, read_run
+from harness.results import drawings
+from harness.results.run_folder import Run, Store, read_run
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import measure, plan_for

@@ -13,8 +13,8 @@ from harness.errors import UsageError
 from harness.history import read_series, run_label
 from harness.machine import environment
 from harness.machine.git import COMMITS, commit_of, describe_project
+from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
-from harness.stored.folder import Run, read_run
 from tests.compare.runs import MACHINE, slower, write_run
 from tests.conftest import ends_well
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from harness.figures.groups import base_of, with_base
-from harness.stored.folder import read_run
+from harness.metrics.groups import base_of, with_base
+from harness.results.run_folder import read_run
 from harness.summary import print_summary
 from tests.conftest import assert_refused, ends_well
 

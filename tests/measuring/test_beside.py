@@ -20,8 +20,8 @@ from harness.measuring.processes import Bench
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
-from harness.stored import drawings
-from harness.stored.folder import read_run
+from harness.results import drawings
+from harness.results.run_folder import read_run
 from harness.triangulating.recipes import OTHER, Recipe
 from scenes import load
 from tests.conftest import assert_refused

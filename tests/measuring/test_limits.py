@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from harness.figures.registry import LEAST, OUTLINE, find
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, Worker
+from harness.metrics.registry import LEAST, OUTLINE, find
 from harness.rasterisers.reference import outlines
 from scenes import load
 from tests.inline import Inline

@@ -27,7 +27,7 @@ from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.stored.folder import Store, read_arrays, read_run
+from harness.results.run_folder import Store, read_arrays, read_run
 from harness.triangulating.recipes import Recipe, parse_all
 from tests.conftest import write_geojson
 from tests.inline import Inline

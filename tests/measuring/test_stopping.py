@@ -12,7 +12,7 @@ import pytest
 
 from harness.frame import View
 from harness.measuring.processes import Bench
-from harness.stored.folder import Store, read_arrays, read_run
+from harness.results.run_folder import Store, read_arrays, read_run
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
 from tests.paths import ROOT

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.stats import sem, t
 
-from harness.figures.intervals import median_interval, paired_ratio
 from harness.measuring.timing import (
     EMPTY,
     MIN_ROUNDS,
@@ -25,6 +24,7 @@ from harness.measuring.timing import (
     time_together,
 )
 from harness.rasterisers.base import Sample
+from harness.stats.intervals import median_interval, paired_ratio
 from tests.mock import Clock, ScriptedDrawing
 
 WALL = TimerTest("wall", 0.01, None, 1e-7, "scripted")

@@ -8,17 +8,17 @@ import shapely
 import trimesh
 
 from harness.errors import NothingMeasured, UsageError
-from harness.figures.views import over_views, said
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
 from harness.measuring.lower_limits import fewest, limits
 from harness.measuring.plan import Plan
+from harness.metrics.per_view import over_views, said
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, outlines, quads_of
+from harness.results.run_folder import read_arrays, read_run
+from harness.results.schema import wrong_field
 from harness.settings import MODEL_TRIANGULATORS
-from harness.stored.folder import read_arrays, read_run
-from harness.stored.schema import wrong_field
 from harness.triangulating.frames import original, triangulate_polygons
 from harness.triangulating.recipes import parse, parse_all
 from scenes import Scene, load

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from harness.compare.matching import latest
-from harness.figures.polygons import columns_of
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
+from harness.metrics.per_polygon import columns_of
 from harness.page.page_data import content_of_profile, write_page
 from harness.page.result import FORMAT, KEPT, TOLD, Result, import_result
 from harness.page.saved import VERSION, read_saved
 from harness.progress import Reporter
-from harness.stored.folder import Run, read_run
+from harness.results.run_folder import Run, read_run
 from harness.triangulating.recipes import parse_all
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.inline import Inline

@@ -11,7 +11,7 @@ from harness.page.page_data import content_of, write_page
 from harness.page.result import TOLD
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.chromium import MEASURED, REPORT_READY, Chromium
 from tests.conftest import ends_well
 from tests.page.conftest import measured, read_result
@@ -200,7 +200,7 @@ def test_a_timers_step_is_found(browser, page):
 
 def test_figures_equal_ours(browser, page):
     """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
-    from harness.figures.intervals import of_any_run, paired_ratio
+    from harness.stats.intervals import of_any_run, paired_ratio
 
     browser.open(page, MEASURED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]

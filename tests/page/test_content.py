@@ -10,8 +10,8 @@ from harness.errors import UsageError
 from harness.page.page_data import content_of
 from harness.page.result import TOLD
 from harness.rasterisers.reference import predict
-from harness.stored import drawings
-from harness.stored.drawings import view_of
+from harness.results import drawings
+from harness.results.drawings import view_of
 from tests.conftest import assert_refused, ends_well
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from harness.page.page_data import content_of, write_page
 from harness.page.result import import_result
 from harness.report.page import write_report
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.chromium import MEASURED, Chromium
 from tests.page.conftest import read_result
 

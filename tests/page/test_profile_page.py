@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from harness.errors import BAD_INPUT
-from harness.figures.intervals import Ratio, mean_interval
 from harness.measuring.timing import EMPTY, Times
 from harness.page.page_data import STEPS
 from harness.profile import design, law
@@ -18,6 +17,7 @@ from harness.profile.law import COSTS as OF_CRITERIA
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import amount
+from harness.stats.intervals import Ratio, mean_interval
 from tests.chromium import MEASURED, REPORT_READY, Chromium
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import inline

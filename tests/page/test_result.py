@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.figures.polygons import columns_of
+from harness.metrics.per_polygon import columns_of
 from harness.page.result import counted_exactly, import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
-from harness.stored import drawings
-from harness.stored.folder import read_run
+from harness.results import drawings
+from harness.results.run_folder import read_run
 from tests.conftest import assert_refused, ends_well
 from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.figures.intervals import Ratio
 from harness.frame import bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, law, measured
@@ -15,6 +14,7 @@ from harness.profile.design import Draw
 from harness.profile.law import COSTS, costs_of
 from harness.profile.measured import CONTROL
 from harness.profile.profile import fitted_of, keep, read_coefficients
+from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, go
 from scripts.studies.laws import designed as designed_for_laws
 

@@ -11,7 +11,7 @@ from shapely import Polygon, box
 from harness.frame import View, frame_of
 from harness.profile import sizes
 from harness.profile.counted import TERMS
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, ends_well, write_geojson

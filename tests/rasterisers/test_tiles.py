@@ -7,10 +7,10 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
-from harness.figures.views import VIEWS
 from harness.frame import Frame
 from harness.heatmaps import lane_maps
 from harness.measuring.records import _views_of
+from harness.metrics.per_view import VIEWS
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
 from harness.rasterisers.opengl import Mesh

@@ -17,8 +17,8 @@ from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import predict
 from harness.report.page import write_report
-from harness.stored import drawings
-from harness.stored.folder import Store, read_run
+from harness.results import drawings
+from harness.results.run_folder import Store, read_run
 from harness.triangulating.frames import predict_polygons, triangulate_polygons
 from harness.triangulating.recipes import parse, parse_all
 from scenes import load

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.errors import UsageError
-from harness.figures.groups import time_ratio
+from harness.metrics.groups import time_ratio
 from harness.report.content import choose, content_of
 from harness.report.page import write_report
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from tests.compare.runs import read_back
 from tests.fuzz.targets.runs import sound
 

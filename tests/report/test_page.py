@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from harness.stored.folder import read_arrays, read_run
+from harness.results.run_folder import read_arrays, read_run
 from tests.chromium import PATIENCE_S, Chromium
 from tests.report.conftest import NAMES
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.figures.counters import ESTIMATES, estimated
-from harness.figures.polygons import columns_of, error_of, ratio_pairs
-from harness.figures.registry import PREDICTED, find
+from harness.metrics.per_polygon import columns_of, error_of, ratio_pairs
+from harness.metrics.registry import PREDICTED, find
+from harness.rasterisers.counters import ESTIMATES, estimated
 from harness.report.plots import NAME, plot_run
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from harness.style import COLOURS, STYLE, TWO_COLUMNS
 from tests.conftest import PRINTED_DPI
 from triangulators import criteria

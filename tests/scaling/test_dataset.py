@@ -12,13 +12,13 @@ import pyogrio
 import pytest
 import shapely
 
+from harness import atomic
 from harness.errors import UsageError
 from harness.export.apart import triangulate_many
 from harness.progress import Reporter
 from harness.scaling.crew import Crew
 from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.triangulated import Triangulating
-from harness.stored import atomic
 from scenes.files import read_chunks
 from scenes.slices import comparisons, cut
 from tests.conftest import ends_well

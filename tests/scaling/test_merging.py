@@ -10,8 +10,8 @@ import pytest
 
 from harness.errors import UsageError
 from harness.frame import View
+from harness.results.run_folder import Store, read_arrays, read_facts, read_run
 from harness.scaling.merging import merge, on_host
-from harness.stored.folder import Store, read_arrays, read_facts, read_run
 from tests.conftest import assert_refused, ends_well, geojson
 from tests.measuring.test_run import measure, plan_for
 

@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.figures.polygons import spearman
 from harness.frame import SUBPIXEL, View, make_frame
+from harness.metrics.per_polygon import spearman
 from harness.rasterisers.reference import predict
 from harness.report import matrix
 from harness.report.content import content_of
 from harness.report.matrix import criteria_of
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
     FEWEST,

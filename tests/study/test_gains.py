@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from harness.figures.intervals import FASTER, SLOWER
+from harness.stats.intervals import FASTER, SLOWER
 from harness.study.gains import best, by_order
 
 

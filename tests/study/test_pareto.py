@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.figures.intervals import of_any_run, paired_ratio
 from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
+from harness.stats.intervals import of_any_run, paired_ratio
 from harness.study.enumeration import triangulation_table
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from harness.triangulating.recipes import parse_all

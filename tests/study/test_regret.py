@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from harness.figures.intervals import FEWEST, mean_interval
+from harness.stats.intervals import FEWEST, mean_interval
 from harness.study.correlations import label
 from harness.study.regret import (
     COLUMNS,

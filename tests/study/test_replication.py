@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from harness.errors import Inconclusive, NothingMeasured, UsageError
-from harness.figures.run_state import DISTURBED, RunState
 from harness.settings import StudySize
+from harness.stats.run_quality import DISTURBED, RunState
 from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
 from tests.conftest import assert_refused, ends_well, exit_code

@@ -9,9 +9,9 @@ import pytest
 from harness.commands.running import folder_for
 from harness.compare.matching import repeat
 from harness.errors import UsageError
-from harness.figures.run_state import DISTURBED, RunState
+from harness.results.run_folder import read_run
 from harness.settings import StudySize
-from harness.stored.folder import read_run
+from harness.stats.run_quality import DISTURBED, RunState
 from harness.study.correlations import by_resolution, correlate, measure_table
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all

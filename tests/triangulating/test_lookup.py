@@ -218,7 +218,7 @@ SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
 
 
 def cached_of(folder: str) -> int:
-    from harness.stored.folder import read_run
+    from harness.results.run_folder import read_run
 
     (record,) = read_run(Path(folder)).records
     return record["polygons_cached"]

@@ -1,5 +1,5 @@
 "use strict";
-/* Medians, and the ratio of two drawings with its interval: as harness/figures/intervals.py has them. */
+/* Medians, and the ratio of two drawings with its interval: as harness/stats/intervals.py has them. */
 
 function median(values) {
   const sorted = [...values].sort((a, b) => a - b);
@@ -29,7 +29,7 @@ function studentInterval(values) {
   return [middle, middle - reach, middle + reach];
 }
 
-/* Ends of the studentised bootstrap's 95 % interval of the mean of values: see harness/figures/intervals.py. */
+/* Ends of the studentised bootstrap's 95 % interval of the mean of values: see harness/stats/intervals.py. */
 const TAIL = 0.01, STUDENTISED = 1999;
 
 function meanInterval(values, random = Math.random) {

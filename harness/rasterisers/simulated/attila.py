@@ -21,9 +21,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from harness.errors import HarnessError, UsageError
-from harness.figures.counters import CYCLES
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Options, Triangles
+from harness.rasterisers.counters import CYCLES
 from harness.rasterisers.reference import SHADED
 from harness.rasterisers.simulated import Design
 from harness.rasterisers.simulated.building import Sources, built, digest, version

@@ -35,9 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import HarnessError, UsageError
-from harness.figures.counters import CYCLES
 from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers.base import Counters, Options, Triangles, per_polygon
+from harness.rasterisers.counters import CYCLES
 from harness.rasterisers.reference import SHADED, tile_box, tile_span
 from harness.rasterisers.simulated import Design
 from harness.rasterisers.simulated.building import Sources, built, digest, version

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from harness.figures.intervals import (
+from harness.metrics.per_view import VIEWS, over_views, said
+from harness.results.schema import wrong_field
+from harness.stats.intervals import (
     FEWEST,
     RESAMPLES,
     TAIL,
     mean_interval,
     ratio_interval,
 )
-from harness.figures.views import VIEWS, over_views, said
-from harness.stored.schema import wrong_field
 from harness.summary import row_of
 
 

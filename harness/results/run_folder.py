@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness import atomic
 from harness.errors import UsageError
 from harness.machine import system
-from harness.stored import atomic
 
 SCHEMA_VERSION = 1
 
@@ -259,7 +259,7 @@ def _finite(text: str) -> float | None:
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
 
-    What is damaged is left out, and a problem each: see `harness.stored.schema`.
+    What is damaged is left out, and a problem each: see `harness.results.schema`.
 
     Raises
     ------
@@ -338,7 +338,7 @@ def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
     if not isinstance(found, dict):
         problems.append(f"{file} does not hold an object")
         return {}
-    from harness.stored.schema import checked_facts
+    from harness.results.schema import checked_facts
 
     return checked_facts(found, problems)
 
@@ -356,7 +356,7 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
     A case that failed and was run again on resume stands twice.
     """
-    from harness.stored.schema import completed, wrong_field  # loads pydantic
+    from harness.results.schema import completed, wrong_field  # loads pydantic
 
     whole = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}

@@ -23,9 +23,9 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from harness import atomic
 from harness.machine import system
 from harness.machine.environment import processor
-from harness.stored import atomic
 
 State = Literal["quiet", "disturbed", "not to be trusted"]
 QUIET: Final = "quiet"

@@ -9,7 +9,7 @@ import pytest
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.report.page import write_report
-from harness.stored.folder import (
+from harness.results.run_folder import (
     SCHEMA_VERSION,
     Store,
     file_stem,

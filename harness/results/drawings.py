@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View
-from harness.stored.folder import Record, Run, Store, read_arrays
+from harness.results.run_folder import Record, Run, Store, read_arrays
 
 FOLDER = "frames"
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from harness.figures.groups import base_of, time_ratio
-from harness.figures.intervals import RUN_SCATTER
-from harness.figures.verdict import BreakEven, _end, advice, break_even, decide
+from harness.metrics.decision import BreakEven, _end, advice, break_even, decide
+from harness.metrics.groups import base_of, time_ratio
 from harness.report.content import content_of
-from harness.stored.folder import Run
+from harness.results.run_folder import Run
+from harness.stats.intervals import RUN_SCATTER
 from harness.summary import WORDS, print_summary
 from tests.harness.test_summary import SAMPLES, printed, record
 

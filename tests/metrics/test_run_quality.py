@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from harness.figures import run_state
-from harness.figures.run_state import (
+from harness.metrics.decision import advice, decide
+from harness.stats import run_quality
+from harness.stats.run_quality import (
     DISTURBED,
     ENOUGH,
     QUIET,
@@ -22,7 +23,6 @@ from harness.figures.run_state import (
     two_modes,
     undisturbed,
 )
-from harness.figures.verdict import advice, decide
 from scripts.studies.machines import ROUNDS, quiet, sliced, timed, two_speeds
 from tests.measuring.test_run import measure, plan_for
 
@@ -222,7 +222,7 @@ def test_each_device_view_and_machine_has_its_own(tmp_path, monkeypatch):
     reference_draws(records(1e-3), file)
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
         assert reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
-    monkeypatch.setattr(run_state, "processor", lambda: {"label": "another"})
+    monkeypatch.setattr(run_quality, "processor", lambda: {"label": "another"})
     assert reference_draws(records(5e-3), file)[0]["slower"] == 1.0
 
 
@@ -252,4 +252,4 @@ def test_a_run_keeps_what_it_was_compared_with(block, tmp_path):
     assert 0 < entry["best_s"] <= entry["reference_s"]
     assert math.isclose(entry["slower"], entry["reference_s"] / entry["best_s"])
     assert facts["cpu"]["label"]
-    assert run_state.default_path().exists()
+    assert run_quality.default_path().exists()

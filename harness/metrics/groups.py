@@ -9,11 +9,11 @@ from itertools import groupby
 from typing import Any
 
 from harness.errors import unknown
-from harness.figures.counters import CYCLES
-from harness.figures.intervals import Ratio, of_any_run, paired_ratio
-from harness.figures.run_state import QUIET, kept_pairs, state_of
 from harness.machine.environment import differ, label_of
-from harness.stored.folder import Record, Run
+from harness.rasterisers.counters import CYCLES
+from harness.results.run_folder import Record, Run
+from harness.stats.intervals import Ratio, of_any_run, paired_ratio
+from harness.stats.run_quality import QUIET, kept_pairs, state_of
 from triangulators.devices import is_software
 
 USUAL_BASE = "ear-clipping"

@@ -13,9 +13,9 @@ from rich.console import Console
 
 from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
-from harness.figures import counters, registry
-from harness.figures.groups import time_ratio
-from harness.figures.registry import (
+from harness.metrics import registry
+from harness.metrics.groups import time_ratio
+from harness.metrics.registry import (
     LEAST,
     METRICS,
     Figure,
@@ -25,8 +25,9 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
+from harness.rasterisers import counters
 from harness.report.content import content_of
-from harness.stored.folder import read_run
+from harness.results.run_folder import read_run
 from harness.study import correlations
 from harness.style import looks
 from harness.summary import print_summary, write_csv

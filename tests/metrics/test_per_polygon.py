@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from harness.figures.polygons import (
+from harness.metrics.per_polygon import (
     columns_of,
     error_of,
     rank_correlation,
@@ -15,7 +15,7 @@ from harness.figures.polygons import (
     ratios,
     spearman,
 )
-from harness.stored.folder import Run, Store
+from harness.results.run_folder import Run, Store
 
 
 def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):

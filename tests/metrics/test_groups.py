@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.figures.groups import (
+from harness.metrics.groups import (
     by_processor,
     machine_words,
     of_cpu,
@@ -13,7 +13,7 @@ from harness.figures.groups import (
     several_processors,
     time_ratio,
 )
-from harness.stored.folder import Run
+from harness.results.run_folder import Run
 
 
 @pytest.mark.parametrize(

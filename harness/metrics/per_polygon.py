@@ -6,9 +6,9 @@ Dividing takes the polygon's size out, which would otherwise make every criterio
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.counters import estimated
-from harness.figures.registry import PREDICTED
-from harness.stored.folder import Record, Run, read_arrays
+from harness.metrics.registry import PREDICTED
+from harness.rasterisers.counters import estimated
+from harness.results.run_folder import Record, Run, read_arrays
 
 Column = NDArray[np.float64]
 Columns = dict[str, Column]

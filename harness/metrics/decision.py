@@ -11,11 +11,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from harness.figures.groups import base_of, condition, time_ratio
-from harness.figures.intervals import FASTER, SLOWER, Ratio, Verdict, student_interval
-from harness.figures.registry import find, measures, value_of
-from harness.figures.run_state import QUIET, State
-from harness.stored.folder import Record
+from harness.metrics.groups import base_of, condition, time_ratio
+from harness.metrics.registry import find, measures, value_of
+from harness.results.run_folder import Record
+from harness.stats.intervals import FASTER, SLOWER, Ratio, Verdict, student_interval
+from harness.stats.run_quality import QUIET, State
 
 Kind = Literal["at once", "after", "up to", "not shown", "never"]
 
@@ -209,7 +209,7 @@ class Decision:
     timed : whether times of two or more are compared
     saving : of "shown": the choice's ratio to the base, with an interval that holds for the best of
         all others at once: the best of several noisy ratios looks better than it is
-    state : the state that the machine was in (`run_state`); where it was not quiet, times show
+    state : the state that the machine was in (`run_quality`); where it was not quiet, times show
         nothing, and rows are in the order of the main counter
     """
 

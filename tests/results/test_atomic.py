@@ -10,11 +10,11 @@ import threading
 
 import pytest
 
+from harness import atomic
 from harness.errors import UsageError
 from harness.page import device_summaries
 from harness.profile.profile import read_coefficients
-from harness.stored import atomic
-from harness.stored.folder import POLYGONS, Run, read_arrays
+from harness.results.run_folder import POLYGONS, Run, read_arrays
 from harness.webpages import write_whole
 from tests.compare.runs import write_run
 from tests.conftest import assert_refused

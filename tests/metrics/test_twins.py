@@ -1,6 +1,6 @@
 """Two names for one triangulation are one; what damage took away is not guessed."""
 
-from harness.figures.groups import SAME, without_twins
+from harness.metrics.groups import SAME, without_twins
 
 
 def test_twins_are_one_and_what_lacks_a_criterion_is_none():

@@ -6,10 +6,10 @@ from math import isfinite
 
 import numpy as np
 
-from harness.figures.groups import base_of
-from harness.figures.intervals import FEWEST, mean_interval, ratio_interval
-from harness.figures.registry import find, measures
-from harness.stored.folder import Record
+from harness.metrics.groups import base_of
+from harness.metrics.registry import find, measures
+from harness.results.run_folder import Record
+from harness.stats.intervals import FEWEST, mean_interval, ratio_interval
 
 VIEWS = "views"
 """Field of a record: the sums (v,) of each counter, one a tile or view; and the views' `NAMES`."""

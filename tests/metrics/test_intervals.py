@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import quantile_test
 
-from harness.figures import intervals
-from harness.figures.intervals import (
+from harness.stats import intervals
+from harness.stats.intervals import (
     FASTER,
     RUN_SCATTER,
     SLOWER,

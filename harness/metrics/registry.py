@@ -3,7 +3,7 @@
 A record holds raw samples and counters only. Tables, plots, comparisons, studies and reports
 choose from this registry and compute through it, so that one name means one thing everywhere:
 
-- what a rasteriser counts is a figure, declared in `harness.figures.counters` or by a third
+- what a rasteriser counts is a figure, declared in `harness.rasterisers.counters` or by a third
   party's rasteriser; a counter that nobody declared is one too;
 - what `triangulators.criteria` predicts is a figure;
 - what is derived from both, and from times, is in `METRICS` below.
@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
-from harness.figures import counters
-from harness.figures.counters import ESTIMATES
-from harness.stored.folder import Record
+from harness.rasterisers import counters
+from harness.rasterisers.counters import ESTIMATES
+from harness.results.run_folder import Record
 from triangulators import criteria
 
 Kind = Literal["counter", "ratio", "prediction", "time", "count"]

@@ -1,1 +1,0 @@
-"""Every figure there is, by name, and what can be computed with them."""

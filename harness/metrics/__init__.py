@@ -1,0 +1,1 @@
+"""Metrics of records: the registry, groups of comparable records, and the decision."""

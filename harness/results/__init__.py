@@ -1,0 +1,1 @@
+"""Records and run folders: their types, reading and writing."""

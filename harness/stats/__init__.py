@@ -1,0 +1,1 @@
+"""Statistics of samples: intervals and ratios, and whether a run was disturbed."""
