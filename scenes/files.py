@@ -191,7 +191,8 @@ def _stacked(tables: list[Any]) -> pd.DataFrame | None:
         return None
     import pandas as pd  # takes longer to import than most scenes to load
 
-    return pd.concat(known, ignore_index=True)
+    table: pd.DataFrame = pd.concat(known, ignore_index=True)
+    return table
 
 
 _DEGREES = "OGC:CRS84"

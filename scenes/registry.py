@@ -271,7 +271,8 @@ def _function(scene: Entry) -> Callable[..., Any]:
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
     if not callable(loaded):
         raise SceneError(f"scene {placed} is not a function")
-    return loaded
+    builder: Callable[..., Any] = loaded
+    return builder
 
 
 @contextmanager

@@ -52,11 +52,11 @@ def ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
     position[cycle] = np.arange(n, dtype=np.int32)
-    local = position[outline.site[ear_clipping(outline)]]
+    local: np.ndarray = position[outline.site[ear_clipping(outline)]]
     corner = local.reshape(-1)
     if is_triangulation(outline.points[cycle], np.array([n]), corner, link(corner)):
         return local
-    return position[starts(outline)[0]]
+    return np.asarray(position[starts(outline)[0]])
 
 
 def starts(outline: Boundary) -> list[np.ndarray]:

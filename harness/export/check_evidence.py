@@ -54,7 +54,7 @@ def need(holds: Any, reason: str) -> None:
 def whole(value: Any) -> int:
     """Return a whole number as it is; everything else is refused."""
     need(type(value) is int, f"{value!r:.40} is no whole number")
-    return value
+    return int(value)
 
 
 def number(value: Any) -> Fraction:
@@ -68,7 +68,7 @@ def listed(value: Any, length: int | None = None) -> list[Any]:
     """Return a list as it is, everything else is refused; length: how long it must be."""
     need(type(value) is list, f"{value!r:.40} is no list")
     need(length in (None, len(value)), f"{value!r:.40} should have {length} entries")
-    return value
+    return list(value)
 
 
 def sides_of(t: Triangle) -> tuple[Edge, Edge, Edge]:

@@ -79,7 +79,7 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
     low, high = shapely.bounds(polygons)[:, 1::2].T
     simple = cubes / 6 * (1 + (high - low) / 2) * ROW_S
     holes = shapely.get_num_interior_rings(polygons) > 0
-    seconds = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
+    seconds: NDArray[np.float64] = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
     if frame.scissor is None:
         return seconds
     # what is fewest before a polygon is cut need not be after

@@ -48,7 +48,8 @@ class Plan:
             "triangulators": [str(recipe) for recipe in self.triangulators],
             "calibration": None if calibration is None else dict(calibration),
         }
-        return json.loads(json.dumps(values))
+        document: dict[str, Any] = json.loads(json.dumps(values))
+        return document
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":

@@ -18,10 +18,11 @@ from shapely import Polygon
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.measuring.other_version import OtherVersion, triangulate_elsewhere
-from harness.measuring.timing import Times, TimingSettings
+from harness.measuring.timing import Times
 from harness.measuring.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut, Worker
 from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
+from harness.settings import TimingSettings
 from harness.triangulating.frames import (
     FrameTriangulation,
     time_in_rounds,

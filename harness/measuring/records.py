@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from harness.measuring.other_version import facts_of_base
 from harness.measuring.plan import Case
-from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
+from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.per_view import NAMES, VIEWS
 from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
@@ -19,6 +19,7 @@ from harness.rasterisers.base import Counters
 from harness.rasterisers.counters import CYCLES
 from harness.results import drawings
 from harness.results.run_folder import Record, Store
+from harness.settings import TimingSettings
 from harness.stats.run_quality import undisturbed
 from harness.triangulating.frames import FrameTriangulation
 from harness.triangulating.recipes import OTHER

@@ -17,11 +17,11 @@ from harness.measuring.timing import (
     REFERENCE,
     TimerTest,
     Times,
-    TimingSettings,
     self_test,
     time_together,
 )
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
+from harness.settings import TimingSettings
 
 Candidate = tuple[Frame, Triangles, Options]
 """What is drawn, and how."""

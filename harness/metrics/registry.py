@@ -105,7 +105,8 @@ def _field(*path: str) -> Read:
         value: Any = record
         for name in path:
             value = value.get(name) if isinstance(value, dict) else None
-        return value
+        number: float | None = value
+        return number
 
     return read
 

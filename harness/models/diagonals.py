@@ -36,7 +36,7 @@ def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     longest = max(ux * ux + uy * uy, vx * vx + vy * vy, (ux - vx) ** 2 + (uy - vy) ** 2)
-    return abs(ux * vy - uy * vx) / np.sqrt(longest)
+    return float(abs(ux * vy - uy * vx) / np.sqrt(longest))
 
 
 @njit(nogil=True)
@@ -261,4 +261,5 @@ def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.ob
 
 def _begins(polygons: Ragged) -> Ints:
     """(c + 1,) where each polygon's coordinates begin."""
-    return np.r_[0, np.r_[0, polygons.ring_ends][polygons.polygon_ends]].astype(np.int64)
+    begins = np.r_[0, np.r_[0, polygons.ring_ends][polygons.polygon_ends]]
+    return np.asarray(begins, dtype=np.int64)

@@ -148,7 +148,8 @@ def projected(
 
 def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) scalar products of points (n, 3) with an axis."""
-    return points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
+    products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
+    return np.asarray(products)
 
 
 def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:

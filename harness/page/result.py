@@ -17,7 +17,7 @@ from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
-from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
+from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.registry import PREDICTED
 from harness.page.saved import (
     Finite,
@@ -35,7 +35,7 @@ from harness.rasterisers.reference import SHADED, predict
 from harness.results import drawings
 from harness.results.drawings import Geometry, view_of
 from harness.results.run_folder import Record, Run, Store, read_arrays
-from harness.settings import RESOLUTIONS
+from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"

@@ -147,7 +147,7 @@ def ring(corners: int, width: int, height: int) -> Points:
     circle = np.concatenate([quarter, back, -quarter, -back])
     whole = np.tile(whole, 4)[:, None]
     size = np.array([width, height])
-    return (circle + whole) * size // (2 * whole)
+    return np.asarray((circle + whole) * size // (2 * whole))
 
 
 def fan(corners: int) -> Triangles:

@@ -162,7 +162,7 @@ def outline_quads(
 def whole_quads(spans: NDArray[np.int64]) -> int:
     """Count the 2x2 blocks of two rows, the lower one even, of which spans (2, 2) have all."""
     low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
-    return max(0, ((high + 1) >> 1) - ((low + 1) >> 1))
+    return int(max(0, ((high + 1) >> 1) - ((low + 1) >> 1)))
 
 
 @njit

@@ -30,6 +30,7 @@ from harness.results.drawings import Geometry, view_of
 from harness.results.run_folder import Record, Run
 from harness.results.schema import flat
 from harness.stats.run_quality import state_of
+from harness.study.subjects import MEASURES
 from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
@@ -178,7 +179,7 @@ def _group(
     # One polygon has no columns of its own: its record's totals are its counters.
     totals = measures((base or first).get("counters") or ())
     main = next(iter([*counted, *totals]), None)
-    spread = matrix.read(polygons.run, view_of(first)) if main in matrix.MEASURES else None
+    spread = matrix.read(polygons.run, view_of(first)) if main in MEASURES else None
     return {
         "scene": first["scene"],
         "rasteriser": first["rasteriser"],
@@ -287,7 +288,7 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
 def _spans(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
     before = np.cumsum(lengths) - lengths
-    return np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths)
+    return np.asarray(np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths))
 
 
 Row = tuple[str, str, str]

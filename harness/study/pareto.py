@@ -18,7 +18,8 @@ from harness.errors import UsageError
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.metrics.groups import groups, time_ratio
-from harness.metrics.per_polygon import PREDICTED, columns_of
+from harness.metrics.per_polygon import columns_of
+from harness.metrics.registry import PREDICTED
 from harness.results.run_folder import Record, Run
 from harness.settings import StudySize
 from harness.stats.intervals import FASTER, SLOWER

@@ -94,7 +94,7 @@ def _districts(rng: Generator, radius: float) -> NDArray[Any]:
     land = shapely.difference(shapely.intersection(cells, disc), shapely.union_all(streets))
     # half of the width of the streets between districts
     pieces = shapely.get_parts(shapely.buffer(shapely.get_parts(land), -7.0, join_style="mitre"))
-    return pieces[shapely.area(pieces) > 900.0]
+    return np.asarray(pieces[shapely.area(pieces) > 900.0])
 
 
 def _district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
@@ -111,7 +111,7 @@ def _district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArr
     turned = _turned(_footprints(rng, _Lots(*all_lots)), angle)
     rounded = shapely.transform(turned, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
     kept = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
-    return shapely.orient_polygons(kept)
+    return np.asarray(shapely.orient_polygons(kept))
 
 
 def _orientation(rng: Generator, district: shapely.Polygon) -> float:
@@ -258,7 +258,8 @@ def _polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
     up = lots.facing[lot]
     coordinates[:, 0] += x0
     coordinates[:, 1] = np.where(up, y0 + coordinates[:, 1], y1 - coordinates[:, 1])
-    return shapely.from_ragged_array(shapely.GeometryType.POLYGON, coordinates, (ends, owners))
+    layout = coordinates, (ends, owners)
+    return np.asarray(shapely.from_ragged_array(shapely.GeometryType.POLYGON, *layout))
 
 
 def _largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
@@ -267,4 +268,4 @@ def _largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
     parts, owner = parts[polygonal], owner[polygonal]
     order = np.lexsort((-shapely.area(parts), owner))
     _, first = np.unique(owner[order], return_index=True)
-    return parts[order][first]
+    return np.asarray(parts[order][first])

@@ -187,7 +187,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
         else:
             x, y = (x - 1, y) if left[cell] else (x, y - 1)
     points = np.array(path) + rng.uniform(-0.35, 0.35, (len(path), 2))
-    return _SIDE / (2 * side) * points
+    return np.asarray(_SIDE / (2 * side) * points)
 
 
 def _spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -109,7 +109,7 @@ def _unfilled(properties: dict[str, str]) -> str | None:
     return "has no fill" if properties["fill"] in ("none", "transparent") else None
 
 
-class _Flattener(BasePen):
+class _Flattener(BasePen):  # type: ignore[misc]
     """Collects contours as points, curves cut into chords."""
 
     def __init__(self) -> None:

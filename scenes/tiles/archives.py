@@ -142,7 +142,7 @@ def first_of(zoom: int) -> int:
     >>> [first_of(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
     """
-    return (4**zoom - 1) // 3
+    return int(4**zoom - 1) // 3
 
 
 def unpacked(data: bytes, most: int | None = None) -> bytes:

@@ -131,7 +131,8 @@ class _Search:
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
     def bound(self, potentials: np.ndarray, lift: int) -> int:
-        return sum((potentials * self.candidates.side).tolist()) + lift * len(self.best)
+        total: int = sum((potentials * self.candidates.side).tolist())
+        return total + lift * len(self.best)
 
     def _is_met(self, potentials: np.ndarray, lift: int) -> bool:
         """Whether the bound meets the best: nothing is better by a unit."""
@@ -179,4 +180,5 @@ def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
 
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:
     low, middle, high = np.sort(triangles.astype(np.int64), axis=1).T
-    return (low * n + middle) * n + high
+    keys: np.ndarray = (low * n + middle) * n + high
+    return keys

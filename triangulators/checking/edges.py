@@ -209,7 +209,7 @@ def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> 
             if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                 return -2
         elif _meets(points, a, b, c, d):
-            return node - size
+            return int(node - size)
     return -1
 
 

@@ -106,7 +106,8 @@ def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Uni
     """Return what a triangulation (m, 3) costs: exactly, or else as the exact sum of doubles."""
     costs = costs_of(outline.points, triangles, cost)
     if units.exact:
-        return sum((costs * units.scale).astype(np.int64).tolist()) / Fraction(units.scale)
+        total: int = sum((costs * units.scale).astype(np.int64).tolist())
+        return total / Fraction(units.scale)
     return sum(map(Fraction, costs.tolist()), Fraction(0))
 
 

@@ -15,7 +15,7 @@ from uuid import uuid4
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.ccallback import CFunc
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
@@ -108,7 +108,8 @@ class _Kept(FunctionCache):
         self._impl._locator = SimpleNamespace(_py_file=str(file), ensure_cache_path=lambda: None)
         self._impl._lineno = source.__code__.co_firstlineno
         self._cache_path = str(folder)
-        self._cache_file = _Files(folder, f"{source.__qualname__}-{self._impl._lineno}")
+        name = f"{source.__qualname__}-{self._impl._lineno}"
+        self._cache_file = _Files(folder, name)  # type: ignore[assignment]
         self.enable()
 
     def load_overload(self, signature: Any, target: Any) -> Any:

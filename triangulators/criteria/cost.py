@@ -137,7 +137,7 @@ def triangle_cost(
 ) -> float:
     """Cost of one triangle."""
     if cost.custom:
-        return cost.sign * call(cost.function, ax, ay, bx, by, cx, cy)
+        return float(cost.sign * call(cost.function, ax, ay, bx, by, cx, cy))
     return weighted(cost.weights, ax, ay, bx, by, cx, cy)
 
 

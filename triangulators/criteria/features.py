@@ -163,7 +163,7 @@ def weighted(
     """Weighted sum of the features of one triangle; `weights` in the order of `FEATURES`."""
     # Named one by one: a loop over a tuple of functions and a chain of closures both took two to
     # three times as long in the optimiser, which calls this for every triple of vertices.
-    total = weights[0]
+    total: float = weights[0]
     if weights[1] != 0.0:
         total += weights[1] * area(ax, ay, bx, by, cx, cy)
     if weights[2] != 0.0:

@@ -109,14 +109,14 @@ def convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 @njit(nogil=True)
 def _shorter_l1(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
     new = abs(points[d, 0] - points[a, 0]) + abs(points[d, 1] - points[a, 1])
-    return new < abs(points[c, 0] - points[b, 0]) + abs(points[c, 1] - points[b, 1])
+    return bool(new < abs(points[c, 0] - points[b, 0]) + abs(points[c, 1] - points[b, 1]))
 
 
 @njit(nogil=True)
 def _shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
     x, y = points[d, 0] - points[a, 0], points[d, 1] - points[a, 1]
     u, v = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
-    return x * x + y * y < u * u + v * v
+    return bool(x * x + y * y < u * u + v * v)
 
 
 @njit(nogil=True)
@@ -133,7 +133,7 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: floa
     i, j, k = qx * ry - qy * rx, rx * py - ry * px, px * qy - py * qx
     inside, size = (p * i + q * j + r * k) * winding, p + q + r
     if abs(inside) > 1e-15 * size * size + _NOTHING:
-        return inside > 0.0
+        return bool(inside > 0.0)
     if (size <= _EXACT and inside == 0.0) or not _all_whole(points, a, b, c, d):
         return False
     return inside > 0.0 if size <= _EXACT else _sign(p, i, q, j, r, k) * winding > 0.0
@@ -173,7 +173,7 @@ def _left_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     x, y = points[d, 0] - ax, points[d, 1] - ay
     if (points[b, 0] - ax) * y - (points[b, 1] - ay) * x <= 0.0:
         return False
-    return x * (points[c, 1] - ay) - y * (points[c, 0] - ax) > 0.0
+    return bool(x * (points[c, 1] - ay) - y * (points[c, 0] - ax) > 0.0)
 
 
 @njit(nogil=True)

@@ -160,7 +160,8 @@ def vertex_cache_order(
 ) -> np.ndarray:
     """Return triangles (m, 3) of `count` points in the order of a vertex cache; none is turned."""
     rows = np.ascontiguousarray(triangles, dtype=np.int32)
-    return rows[_rows_of(rows, count, cache_size)]
+    ordered: np.ndarray = rows[_rows_of(rows, count, cache_size)]
+    return ordered
 
 
 @njit(nogil=True)

@@ -187,7 +187,7 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
     length2 = dx * dx + dy * dy
     if along <= 0.0 or along >= length2:
         return False
-    return abs(turn(points, a, b, v)) <= tolerance * np.sqrt(length2)
+    return bool(abs(turn(points, a, b, v)) <= tolerance * np.sqrt(length2))
 
 
 @njit(nogil=True)

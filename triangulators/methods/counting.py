@@ -133,4 +133,4 @@ def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     ring = cycle_of(outline, "random")
     ways = log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
-    return ring.cycle[_drawn(ring.start, ring.target, ways, chances)]
+    return np.asarray(ring.cycle[_drawn(ring.start, ring.target, ways, chances)])

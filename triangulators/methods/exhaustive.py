@@ -47,7 +47,7 @@ def enumerate_triangulations(
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "exhaustive")
     if mode == "conforming":
-        return ring.cycle[_all(ring)]
+        return np.asarray(ring.cycle[_all(ring)])
     if mode != "paper":
         raise ValueError(f"mode is 'conforming' or 'paper', not {mode!r}")
     _refuse(ring, MOST_PAPER)
@@ -101,7 +101,7 @@ def triangulate(
     found = criteria.find(criterion, **parameters)
     cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
     everything = _all(ring)
-    return ring.cycle[everything[cheapest(ring.points, everything, cost)]]
+    return np.asarray(ring.cycle[everything[cheapest(ring.points, everything, cost)]])
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:

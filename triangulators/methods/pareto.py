@@ -71,7 +71,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ends).wkb).triangles
     if not 0 <= k < len(triangles):
         raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
-    return triangles[k].copy()
+    return np.array(triangles[k])
 
 
 @lru_cache(maxsize=32)

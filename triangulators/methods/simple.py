@@ -118,7 +118,7 @@ def _greedy_of_cycle(outline: Boundary) -> np.ndarray:
     kept = kept[np.r_[True, np.any(kept[1:] != kept[:-1], axis=1)]]
     # The corners above i that i is joined to, in order, are the far sides of its triangles.
     same = np.flatnonzero(kept[1:, 0] == kept[:-1, 0])
-    return ring.cycle[np.column_stack((kept[same], kept[same + 1, 1]))]
+    return np.asarray(ring.cycle[np.column_stack((kept[same], kept[same + 1, 1]))])
 
 
 @njit
@@ -156,7 +156,7 @@ def largest_first(outline: Boundary) -> np.ndarray:
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
     sees[np.repeat(np.arange(n), np.diff(ring.start)), ring.target] = True
-    return ring.cycle[_largest_of(ring.points, sees)]
+    return np.asarray(ring.cycle[_largest_of(ring.points, sees)])
 
 
 @njit

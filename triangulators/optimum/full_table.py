@@ -193,7 +193,7 @@ def _sides(
 @njit(nogil=True)
 def weight(dx: float, dy: float, box: np.ndarray) -> float:
     """What a diagonal costs: it is an edge of two triangles, and so twice half its L1 length."""
-    cost = box[0] * (abs(dx) + abs(dy))
+    cost: float = box[0] * (abs(dx) + abs(dy))
     if box[2] != 0.0:
         cost += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)
     return cost
@@ -304,7 +304,7 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
         for row in range(n - 2):
             for e in range(3):
                 triangles[row, e] = n - 1 - triangles[row, e]
-    return total
+    return float(total)
 
 
 @njit(nogil=True)

@@ -203,7 +203,7 @@ def _least_of_boxes(
         h = max(high_y, lists[2, r]) - min(low_y, lists[2, r])
         below = row[np.uint32(apex[r])] + lists[0, r]
         best = fmin(best, below + by_half_perimeter * (w + h) + by_area * (w * h))
-    return best + 2.0 * box[2] * np.sqrt((xi - xj) ** 2 + (yi - yj) ** 2)
+    return float(best + 2.0 * box[2] * np.sqrt((xi - xj) ** 2 + (yi - yj) ** 2))
 
 
 @njit
