@@ -147,7 +147,7 @@ if [[ gains == *"$only"* ]]; then
     "${harness[@]}" study gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
 fi
 if [[ validate-city-again == *"$only"* ]]; then
-    "${harness[@]}" compare $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again --repeat
+    "${python[@]}" -m scripts.repeated_runs $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
 fi
 
 # The same, counted on the CPU reference.

@@ -41,7 +41,7 @@ COMMANDS = {
     ),
     "report": Entry(
         MEASURE,
-        "page:report",
+        "report:report",
         (f"report {RUN}", f"report {RUN} --out city.html"),
     ),
     "profile": Entry(MEASURE, "profile:profile", ("profile --budget 0.05",)),
@@ -49,10 +49,10 @@ COMMANDS = {
         MEASURE, "page:page", (f"page {RUN} --out city.html", "page --profile --out triangle.html")
     ),
     "import": Entry(
-        MEASURE, "page:import_", ("import saved-by-the-page.json --out results/phone",)
+        MEASURE, "import_:import_", ("import saved-by-the-page.json --out results/phone",)
     ),
     "merge": Entry(
-        MEASURE, "page:merge", (f"merge {RUN} {LATER} --hosts first,second --out results/merged",)
+        MEASURE, "merge:merge", (f"merge {RUN} {LATER} --hosts first,second --out results/merged",)
     ),
     "compare": Entry(
         COMPARE,
@@ -60,19 +60,22 @@ COMMANDS = {
         (
             f"compare {RUN} {LATER}",
             f"compare {RUN} {LATER} --gate counters --html comparison.html",
-            f"compare {RUN} {RUN} --repeat",
         ),
     ),
-    "history": Entry(COMPARE, "compare:history", ("history results",)),
-    "study validate": Entry(STUDY, "study:validate", ("study validate --scene city --quick",)),
-    "study gains": Entry(STUDY, "study:gains", (f"study gains {RUN} --out results/gains",)),
+    "history": Entry(COMPARE, "history:history", ("history results",)),
+    "study validate": Entry(
+        STUDY, "study_validate:study_validate", ("study validate --scene city --quick",)
+    ),
+    "study gains": Entry(
+        STUDY, "study_gains:study_gains", (f"study gains {RUN} --out results/gains",)
+    ),
     "study pareto": Entry(
         STUDY,
-        "study:pareto",
+        "study_pareto:study_pareto",
         ("study pareto --scene paper", "study pareto --scene city --polygons 4 --budget 0.2"),
     ),
     "study all": Entry(
-        STUDY, "study:study", ("study all buildings.geojson --out results/study --quick",)
+        STUDY, "study_all:study_all", ("study all buildings.geojson --out results/study --quick",)
     ),
     "census": Entry(
         STUDY,
@@ -84,13 +87,15 @@ COMMANDS = {
     ),
     "triangulate": Entry(
         GEOMETRY,
-        "export:triangulate",
+        "triangulate:triangulate",
         (
             "triangulate buildings.geojson --criterion overdraw -o buildings.glb",
             "triangulate paper -o paper.glb --certify --evidence proofs.jsonl",
         ),
     ),
-    "check-evidence": Entry(GEOMETRY, "export:check_evidence", ("check-evidence proofs.jsonl",)),
+    "check-evidence": Entry(
+        GEOMETRY, "check_evidence:check_evidence", ("check-evidence proofs.jsonl",)
+    ),
     "inspect": Entry(
         GEOMETRY,
         "inspect:inspect",
@@ -100,9 +105,9 @@ COMMANDS = {
             "inspect paper --every paper",
         ),
     ),
-    "list": Entry(MACHINE, "catalogue:catalogue", ("list", "list triangulators")),
-    "doctor": Entry(MACHINE, "catalogue:doctor", ("doctor",)),
-    "cache": Entry(MACHINE, "export:cache", ("cache info",)),
+    "list": Entry(MACHINE, "list_:list_", ("list", "list triangulators")),
+    "doctor": Entry(MACHINE, "doctor:doctor", ("doctor",)),
+    "cache": Entry(MACHINE, "cache:cache", ("cache info",)),
 }
 
 GROUPS = {

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from harness.commands import options
-from harness.commands.run import NO_CONTEXT
 from harness.errors import UsageError
 from harness.progress import Reporter, Screen
 from harness.settings import RESOLUTIONS
@@ -39,6 +38,7 @@ def _sizes(text: str) -> options.Several:
 
 
 def inspect(
+    context: typer.Context,
     scene: Annotated[
         str, typer.Argument(metavar="FILE", help="A file of polygons, or a scene's name.")
     ],
@@ -91,14 +91,12 @@ def inspect(
             "With --every, the folder."
         ),
     ] = None,
-    context: typer.Context = NO_CONTEXT,
 ) -> None:
     """Show where one polygon's triangulations cost, or whether the choice matters for a file.
 
     It draws overdraw and helper lanes of one polygon, side by side for several triangulators. With
     --sizes it counts all polygons, without drawing, and says it in one sentence.
     """
-    from harness.commands.running import given
     from harness.frame import View
     from harness.measuring.loading import load_scene
     from harness.triangulating.recipes import parse_all
@@ -106,7 +104,7 @@ def inspect(
     if every is not None and sizes is not None:
         raise UsageError("--every and --sizes are two questions: leave one out")
     for name in ("profile", "as_json") if sizes is None else ("resolution",):
-        if given(context, name):
+        if options.is_given(context, name):
             where = "goes with" if sizes is None else "is of one picture: leave it out, or"
             raise UsageError(f"--{name.removeprefix('as_')} {where} --sizes")
     usual = SIDE_BY_SIDE if sizes is None else COMPARED
@@ -214,7 +212,7 @@ def _list_every(
 ) -> None:
     """List every triangulation of a polygon with its criteria."""
     from harness import atomic
-    from harness.commands.running import folder_for
+    from harness.commands.outcome import folder_for
     from harness.study.enumeration import triangulation_table
     from harness.style import plain_table
     from triangulators import Skipped, TriangulationError

@@ -228,3 +228,9 @@ def refuse_own_source(source: str, out: Path | None) -> None:
     place = Path(parsed(source)[0])
     if out is not None and out.is_file() and place.is_file() and out.samefile(place):
         raise UsageError(f"{out} is the file that is read: give another name")
+
+
+def is_given(context: typer.Context, *names: str) -> bool:
+    """Whether the user wrote any of the options on the command line."""
+    sources = map(context.get_parameter_source, names)
+    return any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)

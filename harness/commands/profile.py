@@ -83,22 +83,22 @@ def profile(
             f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",
             err=True,
         )
-    tell(content, out, found.trouble)
+    write_profile(content, out, found.trouble)
 
 
 def add_advice(content: dict[str, Any], bench: Bench, trouble: str) -> None:
-    """Add to a profile by which criterion to triangulate; refuse it where there is `trouble`."""
+    """Add the recommended criterion to a profile; mark the profile as refused if `trouble`."""
     from harness.profile import advice
 
     content["advice"] = advice.advise(bench, content["coefficients"], content["seed"])
     content["refused"] = content["refused"] or bool(trouble)
 
 
-def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
-    """Write a profile's file and picture, and print it.
+def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
+    """Write a profile's file and picture, and print the profile.
 
     out : file to write, by default one in `options.PROFILES`
-    trouble : why its times cannot be trusted, or ""
+    trouble : why the times cannot be trusted, or ""
 
     Raises
     ------

@@ -4,7 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
@@ -23,11 +23,9 @@ from harness.settings import (
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 
-NO_CONTEXT = cast("typer.Context", None)
-"""What `study` runs with, which gives no options by the command line."""
-
 
 def run(
+    context: typer.Context,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -100,10 +98,9 @@ def run(
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
-    context: typer.Context = NO_CONTEXT,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
-    from harness.commands import running
+    from harness.commands import outcome, run_inputs
     from harness.frame import View
     from harness.measuring.other_version import FOLDER as BASE_FOLDER
     from harness.measuring.plan import Plan
@@ -117,17 +114,17 @@ def run(
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     timing = replace(timing, processes=repeats)
     if resume and not scene:
-        plan = running.stored_plan(resume)
+        plan = run_inputs.read_plan(resume)
     elif not scene:
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
-        running.refuse_another_view(context, scene)
-        if is_seen(scene) and not running.given(context, "triangulators"):
+        run_inputs.refuse_another_view(context, scene)
+        if is_seen(scene) and not options.is_given(context, "triangulators"):
             triangulators = options.Several(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
-            triangulators=running.recipes(triangulators, seed, profile),
+            triangulators=run_inputs.parse_recipes(triangulators, seed, profile),
             rasterisers=options.named_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
@@ -140,21 +137,23 @@ def run(
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
         )
-    folder = running.folder_for(plan.scene, out, resume)
+    folder = outcome.folder_for(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    with running.beside_version(beside, plan, resume, twice=draw_twice) as other:
+    with run_inputs.open_baseline(beside, plan, resume, twice=draw_twice) as other:
         how = RunOptions(
             resume=resume is not None,
             force=force,
             database=default_path() if cached else None,
             beside=other,
-            base=running.base_named(base, plan),
+            base=run_inputs.full_base_name(base, plan),
         )
-        outcome = carry_out(plan, folder, reporter, how)
+        result = carry_out(plan, folder, reporter, how)
     if as_json:
-        typer.echo(json.dumps(running.told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
+        typer.echo(
+            json.dumps(outcome.format_json(result), indent=2, ensure_ascii=False, allow_nan=False)
+        )
     # Standard output is the other program's then.
-    running.finish(outcome, Screen(stderr=as_json, quiet=as_json), reporter, plots=not quick)
+    outcome.finish(result, Screen(stderr=as_json, quiet=as_json), reporter, plots=not quick)
     if other and not as_json:
-        where = os.path.relpath(outcome.path)
+        where = os.path.relpath(result.path)
         typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")

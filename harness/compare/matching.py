@@ -8,17 +8,14 @@ plan, software and machine, is told.
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from harness.compare.model import CaseName
 from harness.errors import UsageError
 from harness.machine.environment import label_of, same
-from harness.metrics.groups import group_of, groups, time_ratio, without_twins
 from harness.results.run_folder import Record, Run
 from harness.results.schema import flat
-from harness.stats.intervals import UNDECIDED
 
 ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
 """What of a run's environment is compared."""
@@ -221,41 +218,3 @@ def _told(facts: Mapping[str, Any]) -> dict[str, Any]:
     }
     told = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
     return flat(told, ": ")
-
-
-def repeat(
-    first: Sequence[Record], second: Sequence[Record]
-) -> tuple[int, list[str], dict[tuple[str, str], tuple[int, int, int, int]]]:
-    """Compare two runs' counters case by case, and their verdicts pair by pair.
-
-    Pairs are of triangulations of the same polygons, on one device in one view; two names of one
-    triangulation are no pair.
-
-    Returns how many cases both counted; the keys of those with a counter that differs; and for each
-    (rasteriser, device) how many pairs were timed together in both runs, have the same verdict in
-    both (faster, slower, or no difference shown), are decided in both, and of these alike.
-    """
-    others = {record["key"]: record for record in second if record["status"] == "ok"}
-    common = [r for r in first if r["status"] == "ok" and r["key"] in others]
-    unequal = [r["key"] for r in common if r["counters"] != others[r["key"]]["counters"]]
-    one, other = _verdicts(common), _verdicts([others[record["key"]] for record in common])
-    found = {}
-    for place, verdicts in one.items():
-        pairs = verdicts.keys() & other[place].keys()
-        decided = [n for n in pairs if UNDECIDED not in (verdicts[n], other[place][n])]
-        alike = {pair for pair in pairs if verdicts[pair] == other[place][pair]}
-        if pairs:
-            found[place] = (len(pairs), len(alike), len(decided), len(alike.intersection(decided)))
-    return len(common), unequal, found
-
-
-def _verdicts(records: Sequence[Record]) -> dict[tuple[str, str], dict[tuple[object, ...], str]]:
-    """Return (rasteriser, device) -> pair -> verdict, of what was timed together."""
-    found: dict[tuple[str, str], dict[tuple[object, ...], str]] = defaultdict(dict)
-    for members in groups(records):
-        ordered = sorted(members, key=lambda record: str(record["triangulator"]))
-        for one, other in combinations(without_twins(ordered), 2):
-            if ratio := time_ratio(one, other):
-                pair = (*group_of(one), one["triangulator"], other["triangulator"])
-                found[one["rasteriser"], one["device"]][pair] = ratio.verdict
-    return found

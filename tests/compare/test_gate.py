@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.compare.comparison import _across, compare_runs, no_baseline
-from harness.compare.matching import Match, case_name, other_hardware, repeat
+from harness.compare.matching import Match, case_name, other_hardware
 from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import decide
@@ -19,6 +19,7 @@ from harness.compare.wording import groups, headline
 from harness.metrics.groups import SAME
 from harness.rasterisers.reference import Binning
 from harness.results.run_folder import Run, read_run
+from scripts.repeated_runs import compare_repeated
 from tests.compare.runs import (
     SCENARIOS,
     TRIANGULATORS,
@@ -297,8 +298,8 @@ def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):
 def test_only_what_both_runs_measured_repeats():
     done = record("fan", seed=1)
     failed = done | {"status": "failed", "counters": {}}
-    assert repeat([done], [done])[0] == 1
-    assert repeat([done], [failed])[0] == repeat([failed], [done])[0] == 0
+    assert compare_repeated([done], [done])[0] == 1
+    assert compare_repeated([done], [failed])[0] == compare_repeated([failed], [done])[0] == 0
 
 
 def test_verdicts_that_repeat_are_counted_pair_by_pair():
@@ -311,10 +312,12 @@ def test_verdicts_that_repeat_are_counted_pair_by_pair():
 
     first = run(delaunay="faster", greedy="slower")
     place = ("opengl", "llvmpipe")
-    assert repeat(first, first)[1:] == ([], {place: (3, 3, 3, 3)})
+    assert compare_repeated(first, first)[1:] == ([], {place: (3, 3, 3, 3)})
     # greedy is level with ear clipping now: that pair is decided no more, the others are alike
-    assert repeat(first, run(delaunay="faster", greedy="level"))[2] == {place: (3, 2, 2, 2)}
-    assert repeat(first, run(delaunay="slower", greedy="slower"))[2][place][:2] == (3, 1)
+    assert compare_repeated(first, run(delaunay="faster", greedy="level"))[2] == {
+        place: (3, 2, 2, 2)
+    }
+    assert compare_repeated(first, run(delaunay="slower", greedy="slower"))[2][place][:2] == (3, 1)
 
 
 def test_thresholds_are_told_each_once(tmp_path):

@@ -51,11 +51,6 @@ class Program:
 
 def serve(number: int) -> None:
     """Answer requests until nobody can make any."""
-    import harness.cli
-    import harness.commands.census
-    import harness.commands.export
-    import harness.commands.inspect
-    import harness.commands.run  # noqa: F401
 
     asked = socket.socket(fileno=number)
     while True:

@@ -1,7 +1,6 @@
 """The smaller commands: triangulate, cache, inspect, doctor, gains."""
 
 import json
-import re
 import time
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import pandas as pd
 import pytest
 import trimesh
 
-from harness.commands.export import COMPILING
-from harness.commands.running import folder_for
+from harness.commands.outcome import folder_for
+from harness.commands.triangulate import COMPILING
 from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
@@ -119,7 +118,7 @@ def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
         time.sleep(0.2)
         return triangulate_many(*arguments, **options)
 
-    monkeypatch.setattr("harness.commands.export.SAID_AFTER_S", 0.0)
+    monkeypatch.setattr("harness.commands.triangulate.SAID_AFTER_S", 0.0)
     monkeypatch.setattr("harness.export.export.triangulate_many", slowly)
     _, err = ends_well(harness("triangulate", str(block), "-o", "block.obj"))
     assert COMPILING in err
@@ -210,24 +209,6 @@ def test_gains_pair_no_times_of_different_runs(harness, block):
     assert len(box) == 4
     assert len(table) == 5
     assert "of 1 views" in out
-
-
-def test_repeat_compares_counters_and_verdicts(harness, block):
-    plan = ("run", "--scene", str(block), "--resolution", "64", *MOCK)
-    for out in ("one", "two"):
-        assert harness(*plan, "--triangulators", "ear-clipping,optimal,worst", "--out", out)[0] == 0
-    out, _ = ends_well(harness("compare", "one", "two", "--repeat"))
-    assert "counters: equal in 3 of 3 cases" in out
-    found = re.search(r"(\d) pairs: both runs say which is faster for (\d)", out)
-    assert found is not None
-    assert 0 <= int(found[2]) <= int(found[1]) <= 3
-    cases = Path("two/cases.jsonl")
-    cases.write_text(re.sub(r'"quads": (\d+)', r'"quads": 1\1', cases.read_text(), count=1))
-    code, out, _ = harness("compare", "one", "two", "--repeat")
-    assert code == 1
-    assert "counters: equal in 2 of 3 cases" in out
-    assert harness(*plan[:3], "--resolution", "128", *MOCK, "--out", "other")[0] == 0
-    assert_refused(harness("compare", "one", "other", "--repeat"), "no case in common")
 
 
 def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):

@@ -156,7 +156,7 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     run += ("--triangulators", "ear-clipping,delaunay")
     assert_refused(
         harness(*run, "--base", "greedy"),
-        "--base greedy: it is not among --triangulators ear-clipping,delaunay",
+        "--base greedy: not among --triangulators ear-clipping,delaunay",
     )
     out, _ = ends_well(harness(*run, "--base", "delaunay"))
     assert "vs delaunay" in out

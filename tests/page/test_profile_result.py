@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from harness.commands import running
+from harness.commands.run_inputs import parse_recipes
 from harness.errors import BAD_INPUT, INCONCLUSIVE
 from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, words
@@ -72,7 +72,7 @@ def test_the_pages_file_is_a_profile(harness, profiled):
     assert list(coefficients.values()) == pytest.approx(
         profiled["coefficients"], rel=0.01, abs=1e-12
     )
-    (recipe,) = running.recipes((OWN,), 0, Path("p.json"))
+    (recipe,) = parse_recipes((OWN,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
     assert Path("p.png").stat().st_size > 10_000
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.commands import running
+from harness.commands.run_inputs import parse_recipes
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.profile import advice, design, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
@@ -62,7 +62,7 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert Path("p.png").stat().st_size > 10_000
     coefficients = read_coefficients(Path("p.json"))
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
-    (recipe,) = running.recipes((OWN,), 0, Path("p.json"))
+    (recipe,) = parse_recipes((OWN,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
 
 

@@ -155,9 +155,11 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 @pytest.fixture
 def small(monkeypatch):
     """Make the four studies small."""
-    monkeypatch.setattr("harness.commands.study.QUICK", StudySize(2, random=4, most_vertices=20))
-    monkeypatch.setattr("harness.commands.study.QUICK_S", 1e-4)
-    monkeypatch.setattr("harness.commands.study.ANGLES", (0.0, 45.0))
+    monkeypatch.setattr(
+        "harness.commands.study_validate.QUICK", StudySize(2, random=4, most_vertices=20)
+    )
+    monkeypatch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
+    monkeypatch.setattr("harness.commands.study_all.ANGLES", (0.0, 45.0))
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
@@ -192,7 +194,7 @@ def test_disturbed_times_have_no_gains_and_it_is_said(harness, monkeypatch):
     arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
     code, out, err = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
     assert code == 5
-    assert "3 of 4 parts of the study are not whole" in err
+    assert "3 of 4 parts of the study are incomplete" in err
     assert "choice: the run's times are disturbed: 9 of 10 samples waited for a core" in out
     assert not Path("study/city-buildings-20/choice/gains.csv").exists()
 
@@ -223,21 +225,21 @@ def test_too_few_polygons_judge_no_claim():
     assert "| city | 0 | 0 | 11 |" in page([("city", evidence)], "here")
 
 
-def _refused(**_: object) -> None:
+def _refused(*_: object, **__: object) -> None:
     raise UsageError("no polygon without holes")
 
 
-def _failed_in_part(**_: object) -> None:
+def _failed_in_part(*_: object, **__: object) -> None:
     raise Inconclusive("1 of 8 cases failed (mine:cut)")
 
 
-def _measured_nothing(**_: object) -> None:
+def _measured_nothing(*_: object, **__: object) -> None:
     raise NothingMeasured("every case was skipped")
 
 
 def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):
-    for name in ("validate", "run"):
-        monkeypatch.setattr(f"harness.commands.study.{name}", _refused)
+    for name in ("_validate", "_measure_gains"):
+        monkeypatch.setattr(f"harness.commands.study_all.{name}", _refused)
     assert_refused(
         harness("study", "all", "city", "--out", "out"), "error: no polygon without holes"
     )
@@ -245,8 +247,8 @@ def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeyp
 
 
 def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkeypatch):
-    monkeypatch.setattr("harness.commands.study.validate", _refused)
-    monkeypatch.setattr("harness.commands.study.run", _measured_nothing)
+    monkeypatch.setattr("harness.commands.study_all._validate", _refused)
+    monkeypatch.setattr("harness.commands.study_all._measure_gains", _measured_nothing)
     code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 4
     assert err.count("error: ") == 1
@@ -256,10 +258,14 @@ def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkey
 
 def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch):
     """The gains of a run some of whose cases failed are those of the others."""
-    monkeypatch.setattr("harness.commands.study.validate", lambda **_: None)
-    monkeypatch.setattr("harness.commands.study.run", _failed_in_part)
+    monkeypatch.setattr("harness.commands.study_all._validate", lambda *_: None)
+    monkeypatch.setattr("harness.commands.outcome.finish", _failed_in_part)
+    monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
+    monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
-    monkeypatch.setattr("harness.commands.study.gains", lambda runs, **_: asked.extend(runs))
+    monkeypatch.setattr(
+        "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
+    )
     exact = _with_exact_a(correlations(**USUAL))
     found = evidence(
         exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
@@ -267,8 +273,8 @@ def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch
     monkeypatch.setattr("harness.study.replication.read", lambda folder: found)
     code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
-    assert "error: 3 of 4 parts of the study are not whole" in err
+    assert "error: 3 of 4 parts of the study are incomplete" in err
     assert "city: 11 of 11 findings hold" in out
     assert [path.name for path in asked] == ["choice", "walked", "turned"]
-    monkeypatch.setattr("harness.commands.study.run", lambda **_: None)
+    monkeypatch.setattr("harness.commands.outcome.finish", lambda *_, **__: None)
     assert harness("study", "all", "city", "--out", "out")[0] == 0

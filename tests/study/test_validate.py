@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.commands.running import folder_for
-from harness.compare.matching import repeat
+from harness.commands.outcome import folder_for
 from harness.errors import UsageError
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
@@ -16,6 +15,7 @@ from harness.study.correlations import by_resolution, correlate, measure_table
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
+from scripts.repeated_runs import compare_repeated
 from tests.conftest import assert_refused, briefly, ends_well, exit_code
 from tests.measuring.test_run import interrupt_after_one
 
@@ -64,7 +64,7 @@ def test_two_folders_are_one_too_many(harness):
 @pytest.mark.usefixtures("no_plots")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
-    monkeypatch.setattr("harness.commands.study.QUICK_S", 1e-4)
+    monkeypatch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
     arguments = (
         "study",
         command,
@@ -114,7 +114,7 @@ def study(tmp_path_factory):
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         briefly(patch)  # counters are judged here
-        patch.setattr("harness.commands.study.QUICK_S", 1e-4)
+        patch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
         assert exit_code(*arguments) == 0
     return folder
 
@@ -211,12 +211,12 @@ def scripted(name: str, seconds: list[float], quads: int = 5) -> dict[str, objec
 
 
 def test_two_runs_agree_where_both_decide(monkeypatch):
-    monkeypatch.setattr("harness.compare.matching.without_twins", list)
+    monkeypatch.setattr("scripts.repeated_runs.without_twins", list)
     steady = [1.0] * 12
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
     swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]
-    cases, unequal, verdicts = repeat(first, swapped)
+    cases, unequal, verdicts = compare_repeated(first, swapped)
     assert (cases, unequal) == (3, ["c"])
     assert verdicts == {("r", "d"): (3, 2, 3, 2)}
     undecided = [scripted("a", steady), scripted("b", [0.5, 2.0] * 6), scripted("c", [3.0] * 12)]
-    assert repeat(first, undecided)[2] == {("r", "d"): (3, 2, 2, 2)}
+    assert compare_repeated(first, undecided)[2] == {("r", "d"): (3, 2, 2, 2)}

@@ -179,7 +179,6 @@ READERS: dict[str, tuple[str, ...]] = {
     "compare as head": ("compare", "SOUND", "RUN", "--format", "json"),
     "history": ("history", "SOUND", "RUN", "--all", "--out", "OUT"),
     "gains": ("study", "gains", "RUN", "SOUND", "--out", "OUT", "--bases", "delaunay,ear-clipping"),
-    "repeat": ("compare", "RUN", "SOUND", "--repeat"),
     "merge": ("merge", "RUN", "SOUND", "--out", "OUT"),
     "merge of hosts": ("merge", "RUN", "SOUND", "--hosts", "a,b", "--out", "OUT"),
     "page": ("page", "RUN", "--out", "OUT.html"),

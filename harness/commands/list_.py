@@ -1,4 +1,4 @@
-"""`harness list` and `doctor`: the names that commands take, and what works on this machine."""
+"""`harness list`: the names that commands accept."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -6,14 +6,13 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.text import Text
 
 from harness.commands.options import Json
-from harness.errors import NoRasteriser, unknown
+from harness.errors import unknown
 from harness.progress import Screen
 
 Row = dict[str, Any]
-"""What is told of one name, by heading."""
+"""The fields of one name, by column heading."""
 
 
 def _scenes() -> Iterator[Row]:
@@ -22,11 +21,11 @@ def _scenes() -> Iterator[Row]:
     for name in registry.names():
         entry = registry.entry(name)
         missing = entry.available()
-        polygons, corners, holes = (None if missing else entry.size) or (None, None, None)
+        polygons, vertices, holes = (None if missing else entry.size) or (None, None, None)
         yield {
             "scene": name,
             "polygons": polygons,
-            "vertices": corners,
+            "vertices": vertices,
             "holes": holes,
             "licence of data": entry.licence,
             "description": missing or entry.description,
@@ -38,8 +37,8 @@ def _triangulators() -> Iterator[Row]:
 
     for name in registry.names():
         entry = registry.find(name)
-        told = entry.available() or entry.description
-        yield {"triangulator": name, "holes": entry.handles_holes, "description": told}
+        description = entry.available() or entry.description
+        yield {"triangulator": name, "holes": entry.handles_holes, "description": description}
 
 
 def _rasterisers() -> Iterator[Row]:
@@ -55,18 +54,18 @@ def _criteria() -> Iterator[Row]:
     from triangulators import criteria
 
     for name in criteria.names():
-        each = criteria.CRITERIA[name]
-        told = {part: getattr(each, part) for part in ("symbol", "unit", "description")}
-        yield {"criterion": name, **told}
+        criterion = criteria.CRITERIA[name]
+        fields = ("symbol", "unit", "description")
+        yield {"criterion": name, **{field: getattr(criterion, field) for field in fields}}
 
 
 def _metrics() -> Iterator[Row]:
     from harness.metrics.registry import figures
 
-    for each in figures().values():
-        parts = ("kind", "unit", "better", "best_case", "description")
-        told = {part.replace("_", " "): getattr(each, part) for part in parts}
-        yield {"figure": each.name, **told}
+    fields = ("kind", "unit", "better", "best_case", "description")
+    for metric in figures().values():
+        row = {field.replace("_", " "): getattr(metric, field) for field in fields}
+        yield {"figure": metric.name, **row}
 
 
 KINDS: dict[str, Callable[[], Iterator[Row]]] = {
@@ -90,7 +89,7 @@ def _cell(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else escape(str(value))
 
 
-def catalogue(
+def list_(
     kind: Annotated[
         str | None, typer.Argument(help=f"One of: {', '.join(KINDS)}; all of them if absent.")
     ] = None,
@@ -101,38 +100,15 @@ def catalogue(
 
     if kind is not None and kind not in KINDS:
         raise unknown("kind of thing to list", kind, KINDS)
-    found = {name: list(KINDS[name]()) for name in ([kind] if kind else KINDS)}
+    rows_of = {name: list(KINDS[name]()) for name in ([kind] if kind else KINDS)}
     if as_json:
-        told = found[kind] if kind else found
-        typer.echo(json.dumps(told, indent=2, ensure_ascii=False))
+        content = rows_of[kind] if kind else rows_of
+        typer.echo(json.dumps(content, indent=2, ensure_ascii=False))
         return
-    for name, rows in found.items():
+    for name, rows in rows_of.items():
         Screen().print(f"{name}\n" if kind is None else "", end="", style="bold")
         table = plain_table(None, *rows[0])
         for row in rows:
             table.add_row(*map(_cell, row.values()))
         Screen().print(table)
         Screen().print("\n" if kind is None else "", end="")
-
-
-COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
-
-
-def doctor() -> None:
-    """Check devices, drivers, extensions and timers; say how to repair what does not work."""
-    from harness import rasterisers
-    from harness.doctor import examine
-    from harness.rasterisers import devices
-
-    devices.forget()
-    console = Screen(highlight=False)
-    findings = examine()
-    width = max(len(finding.name) for finding in findings)
-    for finding in findings:
-        line = Text(f"{finding.status:<8}", style=COLOURS[finding.status])
-        line.append(f"{finding.name:<{width}}  {finding.detail}", style="default")
-        console.print(line, soft_wrap=True)
-        if finding.fix:
-            console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
-    if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
-        raise NoRasteriser("no OpenGL or WebGPU device works here; see what to install, above")

@@ -1,4 +1,4 @@
-"""`harness triangulate`, `check-evidence` and `cache`: triangles, proofs, what is kept of them."""
+"""`harness triangulate`: write the triangles of a file of polygons, or of a model."""
 
 import math
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from harness.commands.census import lines_of_notes, triangulate_many_files
+from harness.commands.many_files import lines_of_notes, triangulate_many_files
 from harness.commands.options import (
     Dask,
     Layer,
@@ -16,7 +16,7 @@ from harness.commands.options import (
     refuse_given,
     refuse_own_source,
 )
-from harness.errors import Inconclusive, NothingMeasured, UsageError, refuse_failed
+from harness.errors import NothingMeasured, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
@@ -237,55 +237,3 @@ def _height(text: str) -> str | float:
     except ValueError:
         return text
     return height if math.isfinite(height) else text
-
-
-def cache(
-    action: Annotated[
-        str, typer.Argument(help="info: what the database holds; clear: empty it.")
-    ] = "info",
-) -> None:
-    """Show or empty the model database of triangulations."""
-    from harness.triangulating.database import ModelDatabase
-    from triangulators.compute import compiled_files
-
-    if action not in ("info", "clear"):
-        raise UsageError(f"cache {action}: say info or clear")
-    with ModelDatabase(say=Reporter().warn) as database:
-        if action == "clear":
-            count, old = database.clear(), compiled_files.remove_old()
-            typer.echo(f"forgot {count:,} triangulations in {database.path}")
-            typer.echo(f"removed compiled code of {old:,} old modules")
-            return
-        kinds = database.info()
-    compiled = compiled_files.kept()
-    typer.echo(
-        f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
-        f"{len(compiled.old):,} old modules"
-    )
-    entries, file_bytes = sum(count for count, _ in kinds.values()), database.path.stat().st_size
-    typer.echo(f"{database.path}: {entries:,} triangulations, {file_bytes:,} bytes")
-    for name, (count, size) in kinds.items():
-        typer.echo(f"  {name}: {count:,}, {size:,} bytes")
-
-
-def check_evidence(
-    file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
-) -> None:
-    """Check proofs that triangulations are optimal, in whole numbers; refuse what does not hold.
-
-    It prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program
-    behind it, harness/export/check_evidence.py, needs Python alone and no other file of ours. It
-    lists all empty triangles: a polygon of 60 vertices takes seconds, one of 300 hours.
-    """
-    from harness.export.check_evidence import judge
-
-    refused = checked = 0
-    with file.open("rb") as lines:
-        for place, words, holds in judge(lines):
-            typer.echo(f"{place}: {words}")
-            checked += 1
-            refused += not holds
-    if not checked:
-        raise UsageError(f"{file} has no evidence: triangulate --certify --evidence writes it")
-    if refused:
-        raise Inconclusive(f"{file}: {refused} of {checked} proofs refused, see above")

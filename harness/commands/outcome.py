@@ -1,30 +1,26 @@
-"""Around what is measured: where results go, how a command ends, plans read, what is shown."""
+"""Results of a command that measures: their folder, summary, report and exit code."""
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import typer
 from rich.console import Console
 
+from harness import atomic
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
-from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
-from harness.measuring.other_version import OtherVersion, version
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
 from harness.metrics.decision import COVERED
 from harness.metrics.groups import machine_words
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, clear_errors, file_stem, read_run
+from harness.stats.run_quality import state_of
 from harness.summary import print_summary, rows_of, write_csv
-from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from scenes import Scene
-from scenes.registry import is_seen, is_tiled
 from scenes.spec import label
 
 
@@ -106,72 +102,15 @@ def require_all(outcome: RunResult | Run) -> None:
         )
 
 
-@contextmanager
-def beside_version(
-    reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
-) -> Iterator[OtherVersion | None]:
-    """Give what a run is measured beside, also where it goes on with one that was; None if not."""
-    stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
-    reference = reference or str(stored.get("base") or "")
-    if not reference:
-        if twice:
-            raise UsageError("--draw-twice is for runs --beside another version")
-        yield None
-        return
-    with version(reference, [recipe.base for recipe in plan.triangulators]) as other:
-        yield replace(other, twice=twice or bool(stored.get("twice")))
+def finish_study(run: Run) -> None:
+    """Print what disturbed a study's times, its folder and report; raise if a case failed."""
+    for line in state_of(run.facts, run.records).words:
+        typer.echo(line)
+    typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
+    require_all(run)
 
 
-def base_named(name: str | None, plan: Plan) -> str | None:
-    """Return the full name of the base that the user chose, None if none."""
-    if not name:
-        return None
-    known = [str(recipe) for recipe in plan.triangulators]
-    found = str(parse(name, seed=plan.seed))
-    if found not in known:
-        raise UsageError(f"--base {name}: it is not among --triangulators {','.join(known)}")
-    return found
-
-
-def recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple[Recipe, ...]:
-    """Read the triangulators, and the profile of a device that optimal:calibrated needs."""
-    recipes = parse_all(triangulators, seed=seed)
-    if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
-        if file is not None:
-            raise UsageError("--profile is for optimal:calibrated, which is not measured here")
-        return recipes
-    if file is None:
-        raise UsageError(
-            "optimal:calibrated needs --profile FILE; make one: raster-harness profile"
-        )
-    from harness.profile.profile import read_coefficients
-
-    return parse_all(triangulators, seed=seed, calibration=read_coefficients(file))
-
-
-def refuse_another_view(context: typer.Context | None, scene: str) -> None:
-    """Raise UsageError if the user gives a view to what has one: map tiles, a model's views."""
-    own = "view" if is_seen(scene) else "tile" if is_tiled(scene) else ""
-    if own and given(context, "resolution", "rotation", "fit"):
-        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
-
-
-def given(context: typer.Context | None, *names: str) -> bool:
-    """Whether the user wrote any of the options; none was where there is no context."""
-    sources = map(context.get_parameter_source, names) if context else ()
-    return any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)
-
-
-def stored_plan(folder: Path) -> Plan:
-    """Return the plan of the run in a folder; raises UsageError if there is none."""
-    facts = read_run(folder).facts
-    try:
-        return Plan.from_json(facts.get("plan", {}))
-    except UsageError as error:
-        raise UsageError(f"{folder} holds no plan to resume: {error}") from error
-
-
-def told(outcome: RunResult) -> dict[str, Any]:
+def format_json(outcome: RunResult) -> dict[str, Any]:
     """Return what `--json` writes: where the run is, and each case as in summary.csv."""
     return {
         "results": os.path.relpath(outcome.path),
@@ -221,3 +160,19 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
             " or --limit, or give a larger --resolution"
         )
     require_all(outcome)
+
+
+def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> Run:
+    """Write a complete run folder with table and report, or nothing; print the summary."""
+    from harness.report.page import write_report
+
+    with clear_errors(folder), atomic.folder(folder) as made:
+        write(made)
+        stored = read_run(made)
+        write_csv(stored.records, made / "summary.csv")
+        write_report(stored)
+    stored = read_run(folder)
+    console = Screen(quiet=quiet)
+    print_summary(stored.records, console)
+    console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
+    return stored

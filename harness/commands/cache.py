@@ -1,0 +1,37 @@
+"""`harness cache`: size and contents of the cache of triangulations."""
+
+from typing import Annotated
+
+import typer
+
+from harness.errors import UsageError
+from harness.progress import Reporter
+
+
+def cache(
+    action: Annotated[
+        str, typer.Argument(help="info: what the database holds; clear: empty it.")
+    ] = "info",
+) -> None:
+    """Show or empty the model database of triangulations."""
+    from harness.triangulating.database import ModelDatabase
+    from triangulators.compute import compiled_files
+
+    if action not in ("info", "clear"):
+        raise UsageError(f"cache {action}: say info or clear")
+    with ModelDatabase(say=Reporter().warn) as database:
+        if action == "clear":
+            count, old = database.clear(), compiled_files.remove_old()
+            typer.echo(f"forgot {count:,} triangulations in {database.path}")
+            typer.echo(f"removed compiled code of {old:,} old modules")
+            return
+        kinds = database.info()
+    compiled = compiled_files.kept()
+    typer.echo(
+        f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
+        f"{len(compiled.old):,} old modules"
+    )
+    entries, file_bytes = sum(count for count, _ in kinds.values()), database.path.stat().st_size
+    typer.echo(f"{database.path}: {entries:,} triangulations, {file_bytes:,} bytes")
+    for name, (count, size) in kinds.items():
+        typer.echo(f"  {name}: {count:,}, {size:,} bytes")

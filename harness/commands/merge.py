@@ -1,0 +1,44 @@
+"""`harness merge`: several runs as one."""
+
+from itertools import chain
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.commands.options import Quiet, Several, several
+from harness.errors import UsageError
+from harness.progress import Reporter
+
+
+def merge(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
+    hosts: Annotated[
+        Several | None,
+        typer.Option(
+            parser=several(),
+            metavar="NAME,...",
+            help="One for each run: the host it was measured on. Its devices are "
+            "called device@host then, so that one kind of device on several hosts stays apart.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Merge runs into one, by case; the order in which they are given does not matter.
+
+    Counters of one kind of device must be equal on all hosts.
+    """
+    from harness.commands.outcome import make_run
+    from harness.compare.matching import latest
+    from harness.results.run_folder import read_run
+    from harness.scaling import merging
+
+    read = [latest(read_run(run)) for run in runs]
+    for problem in chain.from_iterable(run.problems for run in read):
+        Reporter().warn(problem)
+    if hosts:
+        if len(hosts) != len(read):
+            raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
+        read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
+    make_run(out, lambda folder: merging.merge(read, folder), quiet=quiet)

@@ -1,0 +1,38 @@
+"""`harness report`: a run as one HTML file."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.commands.options import Base
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run or a study, or its cases.jsonl.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
+    ] = None,
+    base: Base = None,
+) -> None:
+    """Write the report of a run: one HTML file, which needs no network.
+
+    Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
+    """
+    from harness.compare.matching import latest
+    from harness.metrics.groups import with_base
+    from harness.report.page import write_report
+    from harness.results.run_folder import read_run
+    from harness.webpages import is_stream
+
+    stored = latest(read_run(run))
+    for problem in stored.problems:
+        typer.echo(f"warning: {problem}", err=True)
+    file = write_report(with_base(stored, base) if base else stored, out)
+    if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
+        from harness.report.plots import plot_run
+
+        plot_run(stored)
+    typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))

@@ -1,0 +1,76 @@
+"""Inputs of `harness run`: the plan of a stored run, triangulators, the baseline of --beside."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+
+from harness.commands.options import is_given
+from harness.errors import UsageError
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
+from harness.measuring.other_version import OtherVersion, version
+from harness.measuring.plan import Plan
+from harness.results.run_folder import read_run
+from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
+from scenes.registry import is_seen, is_tiled
+
+
+@contextmanager
+def open_baseline(
+    reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
+) -> Iterator[OtherVersion | None]:
+    """Yield the baseline of --beside, or of the run to resume; None if there is none."""
+    stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
+    reference = reference or str(stored.get("base") or "")
+    if not reference:
+        if twice:
+            raise UsageError("--draw-twice is for runs --beside another version")
+        yield None
+        return
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as other:
+        yield replace(other, twice=twice or bool(stored.get("twice")))
+
+
+def full_base_name(name: str | None, plan: Plan) -> str | None:
+    """Return the full name of the triangulator that --base names, or None."""
+    if not name:
+        return None
+    known = [str(recipe) for recipe in plan.triangulators]
+    full_name = str(parse(name, seed=plan.seed))
+    if full_name not in known:
+        raise UsageError(f"--base {name}: not among --triangulators {','.join(known)}")
+    return full_name
+
+
+def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple[Recipe, ...]:
+    """Parse --triangulators; --profile has the coefficients of optimal:calibrated."""
+    recipes = parse_all(triangulators, seed=seed)
+    if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
+        if file is not None:
+            raise UsageError("--profile is for optimal:calibrated, which is not measured here")
+        return recipes
+    if file is None:
+        raise UsageError(
+            "optimal:calibrated needs --profile FILE; make one: raster-harness profile"
+        )
+    from harness.profile.profile import read_coefficients
+
+    return parse_all(triangulators, seed=seed, calibration=read_coefficients(file))
+
+
+def refuse_another_view(context: typer.Context, scene: str) -> None:
+    """Raise UsageError if view options are given for map tiles or a model, which define a view."""
+    own = "view" if is_seen(scene) else "tile" if is_tiled(scene) else ""
+    if own and is_given(context, "resolution", "rotation", "fit"):
+        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
+
+
+def read_plan(folder: Path) -> Plan:
+    """Return the plan of the run in a folder; raise UsageError if the folder has none."""
+    facts = read_run(folder).facts
+    try:
+        return Plan.from_json(facts.get("plan", {}))
+    except UsageError as error:
+        raise UsageError(f"{folder} holds no plan to resume: {error}") from error

@@ -1,0 +1,198 @@
+"""`harness study all`: check which of our findings hold on the user's data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness import atomic
+from harness.commands import options, run, study_gains, study_validate
+from harness.errors import Inconclusive, NothingMeasured, UsageError
+from harness.progress import Reporter, Screen
+from harness.settings import QUICK_TIMEOUT_S, TIMEOUT_S, Fit, Order, StudySize, TimingSettings
+
+ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+"""Rotations of the study of turned triangulations, in degrees."""
+
+
+def study_all(
+    scenes: Annotated[list[str], typer.Argument(help="Scenes or files of polygons.")],
+    out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
+    device: options.Devices = None,
+    rasterisers: options.Rasterisers = None,
+    resolution: options.Resolutions = options.Several((256, 1024)),
+    polygons: Annotated[
+        int, typer.Option(min=1, help="Polygons to validate with.")
+    ] = StudySize.polygons,
+    seed: options.Seed = 0,
+    quick: options.Quick = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Say which of our findings hold on your data: validation, gains, regret and rotation, bundled.
+
+    Each study is a folder of its own in the output folder, with its report; findings.md sets what
+    was found beside what we found. A study that is there already is not measured again. The exit
+    code is 5 where cases failed or times were disturbed, and 4 where nothing could be judged.
+    """
+    from harness.results.run_folder import file_stem
+    from harness.study import replication
+    from scenes.spec import label
+
+    console = Screen(quiet=quiet)
+    names = [file_stem(Path(label(scene)).stem) for scene in scenes]
+    if len(set(names)) < len(names):
+        raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
+    settings = _Settings(
+        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
+        devices=tuple(device or ()),
+        resolution=resolution,
+        polygons=polygons,
+        seed=seed,
+        quick=quick,
+    )
+    evidence_of = {}
+    parts = inconclusive = 0
+    refusals: list[UsageError] = []
+    for scene, name in zip(scenes, names, strict=True):
+        console.print(f"{scene}:", markup=False)
+        for part, measure in _parts(scene, out / name, settings):
+            console.print(f"  {part} ...", markup=False)
+            parts += 1
+            try:
+                measure()
+            except (UsageError, NothingMeasured, Inconclusive) as error:
+                # One part fails; the others may succeed.
+                inconclusive += isinstance(error, Inconclusive)
+                refusals += [error] if isinstance(error, UsageError) else []
+                console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
+        evidence_of[name] = replication.read(out / name)
+    if len(refusals) == parts:
+        raise refusals[-1]
+    file = out / "findings.md"
+    out.mkdir(parents=True, exist_ok=True)
+    conditions = (
+        f"Rasterisers: {','.join(settings.rasterisers)}; device: {device or 'the best one here'}."
+    )
+    atomic.write(file, replication.page([*evidence_of.items()], conditions).encode())
+    judged = 0
+    for name, evidence in evidence_of.items():
+        figures = [figure for _, figure in replication.judge(evidence) if figure is not None]
+        judged += len(figures)
+        decided = [figure for figure in figures if not figure.few]
+        holds = sum(figure.holds for figure in decided)
+        console.print(f"{name}: {holds} of {len(decided)} findings hold", markup=False)
+    console.print(f"to read: {file}", markup=False, soft_wrap=True)
+    if not judged:
+        raise NothingMeasured("no finding could be judged: no part of the study has its figures")
+    if inconclusive:
+        raise Inconclusive(f"{inconclusive} of {parts} parts of the study are incomplete")
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Options that all parts of a study share."""
+
+    rasterisers: tuple[str, ...]
+    devices: tuple[str, ...]
+    resolution: tuple[int, ...]
+    polygons: int
+    seed: int
+    quick: bool
+
+
+def _parts(
+    scene: str, folder: Path, settings: _Settings
+) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Yield (folder name, function that measures) of each part of the study of a scene."""
+    from harness.study.replication import CHOICE, DELAUNAY, ONCE, TURNED, USUAL
+
+    bases = [USUAL, DELAUNAY]
+    largest = replace(settings, resolution=(max(settings.resolution),))
+    once = [f"{USUAL}{TURNED}"]
+    yield "validate", partial(_validate, scene, folder / "validate", settings)
+    yield "choice", partial(_measure_gains, scene, folder / "choice", settings, CHOICE, bases)
+    walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
+    yield "walked", partial(walked, order="walk")
+    turned = partial(_measure_gains, scene, folder / "turned", largest, ONCE, once)
+    yield "turned", partial(turned, turned=True)
+
+
+def _validate(scene: str, folder: Path, settings: _Settings) -> None:
+    """Measure the part that ranks criteria."""
+    from harness.commands.outcome import require_all
+
+    plan = study_validate.plan_validation(
+        scene,
+        settings.rasterisers,
+        settings.devices,
+        resolution=settings.resolution,
+        work=(0,),
+        seed=settings.seed,
+        budget_s=study_validate.QUICK_S if settings.quick else study_validate.BUDGET_S,
+    )
+    size = study_validate.QUICK if settings.quick else StudySize(polygons=settings.polygons)
+    is_begun = (folder / "run.json").is_file()
+    validation = study_validate.measure_validation(
+        plan,
+        size,
+        Reporter(quiet=True),
+        out=None if is_begun else folder,
+        resume=folder if is_begun else None,
+    )
+    require_all(validation.run)
+
+
+def _measure_gains(
+    scene: str,
+    folder: Path,
+    settings: _Settings,
+    triangulators: tuple[str, ...],
+    bases: list[str],
+    *,
+    order: Order = "native",
+    turned: bool = False,
+) -> None:
+    """Measure or resume a run, and write the gains of the cases that did not fail.
+
+    turned : at all `ANGLES`, at one scale
+    """
+    from harness.commands import outcome
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.measuring.run import RunOptions
+    from harness.measuring.run import run as carry_out
+    from harness.rasterisers.base import Options
+    from harness.results.run_folder import read_run
+    from harness.triangulating.database import default_path
+    from harness.triangulating.recipes import parse_all
+
+    fit: Fit = "circle" if turned else "box"
+    angles = ANGLES if turned else (0.0,)
+    plan = Plan(
+        scene=scene,
+        seed=settings.seed,
+        triangulators=parse_all(triangulators, seed=settings.seed),
+        rasterisers=settings.rasterisers,
+        devices=settings.devices,
+        views=tuple(View(size, angle, fit) for size in settings.resolution for angle in angles),
+        options=(Options(order=order, seed=settings.seed),),
+        timing=run.QUICK if settings.quick else TimingSettings(),
+        timeout_s=QUICK_TIMEOUT_S if settings.quick else TIMEOUT_S,
+    )
+    is_begun = (folder / "run.json").is_file()
+    how = RunOptions(resume=is_begun, database=default_path())
+    reporter = Reporter(quiet=True)
+    result = carry_out(plan, folder, reporter, how)
+    incomplete = None
+    try:
+        outcome.finish(result, Screen(quiet=True), reporter, plots=not settings.quick)
+    except Inconclusive as error:
+        incomplete = error
+    study_gains.write_gains([read_run(folder)], bases, folder)
+    if incomplete is not None:
+        raise incomplete

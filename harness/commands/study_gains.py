@@ -1,0 +1,111 @@
+"""`harness study gains`: each triangulator's time relative to base triangulators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness import atomic
+from harness.commands import options
+from harness.errors import Inconclusive, NothingMeasured
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+
+    from harness.results.run_folder import Run
+
+BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
+"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
+
+MAX_VIEWS_NAMED = 12
+"""Views with a faster triangulator that are printed for each base; gains.csv has all of them."""
+
+
+def study_gains(
+    runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
+    out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
+    bases: Annotated[
+        options.Several,
+        typer.Option(
+            parser=options.several(), metavar="NAME,...", help="Triangulators to compare with."
+        ),
+    ] = options.Several(BASES),
+) -> None:
+    """Compare each triangulator's time with the bases', in all views; say which one was faster."""
+    from harness.metrics import groups
+    from harness.results.run_folder import read_run
+    from harness.triangulating.recipes import parse_all
+
+    stored = [read_run(path) for path in runs]
+    names = [str(recipe) for recipe in parse_all(bases)]
+    gains = write_gains(stored, names, out)
+    if mixed := groups.several_processors(stored):
+        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    for line in gains.disturbances:
+        typer.echo(f"left out: {line}")
+    for name in names:
+        _print_faster_views(gains.table, name)
+    typer.echo(f"{len(gains.table)} ratios in {out}/gains.csv, {gains.plots} plots")
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Time ratios of runs, the number of plots drawn, and the reasons why runs were skipped."""
+
+    table: pd.DataFrame
+    plots: int
+    disturbances: list[str]
+
+
+def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
+    """Write gains.csv, orders.csv and plots of the runs' time ratios into the folder `out`.
+
+    Raises
+    ------
+    Inconclusive
+        if there is no ratio, because times were disturbed
+    NothingMeasured
+        if there is no ratio for any other reason
+    """
+    import pandas as pd
+
+    from harness.metrics import groups
+    from harness.stats.run_quality import state_of
+    from harness.study.gains import by_order, gain_table, plot
+
+    table = gain_table([run.records for run in groups.by_processor(runs)], bases)
+    disturbances = [line for run in runs for line in state_of(run.facts, run.records).words]
+    if table.empty:
+        if disturbances:
+            raise Inconclusive(disturbances[0])
+        raise NothingMeasured("no two triangulators were timed together on the same polygons")
+    orders = [rows.assign(base=name) for name in bases if len(rows := by_order(table, name))]
+    with atomic.folder(out, added=True) as folder:
+        files = plot(table, folder / "plots")
+        table.to_csv(folder / "gains.csv", index=False, float_format="%.5g")
+        if orders:
+            pd.concat(orders).to_csv(folder / "orders.csv", index=False, float_format="%.4g")
+    return Gains(table, len(files), disturbances)
+
+
+def _print_faster_views(table: pd.DataFrame, base: str) -> None:
+    """Print in how many views another triangulator was significantly faster than `base`."""
+    from harness.metrics.groups import condition
+    from harness.study.gains import best
+
+    views = best(table, base)
+    if views.empty:
+        return
+    faster = views[views["faster"] != ""]
+    kept = len(views) - len(faster)
+    typer.echo(f"{base}: no other was shown to be faster in {kept} of {len(views)} views")
+    for row in faster.head(MAX_VIEWS_NAMED).to_dict("records"):
+        where = f"{row['scene']} {condition(row)}, {row['rasteriser']} on {row['device']}"
+        typer.echo(f"  {where}: {row['faster']} faster")
+    if len(faster) > MAX_VIEWS_NAMED:
+        typer.echo(f"  and {len(faster) - MAX_VIEWS_NAMED} more views")

@@ -1,0 +1,79 @@
+"""`harness study pareto`: the Pareto front of overdraw and triangle shape."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness import atomic
+from harness.commands import options
+from harness.progress import Reporter, Screen
+from harness.settings import TimingSettings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from harness.measuring.run import Part
+    from scenes import Scene
+
+
+def study_pareto(
+    scene: options.SceneName = "paper",
+    polygons: Annotated[
+        int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
+    ] = 6,
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolution = 512,
+    seed: options.Seed = 0,
+    budget: options.Budget = 0.4,
+    out: options.StudyFolder = None,
+    resume: options.Resume = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
+
+    A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
+    triangulations of a polygon that no other beats in both.
+    """
+    import pandas as pd
+
+    from harness.commands.outcome import finish_study, measure_study
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.report.page import write_report
+    from harness.study import pareto
+    from harness.triangulating.recipes import parse_all
+    from scenes.spec import label
+
+    view = View(resolution)
+    plan = Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=parse_all((*pareto.SWEEP, pareto.WITH_C, *pareto.named())),
+        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
+        devices=tuple(device or ()),
+        views=(view,),
+        timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+    )
+    reporter = Reporter(quiet=quiet, verbose=verbose)
+    fronts: dict[str, pd.DataFrame] = {}
+
+    def take_apart(label: str, whole: Scene) -> list[Part]:
+        parts, part_fronts = pareto.take_apart(label, whole, polygons, view)
+        fronts.update(part_fronts)
+        return parts
+
+    run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
+    table = pareto.pareto_table(run, fronts)
+    with reporter.stage("writing", 1):
+        with atomic.folder(run.path, added=True) as folder:
+            points = pd.concat([pd.DataFrame(columns=pareto.FRONTS), *fronts.values()])
+            points.to_csv(folder / "fronts.csv", index=False)
+            table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
+        write_report(run)
+    pareto.print_table(table, label(scene), Screen(highlight=False))
+    finish_study(run)

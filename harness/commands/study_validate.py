@@ -1,0 +1,150 @@
+"""`harness study validate`: how well each criterion predicts the measured cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness import atomic
+from harness.commands import options
+from harness.progress import Reporter, Screen
+from harness.settings import StudySize, TimingSettings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from harness.measuring.plan import Plan
+    from harness.measuring.run import Part
+    from harness.results.run_folder import Run
+    from scenes import Scene
+
+EXACT_RASTERISERS = ("reference", "binning")
+"""Rasterisers whose counters are the exact predictions."""
+
+QUICK = StudySize(polygons=6, random=10, most_vertices=60)
+BUDGET_S = 0.1
+QUICK_S = 0.02
+"""Seconds of drawing each triangulation, with --quick; also the longest warm-up."""
+
+
+def study_validate(
+    scene: options.SceneName = "city",
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolutions = options.Several((128,)),
+    work: options.Works = options.Several((0, 8)),
+    polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = StudySize.polygons,
+    random: Annotated[
+        int, typer.Option(min=0, help="Random triangulations of each polygon.")
+    ] = StudySize.random,
+    seed: options.Seed = 0,
+    budget: options.Budget = BUDGET_S,
+    out: options.StudyFolder = None,
+    resume: options.Resume = None,
+    force: options.Force = False,
+    quick: options.Quick = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Say how well each criterion predicts the measured cost, within single polygons.
+
+    Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
+    ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
+    best costs little more than the best there is: its regret.
+    """
+    from harness.commands.outcome import finish_study
+    from harness.study import correlations, regret
+
+    validation = measure_validation(
+        plan_validation(
+            scene,
+            options.named_rasterisers(rasterisers, "bounding-box"),
+            tuple(device or ()),
+            resolution=resolution,
+            work=work,
+            seed=seed,
+            budget_s=QUICK_S if quick else budget,
+        ),
+        QUICK if quick else StudySize(polygons=polygons, random=random),
+        Reporter(quiet=quiet, verbose=verbose),
+        out=out,
+        resume=resume,
+        force=force,
+    )
+    correlations.print_matrix(validation.ranks, Screen())
+    regret.print_regret(validation.regrets, Screen())
+    finish_study(validation.run)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The run of a validation study, with its tables of rank correlations and of regret."""
+
+    run: Run
+    ranks: pd.DataFrame
+    regrets: pd.DataFrame
+
+
+def plan_validation(
+    scene: str,
+    rasterisers: tuple[str, ...],
+    devices: tuple[str, ...],
+    *,
+    resolution: tuple[int, ...],
+    work: tuple[int, ...],
+    seed: int,
+    budget_s: float,
+) -> Plan:
+    """Return the plan of a validation; the reference counts in addition to the `rasterisers`."""
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.rasterisers.base import Options
+    from harness.triangulating.recipes import parse_all
+
+    return Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=parse_all(["optimal"]),  # replaced for each polygon, see measure_validation
+        rasterisers=tuple(dict.fromkeys([*rasterisers, *EXACT_RASTERISERS])),
+        devices=devices,
+        views=tuple(View(size) for size in resolution),
+        # One kind of order, so that triangulations differ in their diagonals only.
+        options=tuple(Options(work=count, order="walk") for count in work),
+        timing=TimingSettings(0.01, budget_s=budget_s, warm_up_s=QUICK_S),
+    )
+
+
+def measure_validation(
+    plan: Plan,
+    size: StudySize,
+    reporter: Reporter,
+    *,
+    out: Path | None,
+    resume: Path | None,
+    force: bool = False,
+) -> Validation:
+    """Measure many triangulations of single polygons; write tables, plots and the report."""
+    from harness.commands.outcome import measure_study
+    from harness.measuring.run import Part
+    from harness.report.page import write_report
+    from harness.study import correlations, regret
+    from harness.study.subjects import choose_polygons, choose_triangulators
+
+    def take_apart(label: str, whole: Scene) -> list[Part]:
+        return [
+            Part(f"{label}#{number}", part, choose_triangulators(size, part.polygons[0]))
+            for number, part in choose_polygons(whole, size)
+        ]
+
+    run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
+    with reporter.stage("correlating", 1):
+        table = correlations.measure_table(run.records)
+        with atomic.folder(run.path, added=True) as folder:
+            ranks = correlations.write(table, folder)
+            correlations.plot_study(ranks, table, folder)
+            regrets = regret.write(run.records, folder)
+        write_report(run)
+    return Validation(run, ranks, regrets)
