@@ -65,7 +65,7 @@ proven: setup-test  ## prove the optimum for H of every scene's polygons; prints
 study: setup-test  ## the studies behind docs/findings.md; more than an hour on a quiet machine
 	scripts/study.sh
 
-documents: setup-test  ## write what documents cite of results and code anew
+documents: setup-test  ## render the figures, tables and charts of the documents
 	$(PY) scripts/documents.py
 
 docs:  ## build the documents into site/, warnings as errors

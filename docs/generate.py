@@ -1,4 +1,4 @@
-"""Parts of pages that are made from code and results; `make documents` and each build write them.
+"""Parts of pages that are generated from code and results, by `make documents` and by each build.
 
 MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 """
@@ -15,6 +15,7 @@ from typer.cli import get_docs_for_click
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from docs.figures import ROOT, render, without_comments
 from harness import rasterisers
 from harness.commands.index import COMMANDS, load
 from harness.metrics.registry import figures
@@ -25,12 +26,10 @@ from scenes.registry import ENTRIES
 from triangulators.criteria import CRITERIA
 from triangulators.registry import BUILTIN
 
-ROOT = Path(__file__).resolve().parent.parent
-
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in what a page asks for between `<!-- generated: name -->` and `<!-- end -->`."""
-    return filled(markdown)
+    """Render a page's figures and generated parts, and remove the comments behind figures."""
+    return without_comments(filled(markdown))
 
 
 def on_post_build(config: Any) -> None:
@@ -42,15 +41,32 @@ def on_post_build(config: Any) -> None:
     page.write_text(text, encoding="utf-8")
 
 
+def pages() -> list[Path]:
+    """Return the Markdown pages that have figures or generated parts."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page for page in pages if "<!-- " in page.read_text(encoding="utf-8")]
+
+
 def filled(markdown: str) -> str:
-    """Return a page with all its generated parts written anew."""
+    """Return a page with all its figures, tables and generated parts computed again.
 
-    def written(found: re.Match[str]) -> str:
-        return f"{found[1]}\n\n{PARTS[found[2]](*found[3].split()).strip()}\n\n<!-- end -->"
+    `<!-- generated: NAME ARGUMENTS -->` and `<!-- end -->` enclose a part of `PARTS`.
+    """
 
-    assert markdown.count("<!-- generated: ") == markdown.count("<!-- end -->")
+    def part(match: re.Match[str]) -> str:
+        return f"{match[1]}\n\n{PARTS[match[2]](*match[3].split()).strip()}\n\n<!-- end -->"
+
+    starts = re.findall(r"^<!-- (?:generated: |table$)", markdown, flags=re.MULTILINE)
+    if len(starts) != markdown.count("<!-- end -->"):
+        raise ValueError("generated part or table: end not found; add <!-- end -->")
     parts = r"(<!-- generated: (\w+)(.*?) -->)\n.*?<!-- end -->"
-    return re.sub(parts, written, markdown, flags=re.DOTALL)
+    return render(re.sub(parts, part, markdown, flags=re.DOTALL))
+
+
+def output(file: str) -> str:
+    """Return the recorded output of a command."""
+    text = (ROOT / "results" / "reference" / file).read_text(encoding="utf-8")
+    return f"```text\n{text.strip()}\n```"
 
 
 def commands() -> str:
@@ -145,6 +161,7 @@ PARTS: dict[str, Callable[..., str]] = {
         ),
     ),
     "devices": devices,
+    "output": output,
     "profiles": profiles,
     "python": python,
 }

@@ -1,4 +1,4 @@
-"""Write figures, charts and generated parts of the documents anew; tells which figures changed.
+"""Render the figures, tables, charts and generated parts of the documents; list what changed.
 
 .venv/bin/python scripts/documents.py
 """
@@ -8,21 +8,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from docs.generate import filled
-from docs.held import ROOT, differences, written
-from docs.held.charts import CHARTS, svg
-from docs.held.documents import DOCUMENTS
+from docs.figures import ROOT
+from docs.generate import filled, pages
+from scripts.charts import CHARTS, svg
 
 if __name__ == "__main__":
-    for name, held in DOCUMENTS.items():
-        file = ROOT / name
-        before = file.read_text(encoding="utf-8")
-        after = written(before, held)
-        for line in differences(before, held):
-            print(f"{name}: {line}")
-        if after != before:
-            file.write_text(after, encoding="utf-8")
-    for page in (ROOT / "docs").rglob("*.md"):
-        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
-    for name, draw in CHARTS.items():
-        (ROOT / "docs" / "images" / f"{name}.svg").write_text(svg(draw), encoding="utf-8")
+    files = {page: lambda page=page: filled(page.read_text(encoding="utf-8")) for page in pages()}
+    images = ROOT / "docs" / "images"
+    files |= {images / f"{name}.svg": lambda draw=draw: svg(draw) for name, draw in CHARTS.items()}
+    for file, text in files.items():
+        try:
+            rendered = text()
+        except ValueError as error:
+            raise SystemExit(f"{file.relative_to(ROOT)}: {error}") from error
+        if not file.exists() or rendered != file.read_text(encoding="utf-8"):
+            print(f"{file.relative_to(ROOT)}: updated")
+            file.write_text(rendered, encoding="utf-8")

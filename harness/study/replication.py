@@ -29,8 +29,8 @@ RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape"
 
 BOX_WALKER = "bounding-box"
 
-# What docs/findings.md has for each claim, on our own scenes: `make documents` writes these figures
-# from the files under results/reference.
+# Figures of docs/findings.md for each claim, on our own scenes; tests/docs/test_figures.py compares
+# them with the files under results/reference.
 Q_RANKS_LANES = "0.996 (0.993 to 0.998)"
 H_BEFORE_A_BY_LANES = "0.983 (0.961 to 0.993), A 0.869 (0.770 to 0.928)"
 H_BEFORE_A_BY_TIME = "0.970 (0.925 to 0.985), A 0.901 (0.800 to 0.918)"

@@ -1,0 +1,328 @@
+"""Functions that compute the figures of the documents from the files under `results/`.
+
+Each public function in `FUNCTIONS` can be named in a figure comment (`docs/figures.py`) and in a
+chart. Arguments are those of the comment: a scene, a size in px, a triangulator.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from functools import cache
+from itertools import product
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from docs.figures import ALIASES, ROOT, Interval, format_value
+from harness.stats.intervals import Ratio, of_any_run
+from harness.frame import View, make_frame
+from harness.profile.words import amount
+from harness.rasterisers.reference import predict
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse
+from scenes import load
+
+REFERENCE = ROOT / "results" / "reference"
+
+SCENES = ("city", "helsinki", "glyphs", "counties")
+
+H200_SCENES = ("city", "glyphs", "cad")
+
+MIN_COVERAGE = 0.93
+"""Coverage below which an interval of 95 % is reported as not covering."""
+
+
+@cache
+def _table(file: str) -> pd.DataFrame:
+    """Return a CSV file under `results/reference`, its criteria named with underscores."""
+    table = pd.read_csv(REFERENCE / file)
+    if "criterion" in table:
+        table["criterion"] = table["criterion"].str.replace("-", "_")
+    return table
+
+
+@cache
+def _json(file: str) -> Any:
+    return json.loads((ROOT / "results" / file).read_text(encoding="utf-8"))
+
+
+def select(file: str, **where: object) -> pd.DataFrame:
+    """Return the rows of a CSV file whose columns equal `where`; `{key}` in the file's name is
+    replaced by the value of that key.
+    """
+    name = file.format_map(where)
+    columns = {key: value for key, value in where.items() if f"{{{key}}}" not in file}
+    table = _table(name)
+    rows = table[(table[list(columns)] == list(columns.values())).all(axis=1)]
+    if rows.empty:
+        raise LookupError(f"results/reference/{name}: no row with {columns}")
+    return rows
+
+
+def csv(file: str, column: str, **where: object) -> list[Any]:
+    """Return a column of the selected rows; `value/low/high` makes intervals of three columns."""
+    rows = select(file, **where)
+    if "/" in column:
+        return [Interval(*row) for row in rows[column.split("/")].itertuples(index=False)]
+    return rows[column].tolist()
+
+
+def json_values(file: str, path: str, **keys: object) -> list[Any]:
+    """Return the values at a dotted path; `*` is any item, `key=value` the items that match."""
+    values = [_json(file.format_map(keys))]
+    for step in path.format_map(keys).split("."):
+        key, _, wanted = step.partition("=")
+        values = [
+            item
+            for value in values
+            for item in (
+                value
+                if step == "*"
+                else [each for each in value if str(each[key]) == wanted]
+                if wanted
+                else [value[int(step) if isinstance(value, list) else step]]
+            )
+        ]
+    return values
+
+
+def number_after(file: str, word: str) -> int:
+    """Return the number that follows the only occurrence of a word in a text file."""
+    text = (REFERENCE / file).read_text(encoding="utf-8")
+    (number,) = re.findall(rf"\b{re.escape(word)} *\| *(\d+)", text)
+    return int(number)
+
+
+def number_before(file: str, word: str) -> int:
+    """Return the number that stands before the only occurrence of a word in a text file."""
+    text = (REFERENCE / file).read_text(encoding="utf-8")
+    (number,) = re.findall(rf"([\d,]+) {re.escape(word)}\b", text)
+    return int(number.replace(",", ""))
+
+
+@cache
+def picture(counter: str, triangulator: str = "ear-clipping") -> int:
+    """Return a counter of overdraw.png, drawn by `raster-harness inspect city --polygon 438`."""
+    frame = make_frame([load("city").polygons[438]], View(64))
+    parts = triangulate_polygons(parse(triangulator), frame.polygons).parts
+    return int(sum(predict(frame.points, frame.join(parts))[counter]))
+
+
+def gain(
+    scene: str, px: int, triangulator: str, base: str = "ear-clipping", rasteriser: str = "opengl"
+) -> float:
+    """Return the draw time on llvmpipe relative to another triangulator's."""
+    (ratio,) = csv(
+        "llvmpipe/gains/gains.csv", "time_ratio", scene=scene, resolution=px, base=base,
+        triangulator=triangulator, rasteriser=rasteriser, order="native", work=0, samples=1,
+        fit="box", rotation=0,
+    )  # fmt: skip
+    return float(ratio)
+
+
+def predicted_lanes() -> pd.DataFrame:
+    """Return helper lanes relative to ear clipping's: `by_quads` 4Q - S, `by_length` H + T,
+    `counted`.
+
+    One row for each triangulator of `gains-<scene>` at 256, 1024 and 4096 px that draws all
+    polygons.
+    """
+    tables = []
+    for scene, px in product(SCENES, (256, 1024, 4096)):
+        file = f"llvmpipe/gains-{scene}/summary.csv"
+        view = select(file, resolution=px, status="ok").set_index("triangulator")
+        view = view[view["polygons"] == view["polygons"]["ear-clipping"]]
+        lanes = pd.DataFrame(
+            {
+                "by_quads": 4.0 * view["expected_quads"] - view["fragments"],
+                "by_length": view["half_perimeter"] + view["triangles"],
+                "counted": view["helper_lanes"],
+            }
+        )
+        relative = lanes / lanes.loc["ear-clipping"]
+        tables.append(relative.drop("ear-clipping").dropna().assign(scene=scene))
+    return pd.concat(tables)
+
+
+def prediction_error(column: str) -> float:
+    """Return the root mean square error of a column of predicted lanes as a share."""
+    lanes = predicted_lanes()
+    return math.expm1(math.sqrt((np.log(lanes[column] / lanes["counted"]) ** 2).mean()))
+
+
+def repeated(column: str) -> float:
+    """Return how many correlations with counters are `equal` in two runs, of how `many`, and by how
+    much those with times `differ` at most.
+    """
+    key = ["rasteriser", "device", "criterion", "measure", "statistic"]
+    files = (f"llvmpipe/validate-city{suffix}/correlations.csv" for suffix in ("", "-again"))
+    first, second = (select(file).set_index(key)["value"].dropna() for file in files)
+    second = second.reindex(first.index)
+    timed = first.index.get_level_values("measure").str.startswith("time")
+    within = first.index.get_level_values("statistic") == "spearman_within"
+    return {
+        "equal": sum((first == second)[~timed]),
+        "many": sum(~timed),
+        "differ": math.ceil(1000 * (first - second)[timed & within].abs().max()) / 1000,
+    }[column]
+
+
+def on_gpu(scene: str, px: int, triangulator: str, column: str = "time_ratio") -> float:
+    """Return a column of a triangulator on the H200."""
+    file = f"h200/gains-{scene}/summary.csv"
+    (value,) = csv(file, column, resolution=px, triangulator=triangulator)
+    return float(value)
+
+
+def equal_counters(column: str) -> int:
+    """Return how many draws of the H200 have `equal` counters to the reference's, of how `many`."""
+    key = ["scene", "triangulator", "resolution"]
+    counters = ["fragments", "quads", "helper_lanes"]
+    tables = [
+        pd.concat(select(f"h200/equality-{s}/summary.csv", rasteriser=r) for s in H200_SCENES)
+        for r in ("opengl", "reference")
+    ]
+    gpu, reference = (table.set_index(key)[counters].sort_index() for table in tables)
+    return {"equal": int((gpu == reference).all(axis=1).sum()), "many": len(reference)}[column]
+
+
+def moved_on_another_cpu() -> float:
+    """Return the largest change of a ratio of times on another CPU, as a share rounded up."""
+    key = ["scene", "rasteriser", "resolution", "rotation", "fit", "work", "samples", "order"]
+    files = ("llvmpipe/gains-on-another.csv", "llvmpipe/gains/gains.csv")
+    there, here = (select(f).set_index([*key, "triangulator", "base"])["time_ratio"] for f in files)
+    return math.ceil(100 * (there / here.reindex(there.index) - 1).abs().max()) / 100
+
+
+def thin(device: str, aspect: int) -> float:
+    """Return the cycles of a thin triangle relative to 1:1 on a raster slice, over its angles."""
+    rows = select("skybox/thin.csv", device=device).groupby("aspect")["cycles"].mean()
+    return float(rows[aspect] / rows[1])
+
+
+def flips_ms(scene: str, language: str, candidate: str, base: str = "", add: int = 0) -> str:
+    """Return milliseconds of `scripts/flips_times.py`, with the ratio to a base in brackets."""
+    where = {"scene": scene, "language": language}
+    ms, before = (
+        csv("flips-times.csv", "ms", candidate=name.replace("_", " "), **where)[0]
+        for name in (candidate, base or candidate)
+    )
+    if not base:
+        return f"{ms:.2f}"
+    return f"{add + ms / before:.2f}" if add else f"{ms:.2f} ({ms / before:.2f})"
+
+
+def state(state: str) -> list[str]:
+    """Return the row of a state of the machine: its runs and how they were judged."""
+    runs = select("states/states.csv", state=state)
+    planted = select("states/planted.csv", state=state)["compare"]
+    ratios = csv("states/ratios.csv", "ratio", state=state, scene="city", triangulator=ALIASES["H"])
+    draws = runs[runs["scene"] == "city"]["reference_ms"]
+    return [
+        str(len(runs)),
+        *(str(sum(runs["told"] == word)) for word in ("quiet", "disturbed", "not to be trusted")),
+        f"{min(draws):.2f} to {max(draws):.2f}",
+        f"{min(ratios):.3f} to {max(ratios):.3f}",
+        str(sum(runs["compare"] == 1)),
+        # The sentence of a quiet run is what the others are compared with.
+        "-" if state == "quiet" else str(sum(runs["wrong"])),
+        f"{sum(planted == 1)} of {len(planted)}",
+    ]
+
+
+def coverage(interval: str) -> list[str]:
+    """Return the row of an interval: kinds of data, least coverage, where it does not cover."""
+    if interval == "law":
+        return _law_coverage()
+    rows = select("coverage.csv", interval=interval.replace("_", " "))
+    lost = rows[rows["covered"] < MIN_COVERAGE]
+    covered = rows.drop(lost.index)
+    simpler = f"{covered['before'].min():.3f}" if covered["before"].any() else ""
+    exceptions = (f"{row['data']}: {row['covered']:.3f}" for _, row in lost.iterrows())
+    return [str(len(rows)), f"{covered['covered'].min():.3f}", simpler, "; ".join(exceptions)]
+
+
+def _law_coverage() -> list[str]:
+    terms, profiles = select("law-coverage.csv"), select("law-coverage-profiles.csv")
+    within = terms.set_index("term")["within"]
+    lost = profiles[profiles["within"] < MIN_COVERAGE]
+    exceptions = [f"`draw` alone: {within['draw']:.3f}"] + [
+        f"for deviations like those of {row['profile']}: {row['within']:.3f}, a false cost in"
+        f" {format_value(1 - row['nothing_shown'], '%')} % of devices"
+        for _, row in lost.iterrows()
+    ]
+    least = min([within["all"], *profiles["within"].drop(lost.index)])
+    return [str(1 + len(profiles)), f"{least:.3f}", "", "; ".join(exceptions)]
+
+
+def profile_term(term: str, profile: str) -> str:
+    """Return the cost of a term of a device's law, "-" if it is not significant."""
+    (found,) = json_values(f"reference/profiles/{profile}.json", f"terms.name={term}")
+    return amount(found["cost"]) if found["shown"] else "-"
+
+
+def cost_ps(profile: str, term: str) -> str:
+    """Return the cost of a term in picoseconds."""
+    return profile_term(term, profile).removesuffix(" ps")
+
+
+def judged(profile: str, scene: str) -> list[str]:
+    """Return the row of how a device's law predicts polygons that it was not fitted to."""
+    rows = select(f"profiles/{profile}-judged.csv", scene=scene).set_index("triangulator")
+    advised = rows[rows["advice"] == 1].iloc[0]
+    names = [*(ALIASES[letter] for letter in "HQA"), "earcut-refine", "optimal:calibrated"]
+    regrets = {name: f"{format_value(rows['regret'][name], '.1%')} %" for name in names}
+    above = Interval(*advised[["above", "above_low", "above_high"]])
+    return [
+        *(f"{rows[column].iloc[0]:.3f}" for column in ("law_over", "law_within", "r2_most")),
+        *(f"**{cell}**" if rows["advice"][n] == 1 else cell for n, cell in regrets.items()),
+        format_value(above, ".1%"),
+    ]
+
+
+def size_or_aspect(what: str, profile: str) -> str:
+    """Return the relative time of small or thin triangles.
+
+    what : "8px", a pixel of triangles of that area relative to one of large ones; "16:1", thin
+        triangles relative to 1:1, for both areas; "twice", the aspect from which they take twice
+        as long
+    """
+    device = _json(f"reference/profiles/{profile}.json")
+    if what == "twice":
+        doubled = (aspect["doubled_at"] for aspect in device["aspects"])
+        return ", ".join(f"{ends[0]:.0f}:1" if ends else "-" for ends in doubled)
+    if what.endswith(":1"):
+        ratios = (dict(zip(a["aspects"], a["ratios"], strict=True)) for a in device["aspects"])
+        return ", ".join(f"{by_aspect[int(what[:-2])]:.2f}" for by_aspect in ratios)
+    timed = {draw["name"]: draw for draw in device["times"] if draw["kind"] == "size"}
+    small, large = (
+        (median(timed[f"{side} px"]["epochs"]) - device["empty"])
+        / timed[f"{side} px"]["counters"]["fragments"]
+        for side in (math.isqrt(2 * int(what[:-2])), 64)
+    )
+    return f"{small / large:.1f}"
+
+
+def time_ratio(row: pd.Series[Any]) -> Interval:
+    """Return a row's ratio of times with its interval, widened by how much runs scatter.
+
+    The files behind findings.md were written before an interval included that.
+    """
+    ratio = of_any_run(Ratio(row["time_ratio"], row["time_ratio_low"], row["time_ratio_high"], 0))
+    return Interval(ratio.value, ratio.low, ratio.high)
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    function.__name__: function
+    for function in (
+        csv, picture, gain, prediction_error, repeated, on_gpu, equal_counters, cost_ps,
+        moved_on_another_cpu, thin, flips_ms, state, coverage, profile_term, judged,
+        size_or_aspect, number_after, number_before,
+    )
+} | {"json": json_values}  # fmt: skip
+"""Functions that a figure comment can name."""

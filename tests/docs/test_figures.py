@@ -1,0 +1,152 @@
+"""Figures, tables, charts and generated parts of the documents equal their sources."""
+
+import json
+import re
+
+import pytest
+
+from docs.figures import INLINE, ROOT, format_value, render, table_rows, without_comments
+from docs.generate import filled, pages
+from docs.results import csv, gain, select
+from harness.study import replication
+from scripts.charts import CHARTS, svg
+
+TABLE = """<!-- table
+rows triangulator=delaunay,H
+cells csv skybox/savings.csv cycles device=skybox scene=cad resolution=64,256 :.2f
+bold min column
+-->
+
+| | 64 px | 256 px |
+|---|---|---|
+
+<!-- end -->
+"""
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_page_is_up_to_date(page):
+    """`make documents` writes what this test compares."""
+    text = page.read_text(encoding="utf-8")
+    assert filled(text) == text
+
+
+def test_a_wrong_figure_is_overwritten():
+    text = "".join((ROOT / name).read_text() for name in ("README.md", "docs/findings.md"))
+    marked = INLINE.findall(text)
+    assert len(marked) > 70
+    wrong = INLINE.sub(lambda match: f"7.77<!-- = {match[2]} -->", text)
+    assert INLINE.findall(wrong) != marked
+    assert INLINE.findall(render(wrong)) == marked
+
+
+def test_words_around_a_figure_are_free():
+    comment = "<!-- = gain city 1024 H :.2f -->"
+    expected = f"{gain('city', 1024, 'optimal:half-perimeter'):.2f}"
+    for sentence in ("It takes 3{}.", "(**+1.5{}**)", "Write: {}, then\n-{} times"):
+        rendered = render(sentence.replace("{}", comment))
+        assert rendered.count(f"{expected}{comment}") == sentence.count("{}")
+        assert re.sub(rf"[-+]?[\d.]*{comment}", "{}", rendered) == re.sub(
+            r"[-+]?[\d.]*{}", "{}", sentence
+        )
+        assert comment not in without_comments(rendered)
+
+
+def test_a_table_is_written_below_its_header():
+    rows = render(TABLE).splitlines()[8:10]
+    where = {"device": "skybox", "scene": "cad", "triangulator": "optimal:half-perimeter"}
+    small, large = (
+        csv("skybox/savings.csv", "cycles", resolution=px, **where)[0] for px in (64, 256)
+    )
+    assert rows[1] == f"| best for H | **{small:.2f}** | **{large:.2f}** |"
+    assert render(render(TABLE).replace(rows[1], "| best for H | 1 | 2 |")) == render(TABLE)
+
+
+def test_a_ratio_can_be_written_as_a_saving():
+    written = [format_value(value, spec) for value, spec in [(0.5, "-%"), (1.02, "+.1%")]]
+    assert written == ["50", "2.0"]
+    assert format_value(-0.00001, ".2f") == "0.00"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("3<!-- = gain mars 1024 H :.2f -->", "gain mars 1024 H :.2f.: .*no row with"),
+        ("3<!-- = weight city -->", "weight city"),
+        ("3<!-- = csv skybox/squares.csv draws -->", "values instead of one"),
+        (TABLE.replace("| 64 px | 256 px |", "| 64 px |"), "differ in length"),
+    ],
+)
+def test_a_figure_that_cannot_be_computed_is_named(text, message):
+    with pytest.raises(ValueError, match=message):
+        render(text)
+
+
+def test_a_group_of_rows_can_have_another_label():
+    group = re.search(r"rows.*?(?=bold)", TABLE, re.DOTALL)[0]
+    rows = table_rows(group + group.replace("delaunay,H", 'H "again"'))
+    assert len(rows) == 3
+    assert rows[2] == rows[1].replace("best for H", "again")
+
+
+@pytest.mark.parametrize("name", sorted(CHARTS))
+def test_charts_are_up_to_date(name):
+    assert (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8") == svg(
+        CHARTS[name]
+    )
+
+
+CORRELATIONS = "llvmpipe/validate-city/correlations.csv"
+
+
+def ranks(measure, *criteria, rasteriser="opengl"):
+    columns = "value/ci_low/ci_high"
+    where = {"measure": measure, "statistic": "spearman_within", "rasteriser": rasteriser}
+    found = (csv(CORRELATIONS, columns, criterion=name, **where)[0] for name in criteria)
+    return [f"{number:.3f}" for interval in found for number in interval]
+
+
+def worst_turned(triangulator):
+    rows = select("llvmpipe/gains-rotation/summary.csv")
+    lanes = rows.pivot(index="rotation", columns="triangulator", values="helper_lanes")
+    return f"{(lanes[f'{triangulator}@0'] / lanes['ear-clipping']).max():.2f}"
+
+
+def test_claims_of_replication_cite_the_files():
+    h, a = "optimal:half-perimeter", "optimal:overdraw"
+    walk = [
+        csv("llvmpipe/orders/orders.csv", "walk", scene=scene, triangulator=h, base="delaunay")[0]
+        for scene in ("helsinki", "glyphs")
+    ]
+    (regret,) = csv(
+        "cpu/regret-city/regret.csv",
+        "mean/ci_low/ci_high",
+        name="expected-quads",
+        measure="quads",
+        resolution=1024,
+    )
+    expected = {
+        "Q_RANKS_LANES": ranks("helper_lanes", "expected_quads"),
+        "H_BEFORE_A_BY_LANES": ranks("helper_lanes", "half_perimeter", "overdraw"),
+        "H_BEFORE_A_BY_TIME": ranks("time_work_0", "half_perimeter", "overdraw"),
+        "A_RANKS_TESTS": ranks("bbox_tests", "overdraw", rasteriser="bounding-box")[:1],
+        "D_IS_LAST": ranks("helper_lanes", "shape"),
+        "H_AGAINST_EAR_CLIPPING": [f"{gain('city', 1024, h):.3f}"],
+        "H_AGAINST_DELAUNAY": [f"{gain('city', 1024, h, 'delaunay'):.3f}"],
+        "H_AGAINST_DELAUNAY_WALKED": [f"{ratio:.3f}" for ratio in walk],
+        "REGRET_OF_Q": [f"{100 * number:.2f}" for number in regret],
+        "H_TURNED": [worst_turned(h)],
+        "A_TURNED": [worst_turned(a)],
+    }
+    cited = {name: re.findall(r"\d+\.\d+", getattr(replication, name)) for name in expected}
+    assert cited == expected
+
+
+def test_cpu_studies_are_of_one_commit_and_one_processor():
+    files = (ROOT / "results" / "reference").glob("*/*/run.json")
+    files = sorted(file for file in files if file.parts[-3] != "h200")
+    facts = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    assert len(files) > 50
+    assert len({each["environment"]["git"]["commit"] for each in facts}) == 1
+    assert not any(each["environment"]["git"]["dirty"] for each in facts)
+    assert len({each["cpu"]["label"] for each in facts}) == 1
