@@ -19,10 +19,10 @@ import numpy as np
 import pandas as pd
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
-from harness.stats.intervals import Ratio, of_any_run
 from harness.frame import View, make_frame
 from harness.profile.words import amount
 from harness.rasterisers.reference import predict
+from harness.stats.intervals import Ratio, of_any_run
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import load
