@@ -22,7 +22,7 @@ from scenes.readers import guard
 from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
 from scenes.readers.guard import existing
 from scenes.readers.reader import Source, reader_of
-from scenes.readers.vector import layer_of
+from scenes.readers.vector import choose_layer
 from scenes.scene import SceneError
 from scenes.spec import arguments_for, exists, parsed
 from scenes.tiles.archives import Place, Run, opened
@@ -80,7 +80,7 @@ def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices
     if not sliced:
         return Slices(identity, [None], [0])
     with guard.clear_errors(path, reader.kind):
-        name, _ = layer_of(Source(file, layer))
+        name, _ = choose_layer(Source(file, layer))
         count = pyogrio.read_info(file, layer=name, force_feature_count=True)["features"]
     whole = [(start, min(start + MOST, count)) for start in range(0, count, MOST)]
     return Slices(identity, [*whole], [last - first for first, last in whole])

@@ -48,6 +48,8 @@ def inspect(
             min=0, help="Number of the polygon in the file: the first, with --sizes all of them."
         ),
     ] = None,
+    layer: options.Layer = None,
+    where: options.Where = None,
     triangulator: Annotated[
         options.Several | None,
         typer.Option(
@@ -100,16 +102,18 @@ def inspect(
     from harness.frame import View
     from harness.measuring.loading import load_scene
     from harness.triangulating.recipes import parse_all
+    from scenes.spec import joined
 
     if every is not None and sizes is not None:
         raise UsageError("--every and --sizes are two questions: leave one out")
     for name in ("profile", "as_json") if sizes is None else ("resolution",):
         if options.is_given(context, name):
-            where = "goes with" if sizes is None else "is of one picture: leave it out, or"
-            raise UsageError(f"--{name.removeprefix('as_')} {where} --sizes")
+            reason = "goes with" if sizes is None else "is of one picture: leave it out, or"
+            raise UsageError(f"--{name.removeprefix('as_')} {reason} --sizes")
     usual = SIDE_BY_SIDE if sizes is None else COMPARED
     recipes = parse_all(triangulator or usual, seed=seed)
     options.refuse_own_source(scene, out)
+    scene = joined(scene, layer=layer, where=where)
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

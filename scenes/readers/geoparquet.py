@@ -8,11 +8,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 
-from scenes.readers.guard import too_deep
 from scenes.readers.reader import Raw, Source
-from scenes.scene import Note, SceneError
+from scenes.readers.wkb import parse_wkb
+from scenes.scene import SceneError
 from scenes.spec import install, suggestion
 
 if TYPE_CHECKING:
@@ -103,17 +102,9 @@ def _raw(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
     table, notes = to_pandas(batch.remove_column(index), exact=exact)
-    values = batch.column(index).to_pylist()
-    flat = [None if value and too_deep(value) else value for value in values]
-    geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")[:-1]
-    broken = [
-        i
-        for i, (value, made) in enumerate(zip(values, geometries, strict=True))
-        if value and made is None
-    ]
-    dropped: list[Note] = [(labels[i], "geometry cannot be parsed as WKB") for i in broken]
-    keep = np.setdiff1d(np.arange(batch.num_rows), broken)
-    return replace(Raw(geometries, labels, table, crs, notes=notes).rows(keep), dropped=dropped)
+    geometries, dropped, repaired = parse_wkb(batch.column(index).to_pylist(), labels)
+    raw = Raw(geometries, labels, table, crs, "units", dropped, repaired, notes)
+    return raw.without_dropped()
 
 
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:

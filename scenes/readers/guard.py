@@ -269,10 +269,10 @@ _HOLDERS = (4, 5, 6, 7, 9, 10, 11, 12)
 """Types made of geometries: multi-points to collections, and those of curves."""
 
 
-def text_too_deep(text: str) -> bool:
+def is_text_too_deep(text: str) -> bool:
     """Whether WKT is nested deeper than `DEEPEST`; GEOS, which recurses, might end the process.
 
-    >>> text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), text_too_deep("(" * 101)
+    >>> is_text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_text_too_deep("(" * 101)
     (False, True)
     """
     if text.count("(") <= DEEPEST:
@@ -281,11 +281,11 @@ def text_too_deep(text: str) -> bool:
     return max(accumulate(steps)) > DEEPEST
 
 
-def too_deep(wkb: bytes) -> bool:
+def is_too_deep(wkb: bytes) -> bool:
     """Whether (E)WKB is nested deeper than `DEEPEST`. What is not WKB is not; its parser says so.
 
     >>> level = bytes.fromhex("010700000001000000")
-    >>> too_deep(99 * level), too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
+    >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
     if len(wkb) <= 9 * DEEPEST:  # of a nested geometry there are 9 bytes at least

@@ -66,6 +66,11 @@ class Raw:
             attributes=None if table is None else table.iloc[numbers].reset_index(drop=True),
         )
 
+    def without_dropped(self) -> Raw:
+        """Return the same without the geometries that `dropped` names."""
+        names = {name for name, _ in self.dropped}
+        return self.rows(np.flatnonzero([label not in names for label in self.labels]))
+
 
 @dataclass(frozen=True)
 class Reader:

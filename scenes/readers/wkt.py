@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.readers.guard import DEEPEST, numbered_lines, refuse_unended, text_too_deep, too_deep
+from scenes.readers.guard import numbered_lines, refuse_unended
 from scenes.readers.reader import Raw, Source
+from scenes.readers.wkb import UNPARSABLE, parse_wkb, parse_wkt
 from scenes.scene import Note
 
 _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
@@ -18,89 +19,99 @@ _BEGUN = re.compile(r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:
-    """One geometry per line, or one over several lines; `#` begins a comment.
+    """Yield one geometry per line, or one over several lines; `#` begins a comment.
 
-    The first SRID is the file's; a line with another one is named and left out.
+    The first SRID is the file's; a line with another one is named and skipped.
     """
-    whole = _single(source)
-    if whole is not None:
-        yield whole
+    single = _parse_single(source)
+    if single is not None:
+        yield single
         return
-    refuse_unended(source.path, _ended)
+    refuse_unended(source.path, _is_ended)
     numbered = numbered_lines(source.path)
-    crs, first = None, True
+    crs, is_first = None, True
     while chunk := list(islice(numbered, size)):
-        raw = _lines(chunk, crs, first)
-        crs, first = raw.crs, first and not len(raw.geometries)
+        raw = _parse_lines(chunk, crs, is_first)
+        crs, is_first = raw.crs, is_first and not len(raw.geometries)
         yield raw
 
 
-def _single(source: Source) -> Raw | None:
-    """The file as one geometry, if it is small and has not one geometry per line."""
+def _parse_single(source: Source) -> Raw | None:
+    """Return the file as one geometry, or None if it is large or has one geometry per line."""
     if source.path.stat().st_size > 10_000_000:
         return None
     text = source.path.read_text(encoding="utf-8-sig", errors="replace").strip()
     if "\n" not in text:
         return None
-    geometry, crs = _parsed(" ".join(text.split()))
-    return None if geometry is None else Raw([geometry], ["geometry 1"], crs=crs)
+    label = "geometry 1"
+    geometry, crs, change = _parse_line(" ".join(text.split()))
+    if geometry is None:
+        return None
+    return Raw([geometry], [label], crs=crs, repaired=[(label, change)] if change else [])
 
 
-def _ended(line: bytes) -> bool:
+def _is_ended(line: bytes) -> bool:
     """Whether a line is a geometry, or does not begin as one."""
     text = line.decode("utf-8", "replace")
-    return _BEGUN.match(text) is None or _parsed(text)[0] is not None
+    return _BEGUN.match(text) is None or _parse_line(text)[0] is not None
 
 
-def _lines(chunk: list[tuple[int, str]], crs: str | None, first: bool) -> Raw:
-    """A chunk; `crs` is the file's so far, which the first geometries may give."""
+def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> Raw:
+    """Return a chunk of lines; `crs` is the file's so far, which the first geometry may define."""
     geometries: list[Any] = []
     labels: list[str] = []
     dropped: list[Note] = []
+    repaired: list[Note] = []
     for number, line in chunk:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        geometry, found = _parsed(line)
+        label = f"line {number}"
+        geometry, srid, change = _parse_line(line)
         if geometry is None:
-            dropped.append((f"line {number}", "is not a geometry in WKT or hexadecimal WKB"))
+            dropped.append((label, change))
             continue
-        if first and crs is None:
-            crs = found
-        if found not in (None, crs):
-            dropped.append((f"line {number}", f"is in {found}, lines before it in {crs or 'none'}"))
+        if is_first and crs is None:
+            crs = srid
+        if srid not in (None, crs):
+            dropped.append((label, f"is in {srid}, lines before it in {crs or 'none'}"))
             continue
         geometries.append(geometry)
-        labels.append(f"line {number}")
-    return Raw(geometries, labels, crs=crs, dropped=dropped)
+        labels.append(label)
+        repaired += [(label, change)] if change else []
+    return Raw(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
 
 
-def _parsed(text: str) -> tuple[Any | None, str | None]:
-    """Geometry and reference system of WKT, EWKT or hexadecimal WKB; None, None for others."""
+def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
+    """Return geometry, reference system and change of WKT, EWKT or hexadecimal WKB.
+
+    If the geometry is None, the third value is the reason.
+    """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None
     body = text[match.end() :] if match else text
     body = body.strip().strip('"')
-    if "\0" in body or text_too_deep(body):
-        return None, None
     if re.fullmatch(r"(?:[0-9A-Fa-f]{2})+", body):
-        wkb = bytes.fromhex(body)
-        geometry = None if too_deep(wkb) else shapely.from_wkb(wkb, on_invalid="ignore")
+        (geometry,), dropped, repaired = parse_wkb([bytes.fromhex(body)], [""])
+        change = next((note for _, note in (*dropped, *repaired)), "")
     else:
-        geometry = shapely.from_wkt(body, on_invalid="ignore")
-    return (None, None) if geometry is None else (geometry, crs or _embedded(geometry))
+        geometry, change = (None, "") if "\0" in body else parse_wkt(body)
+    if geometry is None:
+        is_known = change not in ("", UNPARSABLE)
+        return None, None, change if is_known else "is not a geometry in WKT or hexadecimal WKB"
+    return geometry, crs or _embedded_crs(geometry), change
 
 
 def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - one geometry
-    """One geometry in (E)WKB."""
-    wkb = source.path.read_bytes()
-    if too_deep(wkb):
-        raise ValueError(f"it is nested more than {DEEPEST} levels deep")
-    geometry = shapely.from_wkb(wkb)
+    """Yield the parts of one geometry in (E)WKB."""
+    (geometry,), dropped, repaired = parse_wkb([source.path.read_bytes()], ["the geometry"])
+    if geometry is None:
+        raise ValueError(f"it {dropped[0][1]}" if dropped else "it is empty")
     parts = shapely.get_parts(geometry)
     labels = [f"geometry {i}" for i in range(len(parts))]
-    yield Raw(np.asarray(parts, dtype=object), labels, crs=_embedded(geometry))
+    crs = _embedded_crs(geometry)
+    yield Raw(np.asarray(parts, dtype=object), labels, crs=crs, repaired=repaired)
 
 
-def _embedded(geometry: Any) -> str | None:
+def _embedded_crs(geometry: Any) -> str | None:
     srid = shapely.get_srid(geometry)
     return f"EPSG:{srid}" if srid > 0 else None

@@ -46,6 +46,12 @@ def test_a_part_of_a_file(harness, town):
     assert record["scene"] == f"town.gpkg:layer=houses,where={where},limit=1"
 
 
+def test_inspect_takes_a_part_of_a_file(harness, town):
+    part = ("--layer", "houses", "--where", "height > 4")
+    answer = harness("inspect", town, *part, "--polygon", "9")
+    assert_refused(answer, "has polygons 0 to 1, not 9")
+
+
 def test_one_line_says_what_was_read(harness, town):
     code, _, err = harness("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
     line = "town: layer houses (others: parks); coordinates in ETRS89 / TM35FIN(E,N), m"

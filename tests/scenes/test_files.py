@@ -1,4 +1,8 @@
+import json
+import re
 import sqlite3
+import struct
+import zipfile
 from contextlib import closing
 from pathlib import Path
 
@@ -126,7 +130,7 @@ def test_layers_and_conditions(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".fgb"])
-@pytest.mark.parametrize("condition", ["nam = 'x'", "name == 3 3", "name = 'x"])
+@pytest.mark.parametrize("condition", ["nam = 'x'", "height == 3 3", "name = 'x"])
 def test_a_condition_that_is_not_valid_is_told_with_the_attributes(tmp_path, suffix, condition):
     path = write(tmp_path / f"town{suffix}")
     with pytest.raises(SceneError) as error:
@@ -135,6 +139,168 @@ def test_a_condition_that_is_not_valid_is_told_with_the_attributes(tmp_path, suf
     assert told.startswith(f"{path}: condition {condition!r} is not valid")
     assert told.endswith("its attributes are name, height")
     assert "SELECT" not in told
+
+
+@pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".fgb", ".csv"])
+@pytest.mark.parametrize("streaming", [True, False])
+def test_conditions_hold_whether_or_not_attributes_are_read(
+    tmp_path, monkeypatch, suffix, streaming
+):
+    """Commands that measure read no attributes, but conditions need them."""
+    if not streaming:
+        monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
+    options = {"layer_options": {"GEOMETRY": "AS_WKT"}} if suffix == ".csv" else {}
+    path = write(tmp_path / f"town{suffix}", **options)
+    for condition, areas in (("height > 1", [45, 72]), ("name IS NULL", []), ("height = 7", [72])):
+        for attributes in (True, False):
+            chunks = read_chunks(path, where=condition, attributes=attributes, project=False)
+            polygons = [p for chunk in chunks for p in chunk.cleaned.polygons]
+            assert sorted(p.area for p in polygons) == pytest.approx(areas)
+
+
+class TestCsv:
+    ROWS = 'id,%s,zip,h\n1,"%s",00700,9\n2,"%s",00800,10\n'
+
+    @pytest.mark.parametrize("name", ["WKT", "geometry", "geom", "the_geom"])
+    def test_names_of_the_geometry_column(self, tmp_path, name):
+        path = tmp_path / "a.csv"
+        path.write_text(self.ROWS % (name, POLYGONS[0].wkt, POLYGONS[1].wkb_hex))
+        scene = load(path, where="h < 10")
+        assert [p.area for p in scene.polygons] == [100]
+        assert scene.attributes.iloc[0].to_dict() == {"id": 1, "zip": "00700", "h": 9}
+
+    def test_a_table_without_geometries_names_the_remedy(self, tmp_path):
+        (tmp_path / "a.csv").write_text("id,h\n1,2\n")
+        with pytest.raises(SceneError, match="name the column of WKT geometries WKT or geometry"):
+            load(tmp_path / "a.csv")
+
+    def test_a_number_compared_with_text_gets_a_hint(self, geojson):
+        path = geojson(feature([SQUARE], h="12"))
+        with pytest.raises(SceneError, match=r"h is text, as a number it is CAST\(h AS FLOAT\)"):
+            load(path, where="h > 5")
+        assert len(load(path, where="CAST(h AS FLOAT) > 5").polygons) == 1
+
+
+CIRCLE = "CURVEPOLYGON (CIRCULARSTRING (20 5,25 10,30 5,25 0,20 5))"
+SURFACE = "MULTISURFACE (((0 0,9 0,9 9,0 0)),CURVEPOLYGON (COMPOUNDCURVE ((20 5,30 5),"
+SURFACE += "CIRCULARSTRING (30 5,25 10,20 5))))"
+PATCHES = "TIN Z (((0 0 0,4 0 0,0 4 0,0 0 0)),((4 0 0,4 4 0,0 4 0,4 0 0)))"
+
+
+def curved_wkb(text: str) -> bytes:
+    """Return the WKB of a curve, which GEOS cannot write, as GDAL has it in a file."""
+    kinds = {"CIRCULARSTRING": 8, "COMPOUNDCURVE": 9, "CURVEPOLYGON": 10, "MULTISURFACE": 12}
+    kinds |= {"TIN Z": 1016, "TRIANGLE": 1017, "POLYGON": 3, "LINESTRING": 2}
+
+    def numbers(text: str) -> bytes:
+        points = [[float(x) for x in point.split()] for point in text.split(",")]
+        return struct.pack("<I", len(points)) + np.array(points).tobytes()
+
+    def encode(text: str, plain: str) -> bytes:
+        name, _, body = text.strip().partition("(")
+        name, body = name.strip() or plain, body.rstrip()[:-1]
+        head = struct.pack("<BI", 1, kinds[name])
+        if "(" not in body:
+            return head + numbers(body)
+        parts = re.findall(r"\w*\s*\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)", body)
+        inner = {"MULTISURFACE": "POLYGON", "TIN Z": "TRIANGLE"}.get(name, "LINESTRING")
+        rings = name in ("POLYGON", "TRIANGLE")
+        encoded = [numbers(part.strip("() ")) if rings else encode(part, inner) for part in parts]
+        return head + struct.pack("<I", len(parts)) + b"".join(encoded)
+
+    return encode(text, "")
+
+
+class TestCurves:
+    """A curve gets chords and a note, in every format, and costs no other feature."""
+
+    AREAS = (16, np.pi * 25, 40.5 + np.pi * 12.5, 16)
+
+    @pytest.mark.parametrize("suffix", [".wkt", ".csv", ".parquet", ".gpkg"])
+    def test_formats(self, tmp_path, suffix):
+        from tests.scenes.test_readers import PLANAR, geoparquet
+
+        texts = ["POLYGON ((0 0,4 0,4 4,0 4,0 0))", CIRCLE, SURFACE, PATCHES]
+        wkb = [shapely.from_wkt(texts[0]).wkb, *map(curved_wkb, texts[1:])]
+        path = tmp_path / f"a{suffix}"
+        if suffix == ".wkt":
+            path.write_text("\n".join(texts))
+        elif suffix == ".csv":
+            path.write_text("id,WKT\n" + "".join(f'{i},"{t}"\n' for i, t in enumerate(texts)))
+        elif suffix == ".parquet":
+            geoparquet(path, wkb, crs=PLANAR)
+        else:
+            names = np.arange(4)
+            pyogrio.raw.write(path, wkb, [names], ["id"], geometry_type="Unknown", crs="EPSG:3067")
+        scene = load(path)
+        assert_sound(scene.polygons)
+        assert sum(p.area for p in scene.polygons) == pytest.approx(sum(self.AREAS), rel=2e-3)
+        assert [why for _, why in scene.repaired] == [
+            "has curves; replaced by chords of 4 degrees"
+        ] * 2
+        assert scene.dropped == []
+
+    def test_without_gdal_it_costs_its_feature(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("scenes.readers.wkb.linearize", lambda geometry: None)
+        path = tmp_path / "a.wkt"
+        path.write_text(f"{CIRCLE}\nPOLYGON ((0 0,4 0,4 4,0 4,0 0))\n")
+        scene = load(path)
+        assert [p.area for p in scene.polygons] == [16]
+        assert "it has curves" in scene.dropped[0][1]
+
+    def test_an_srid_in_front(self, tmp_path):
+        wkb = curved_wkb(CIRCLE)
+        extended = wkb[:1] + struct.pack("<II", 10 | 0x20000000, 3067) + wkb[5:]
+        (tmp_path / "a.wkb").write_bytes(extended)
+        assert load(tmp_path / "a.wkb").polygons[0].area == pytest.approx(78.5, rel=2e-3)
+
+
+def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
+    lines = [shapely.LinearRing(POLYGONS[0].exterior), shapely.LineString([(0, 0), (9, 0), (9, 9)])]
+    path = tmp_path / "a.dxf"
+    pyogrio.raw.write(path, shapely.to_wkb(lines), [], [], geometry_type="LineString", driver="DXF")
+    scene = load(path)
+    assert [p.area for p in scene.polygons] == [100]
+    assert "closed lines are read as polygons" in scene.notes
+    assert scene.dropped == [("feature 1", "is a LineString, not a polygon")]
+
+
+def test_topojson_has_longitude_and_latitude(tmp_path):
+    ring = [[24.9, 60.1], [24.901, 60.1], [24.901, 60.101], [24.9, 60.101], [24.9, 60.1]]
+    shape = {"type": "Polygon", "arcs": [[0]]}
+    for suffix in (".topojson", ".json"):
+        path = tmp_path / f"a{suffix}"
+        path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [ring]}))
+        scene = load(path)
+        assert scene.units == "m"
+        assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
+    far = [[1000 * x, y] for x, y in ring]
+    path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [far]}))
+    assert load(path).units == "units"
+
+
+class TestArchives:
+    def packed(self, tmp_path, *names: str) -> Path:
+        write(tmp_path / "town.shp")
+        path = tmp_path / "town.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in names:
+                for part in (".shp", ".shx", ".dbf", ".prj"):
+                    archive.write(tmp_path / f"town{part}", name + part)
+        return path
+
+    def test_a_data_set_in_a_folder(self, tmp_path):
+        scene = load(self.packed(tmp_path, "data/town"), where="height > 1")
+        assert len(scene.polygons) == 2
+        assert scene.units == "m"
+
+    def test_several_in_folders_or_none_are_refused(self, tmp_path):
+        with pytest.raises(SceneError, match=r"several data sets in folders \(a/b.shp, c/d.shp\)"):
+            load(self.packed(tmp_path, "a/b", "c/d"))
+        with zipfile.ZipFile(tmp_path / "empty.zip", "w") as archive:
+            archive.writestr("a/readme.txt", "none")
+        with pytest.raises(SceneError, match="has no data set: unpack it"):
+            load(tmp_path / "empty.zip")
 
 
 def test_a_shapefile_without_its_attributes_says_so(tmp_path):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scenes import SceneError, load
 from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers import guard
-from scenes.readers.vector import is_sequence
+from scenes.readers.geojson import is_sequence
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import sound_or_refused, whole
 from tests.scenes.test_files import write

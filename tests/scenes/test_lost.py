@@ -13,7 +13,7 @@ import shapely
 
 from scenes import SceneError, load
 from scenes.files import read_chunks
-from scenes.readers import vector
+from scenes.readers import gdal
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import BOXES, KINDS, NAMED, outcome, whole
 from tests.scenes.test_files import write as write_vector
@@ -28,7 +28,7 @@ class TestSequences:
     @pytest.mark.parametrize("heard", [True, False])
     def test_every_line_that_gives_no_feature_is_named(self, tmp_path, monkeypatch, size, heard):
         if not heard:  # as where the library of pyogrio is not found
-            monkeypatch.setattr(vector, "_library", lambda: None)
+            monkeypatch.setattr(gdal, "load_library", lambda: None)
         path = tmp_path / "town.geojsonl"
         rows = [line(0), line(20)[:40], "", "{broken", '{"type": "Town"}', "[1]", line(40)]
         path.write_text("\n".join(rows) + "\n")
@@ -107,7 +107,7 @@ def test_a_sequence_that_gdal_leaves_after_its_first_line_is_refused(tmp_path):
 
 
 def test_failures_are_heard_once_the_library_is_found():
-    assert vector._library() is not None
+    assert gdal.load_library() is not None
 
 
 class TestModels:
@@ -262,7 +262,7 @@ class TestNesting:
             path = geoparquet(tmp_path / "a.parquet", [BOXES[0], Deep], crs=PLANAR)
         scene = load(path)
         assert len(scene.polygons) == 1
-        assert scene.dropped == [("row 1", "geometry cannot be parsed as WKB")]
+        assert scene.dropped == [("row 1", "is nested more than 100 levels deep")]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on this system")

@@ -122,7 +122,12 @@ def geoparquet(path: Path, geometries, encoding="WKB", crs=None, **columns) -> P
     about = {"encoding": encoding, "geometry_types": ["Polygon"]} | (crs or {})
     geo = {"version": "1.1.0", "primary_column": "geom", "columns": {"geom": about}}
     table = pa.table(
-        {**columns, "geom": [None if g is None else shapely.to_wkb(g) for g in geometries]}
+        {
+            **columns,
+            "geom": [
+                g if g is None or isinstance(g, bytes) else shapely.to_wkb(g) for g in geometries
+            ],
+        }
     )
     parquet.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
     return path

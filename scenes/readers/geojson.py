@@ -1,0 +1,99 @@
+"""Properties of GeoJSON that GDAL does not report: sequences of lines, and reference systems.
+
+Of a GeoJSON sequence GDAL skips lines silently; of a reference system that it does not know, it
+assumes longitude and latitude.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+from scenes.cleaning.projection import system
+from scenes.readers.guard import LONGEST, edges, numbered_lines
+from scenes.readers.reader import Raw
+from scenes.scene import Note, SceneError
+
+_GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")
+_KINDS = ("Feature", *_GEOMETRIES, *(f"Multi{kind}" for kind in _GEOMETRIES[:3]))
+_SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljson")
+_DEGREES = "EPSG:4326"
+
+
+def find_crs(path: Path, crs: str | None) -> str | None:
+    """Return the reference system of a file, given the one that GDAL reports.
+
+    GeoJSON of 2008 may name a system in `crs`, before or after its features, or state by null that
+    there is none. If GDAL does not know the name, it reports longitude and latitude. TopoJSON has
+    no reference system; as in GeoJSON, its coordinates are longitude and latitude.
+    """
+    is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
+    if not is_json or crs not in (None, _DEGREES):
+        return crs
+    head, tail = edges(path)
+    if crs is None:
+        return _DEGREES if re.search(rb'"type"\s*:\s*"Topology"', head + tail) else None
+    around = head.partition(b'"features"')[0] + tail.rpartition(b"]")[2]
+    member = r'"crs"\s*:\s*(?:\{.*?"(?:name|href)"\s*:\s*)?(null|"[^"]*")'
+    match = re.search(member, around.decode("utf-8", "replace"), re.DOTALL)
+    if match is None:
+        return crs
+    name: str | None = json.loads(match[1])
+    return name if system(name) is None else crs
+
+
+def is_sequence(path: Path) -> bool:
+    """Whether a file has one GeoJSON object per line, by its suffix or by its first line."""
+    if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
+        return path.suffix.lower() in _SEQUENCES
+    with path.open("rb") as stream:
+        first, more = stream.readline(LONGEST).strip(), stream.read(4096).strip()
+    if first.startswith((b"\x1e", b"\xef\xbb\xbf\x1e")):
+        return True
+    if re.search(rb'"type"\s*:\s*"(FeatureCollection|Topology|CityJSON)"', first[:4096]):
+        return False
+    try:
+        return bool(more) and isinstance(json.loads(first), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
+def find_skipped_lines(
+    path: Path, count: int, failures: int, *, is_complete: bool, size: int
+) -> Iterator[Raw]:
+    """Yield chunks without geometry, whose notes name the lines that gave no feature.
+
+    Parameters
+    ----------
+    count
+        Number of features that were read.
+    failures
+        Number of failures that GDAL reported; it reports fewer than there are.
+    is_complete
+        Whether all features were asked for, so that their number can be compared.
+    """
+    lines = sum(1 for _, line in numbered_lines(path) if not line.isspace()) if is_complete else 0
+    if not failures and count >= lines:
+        return
+    skipped = _find_invalid_lines(path)
+    while notes := list(islice(skipped, size)):
+        count += len(notes)
+        yield Raw([], [], dropped=notes)
+    if count < lines:
+        raise SceneError(
+            f"{path} has {lines} features, one a line, but GDAL reads only some of them: write it "
+            "again, without a byte order mark"
+        )
+
+
+def _find_invalid_lines(path: Path) -> Iterator[Note]:
+    for number, line in numbered_lines(path):
+        text = line.strip("\x1e\ufeff \t\r\n")
+        try:
+            if text and json.loads(text)["type"] not in _KINDS:
+                raise KeyError
+        except (ValueError, RecursionError):
+            yield f"line {number}", "is not JSON"
+        except (KeyError, TypeError):
+            yield f"line {number}", "is JSON, but not a feature"
