@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki simulated test examples check endurance format fuzz bench proven study documents docs try docs-full lock clean
+.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz bench proven study documents docs try docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -16,9 +16,6 @@ help:  ## list the targets
 
 setup:  ## make .venv with what measuring needs, and see that OpenGL works without a screen
 	@scripts/setup.sh
-
-simulated: setup  ## and what builds published designs of GPUs, to be simulated cycle by cycle
-	@scripts/setup.sh simulated
 
 setup-test:  ## and with all that tests, studies, documents and every extra need
 	@scripts/setup.sh test

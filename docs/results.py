@@ -199,12 +199,6 @@ def moved_on_another_cpu() -> float:
     return math.ceil(100 * (there / here.reindex(there.index) - 1).abs().max()) / 100
 
 
-def thin(device: str, aspect: int) -> float:
-    """Return the cycles of a thin triangle relative to 1:1 on a raster slice, over its angles."""
-    rows = select("skybox/thin.csv", device=device).groupby("aspect")["cycles"].mean()
-    return float(rows[aspect] / rows[1])
-
-
 def flips_ms(scene: str, language: str, candidate: str, base: str = "", add: int = 0) -> str:
     """Return milliseconds of `scripts/flips_times.py`, with the ratio to a base in brackets."""
     where = {"scene": scene, "language": language}
@@ -321,7 +315,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     function.__name__: function
     for function in (
         csv, picture, gain, prediction_error, repeated, on_gpu, equal_counters, cost_ps,
-        moved_on_another_cpu, thin, flips_ms, state, coverage, profile_term, judged,
+        moved_on_another_cpu, flips_ms, state, coverage, profile_term, judged,
         size_or_aspect, number_after, number_before,
     )
 } | {"json": json_values}  # fmt: skip

@@ -15,8 +15,6 @@ from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options
 from harness.rasterisers import devices as probed
 from harness.rasterisers.reference import Reference, disagreements
-from harness.rasterisers.simulated import DESIGNS
-from harness.rasterisers.simulated.building import BUILD_S
 
 EXAMINED = {
     "opengl": ("gpu0", "llvmpipe", "softpipe", "zink"),
@@ -24,7 +22,6 @@ EXAMINED = {
     "webgpu": ("gpu0", "lavapipe", "llvmpipe", "swiftshader"),
     "osmesa": ("osmesa",),
     "pyrender": ("llvmpipe",),
-    "simulated": tuple(DESIGNS),
 }
 """Devices by rasteriser; further GPUs are examined, too."""
 
@@ -68,10 +65,9 @@ def examine_device(rasteriser: str, name: str) -> Finding:
         told = probes[rasteriser]()[1] if rasteriser in probes else ()
         problems = [problem for problem in told if problem.startswith(name.rstrip("0"))]
         return Finding(title, absent, "; ".join(problems) or "not found", kind.remedy(name))
-    seconds = BUILD_S if rasteriser == "simulated" else TIMEOUT_S
     try:
         with Worker(title, device.environment) as worker:
-            detail, differs = worker.call(_try_device, rasteriser, device, timeout_s=seconds)
+            detail, differs = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
         return Finding(title, absent, str(error), kind.remedy(name))
     if differs:
@@ -94,7 +90,5 @@ def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
     differs = disagreements(frame, drawn, Reference().count(frame, rows, Options()))
     details = opened.device.details
     detail = f"{details['renderer']}, {details.get('version', '')}".rstrip(", ")
-    if not opened.timed:
-        return f"{detail}; its time is a count of cycles", differs
     timer = choose_timer(opened)
     return f"{detail}; timer: {timer.timer}, as {timer.reason}", differs

@@ -22,7 +22,7 @@ MODEL_TRIANGULATORS = (
 )
 """Of a model that is seen from several sides: the length is the mean of H over rotations."""
 
-HISTORY_METRICS = ("cycles", "quads", "helper_lanes", "bbox_tests", "time")
+HISTORY_METRICS = ("quads", "helper_lanes", "bbox_tests", "time")
 """What `history` follows: the counters that stand for the cost, and time."""
 
 RESOLUTIONS = (8, 16384)

@@ -150,9 +150,7 @@ def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> lis
     elif is_base or ratio is None:
         told = "-" if is_base else ""
     else:
-        told = f"{ratio.value:.3f}"
-        if not ratio.exact:
-            told += f" ({ratio.low:.3f}-{ratio.high:.3f})"
+        told = f"{ratio.value:.3f} ({ratio.low:.3f}-{ratio.high:.3f})"
         colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
         words = each.pays.short if each.pays else WORDS[ratio.verdict]
     cells = [told, words] if paid else [f"{told} {words}".strip()]

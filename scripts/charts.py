@@ -159,31 +159,6 @@ def thin() -> Figure:
     return figure
 
 
-def hardware() -> Figure:
-    """Draw cycles relative to ear clipping on simulated designs."""
-    figure, panels = _panels(
-        _scenes("helsinki", "glyphs", "cad"), "cycles at 256 px, ear clipping = 1"
-    )
-    names = ["delaunay", "earcut-refine", "flips:l1", *(ALIASES[key] for key in "HAQ")]
-    slice_file = ("skybox/savings.csv", "cycles")
-    designs: dict[str, tuple[tuple[str, str], dict[str, object]]] = {
-        "Skybox's raster slice": (slice_file, {"device": "skybox", "resolution": 256}),
-        "and 8 cycles a quad": (slice_file, {"device": "skybox:shader=8", "resolution": 256}),
-        "ATTILA, a whole GPU": (
-            ("attila/ratios.csv", "ratio"),
-            {"bound": "shipped", "of": "cycles"},
-        ),
-    }
-    for scene, ax in panels.items():
-        for label, (column, where) in designs.items():
-            values = [csv(*column, scene=scene, triangulator=name, **where)[0] for name in names]
-            ax.plot(values, range(len(names)), label=label, linestyle="none")
-        _dots(ax, _labels(names), ())
-        ax.set_ylim(top=-2.7)  # room for the legend
-    panels["cad"].legend(loc="upper left")
-    return figure
-
-
 CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-choice": choice,
     "findings-predicted": predicted,
@@ -191,7 +166,6 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-devices": devices,
     "findings-gpu": gpu,
     "devices-thin": thin,
-    "simulated-choice": hardware,
 }
 
 

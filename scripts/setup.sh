@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
-# Makes .venv and sees that OpenGL works without a screen: setup.sh [run | data | docs | simulated | test]
+# Makes .venv and sees that OpenGL works without a screen: setup.sh [run | data | docs | test]
 #   run   what measuring needs, the default;  data  and the real scenes;  docs  and MkDocs;
-#   simulated  and what builds simulated GPUs
 #   test  everything, with the drivers and the browser that only tests need
 # Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
@@ -12,16 +11,14 @@ gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
 vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
 # Mesa 25.1 dropped OSMesa, so it is a device where present and never required.
 osmesa_packages=(libosmesa6)
-simulated_packages=(verilator g++ make)
-whole_gpu_packages=(g++ make bison flex zlib1g-dev libpng-dev)
 
 what=${1:-run}
 case $what in
-    run | simulated) locks=(requirements.lock) ;;
+    run) locks=(requirements.lock) ;;
     data) locks=(requirements.lock requirements-data.lock) ;;
     docs) locks=(requirements-docs.lock) ;;
     test) locks=(requirements-test.lock requirements-data.lock requirements-ports.lock) ;;
-    *) echo "setup: $what: give run, data, docs, simulated or test" >&2; exit 2 ;;
+    *) echo "setup: $what: give run, data, docs or test" >&2; exit 2 ;;
 esac
 
 say() { printf 'setup: %s\n' "$*"; }
@@ -145,23 +142,6 @@ find_browser() {
     touch .venv/browser-works
 }
 
-find_simulated() {
-    # Builds Skybox, of the designs that the rasteriser `simulated` runs.
-    [ "$(command -v "${simulated_packages[@]}" | wc -l)" = ${#simulated_packages[@]} ] || install_builders "${simulated_packages[@]}"
-}
-
-find_whole_gpu() {
-    # Builds ATTILA, which reads traces that are packed and writes pictures.
-    [ "$(command -v g++ make bison flex | wc -l)" = 4 ] && [ -e /usr/include/zlib.h ] && [ -e /usr/include/png.h ] \
-        || install_builders "${whole_gpu_packages[@]}"
-}
-
-install_builders() {
-    is_root || { say "simulated GPUs need packages; run: sudo apt-get install -y $*"; return 3; }
-    say "installing what builds simulated GPUs: $*"
-    apt_install "$@" || { say "apt-get install $* failed"; return 3; }
-}
-
 find_npm_packages() {
     # For ports/: npm's earcut, a minifier, TypeScript; the clients in examples/.
     local wheel folder
@@ -177,9 +157,7 @@ find_npm_packages() {
 
 cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
 [ -e .venv/gl-works ] || find_gl
-[ "$what" != simulated ] || { find_simulated && find_whole_gpu; }
 if [ "$what" = test ]; then
-    find_simulated || say "the tests of simulated GPUs are skipped"
     [ -e .venv/vulkan-works ] || find_vulkan
     [ -e .venv/osmesa-works ] || find_osmesa
     [ -e .venv/browser-works ] || find_browser

@@ -49,7 +49,6 @@ def profile(
     from harness.profile import profile as profiles
     from harness.profile.counted import counters
     from harness.rasterisers.base import Options
-    from harness.rasterisers.counters import CYCLES
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
@@ -60,13 +59,9 @@ def profile(
         step = bench.open(backend).details.get("step") or 1
         draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
-        if CYCLES in kind.counters:
-            with reporter.stage(f"counting {len(draws)} draws: {backend.label}", 1.0) as stage:
-                found = measured.counted(backend, bench, draws, stage.complete)
-        else:
-            length = budget * (len(draws) + 3)
-            with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-                found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
+        length = budget * (len(draws) + 3)
+        with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
+            found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
@@ -77,7 +72,7 @@ def profile(
         }
         content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
         add_advice(content, bench, found.trouble)
-    if found.unit == "s" and len(found.rounds) < measured.EPOCHS:
+    if len(found.rounds) < measured.EPOCHS:
         typer.echo(
             f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"
             f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",

@@ -12,9 +12,8 @@ from harness.errors import UsageError, unknown
 from harness.metrics.groups import condition
 from harness.metrics.registry import figures as registered
 from harness.metrics.registry import find
-from harness.rasterisers.counters import CYCLES
 
-FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
+FIRST = ("helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost best, the best first."""
 
 Exact = Literal["equal", "better", "worse", "changed"]

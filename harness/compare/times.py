@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
-from harness.rasterisers.counters import CYCLES
 from harness.results.run_folder import Record
 from harness.stats import run_quality
 from harness.stats.intervals import paired_ratio
@@ -101,8 +100,6 @@ def read_pair(
     before, after = base.get("time") or {}, head.get("time") or {}
     if not before and not after:
         return None
-    if CYCLES in before and CYCLES in after:
-        return None  # a counter like any other
     first, second = (positive(times.get("samples_s") or []) for times in (before, after))
     reason = ""
     if not len(first) or not len(second):

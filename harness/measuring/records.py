@@ -16,7 +16,6 @@ from harness.metrics.per_view import NAMES, VIEWS
 from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
-from harness.rasterisers.counters import CYCLES
 from harness.results import drawings
 from harness.results.run_folder import Record, Store
 from harness.settings import TimingSettings
@@ -114,8 +113,7 @@ def _in_short(record: Record) -> str:
     time = record.get("time")
     result = record["reason"] or "counted"
     if time:
-        seconds = time.get("median_s")
-        result = f"{time[CYCLES]:,} cycles" if seconds is None else f"{seconds * 1e3:.4g} ms"
+        result = f"{time['median_s'] * 1e3:.4g} ms"
     return f"{where} on {record['device']}: {record['status']}, {result}"
 
 
@@ -149,7 +147,7 @@ def measured(
     limits : `OUTLINE` and `LEAST`, each (p,) quads a polygon, -1 where that is not known
     """
     done = [part for part in triangulation.parts if part is not None]
-    again, cycles = triangulation.samples_s, counters.get(CYCLES)
+    again = triangulation.samples_s
     record: Record = {
         **case.identity(),
         "status": "ok",
@@ -164,8 +162,6 @@ def measured(
         "triangulate_s": triangulation.seconds,
         **({"triangulate_samples_s": _rounded(again)} if again else {}),
         "polygons_cached": triangulation.cached,
-        # The time of a device whose time is a count: one sample, without noise.
-        **({"time": {"timer": CYCLES, CYCLES: int(cycles.sum())}} if cycles is not None else {}),
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),

@@ -84,13 +84,12 @@ class _Estimate(NamedTuple):
 def break_even(record: Record, base: Record | None) -> BreakEven | None:
     """Return it for two records timed in the same rounds; None where it is not defined.
 
-    It is not for the base itself, nor where drawing or triangulating of either was not timed, or
-    drawing in cycles. A draw saves (1 - ratio) times the base's draw. Both triangulate in the same
-    rounds, too: what one takes longer is the mean of the rounds' differences, with Student's
-    interval.
+    It is undefined for the base itself, and unless drawing and triangulating of both were timed. A
+    draw saves (1 - ratio) times the base's draw. Both triangulate in the same rounds, too: the
+    extra triangulation time is the mean of the rounds' differences, with Student's interval.
     """
     ratio = time_ratio(record, base)
-    if ratio is None or ratio.exact or base is None or record is base:
+    if ratio is None or base is None or record is base:
         return None
     rounds, usual = (each.get("triangulate_samples_s") or () for each in (record, base))
     known = len(rounds) == len(usual) >= FEWEST_ROUNDS
@@ -315,8 +314,6 @@ def _advice(decision: Decision, scene: str) -> str:
     take = f"triangulate {scene} by {choice.name}"
     if decision.ground == "shown" and decision.saving:
         ratio = decision.saving
-        if ratio.exact:
-            return f"{take}: it takes {_share(1 - ratio.value)} fewer cycles than {base.name}"
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
         words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
         if choice.pays is not None and choice.pays.kind in ("at once", "after"):

@@ -10,7 +10,6 @@ from typing import Any
 
 from harness.errors import unknown
 from harness.machine.environment import differ, label_of
-from harness.rasterisers.counters import CYCLES
 from harness.results.run_folder import Record, Run
 from harness.stats.intervals import Ratio, of_any_run, paired_ratio
 from harness.stats.run_quality import QUIET, kept_pairs, state_of
@@ -107,8 +106,6 @@ def time_ratio(record: Record, base: Record | None, among: int = 1) -> Ratio | N
     if base is None or record.get("polygons") != base.get("polygons"):
         return None
     times, base_times = record.get("time") or {}, base.get("time") or {}
-    if CYCLES in times and CYCLES in base_times:
-        return Ratio.of_counts(times[CYCLES], base_times[CYCLES])
     # Without the rounds of both, which damage can take away, nothing is paired.
     if not all({"samples_s", "reference_s"} <= each.keys() for each in (times, base_times)):
         return None

@@ -154,8 +154,8 @@ def aspects(
 
 
 def _over_epochs(values: Any) -> tuple[float, float, float]:
-    """Return a mean with Student's interval; counts are one epoch's, and have no noise."""
-    return student_interval(values) if len(values) > 1 else (values[0],) * 3
+    """Return a mean over epochs with Student's interval."""
+    return student_interval(values)
 
 
 def _doubled(ratios: NDArray[np.float64]) -> list[float] | None:

@@ -1,4 +1,4 @@
-"""A device's law: seconds or cycles for each of `counted.TERMS`, with intervals, fitted to draws.
+"""A device's law: seconds for each of `counted.TERMS`, with intervals, fitted to draws.
 
 The fit is robust: coefficients that are not negative, relative errors.
 

@@ -13,7 +13,6 @@ from harness.measuring.records import waiting_of
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
-from harness.rasterisers.counters import CYCLES
 from harness.settings import TimingSettings
 from harness.stats.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.stats.run_quality import judge
@@ -33,7 +32,7 @@ MOST_APART = 0.03
 
 @dataclass(frozen=True)
 class Measured:
-    """The time of each draw of a design, in `unit`.
+    """The seconds of each draw of a design.
 
     epochs : (e, k) times of each of k draws in each of e epochs, with what all draws of a round
         have in common, the machine's speed, made equal
@@ -42,7 +41,6 @@ class Measured:
     control : one draw in ratio to itself under another name
     rounds : of each epoch
     disturbed : what the machine's state was, if it was not quiet, else ""
-    unit : s, or cycles where a device's time is a count, which has one epoch and no noise
     """
 
     epochs: NDArray[np.float64]
@@ -51,7 +49,6 @@ class Measured:
     control: Ratio
     rounds: list[int]
     disturbed: str = ""
-    unit: str = "s"
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -146,45 +143,6 @@ def measure(
     )
     why = f"the times are {state.state}: {'; '.join(state.why)}"
     return replace(found, disturbed="" if state.is_quiet else why)
-
-
-def counted(
-    backend: Backend,
-    bench: Bench,
-    draws: Sequence[Draw],
-    tick: Callable[[float], None] | None = None,
-) -> Measured:
-    """Count the cycles of all draws, of the empty one, and of one draw again: they must be equal.
-
-    Raises
-    ------
-    Inconclusive
-        if they are not
-    HarnessError
-        if the device cannot be opened, or fails under one of them
-    """
-    middle = draws[len(draws) // 2]
-    nothing = replace(middle, triangles=middle.triangles[:0])
-    cycles = []
-    for draw in (nothing, *draws, middle):
-        counts = bench.count(backend, draw.frame, draw.triangles, Options())
-        cycles.append(int(counts[CYCLES].sum()))
-        if tick:
-            tick(len(cycles) / (len(draws) + 2))
-    empty, *times, again = cycles
-    if again != times[len(draws) // 2]:
-        raise Inconclusive(
-            f"{backend.label}: {middle.name} took {times[len(draws) // 2]:,} cycles, and {again:,} "
-            "when it was drawn again, so its cycles are no count"
-        )
-    return Measured(
-        epochs=np.array([times], np.float64),
-        drift=1.0,
-        empty=float(empty),
-        control=Ratio(1.0, 1.0, 1.0, rounds=1),
-        rounds=[1],
-        unit=CYCLES,
-    )
 
 
 def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:

@@ -1,8 +1,7 @@
 """A profile: what was measured and what follows from it, as one JSON file.
 
-Its `coefficients` are costs of each of `law.COSTS`, which `optimal:calibrated` minimises. Costs
-are in seconds, or in cycles where a device's time is a count of these. All figures follow
-from the times of each epoch that it holds, so whoever reads it can compute them anew.
+Its `coefficients` are the costs in seconds of each of `law.COSTS`, which `optimal:calibrated`
+minimises. All values follow from the stored times of each epoch, so a reader can recompute them.
 """
 
 import json
@@ -48,7 +47,6 @@ def profile(
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
     predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
     coefficients = solve(predicted, measured.times[plain], [groups[n] for n in plain]).tolist()
-    digits = 5 if measured.unit == "s" else 15
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -57,9 +55,9 @@ def profile(
         "design": DESIGN,
         "seed": seed,
         "device": dict(device),
-        "unit": measured.unit,
+        "unit": "s",
         "terms": [
-            {"name": name, "unit": f"{measured.unit}{'/px' * (name in IN_PX)}", **_told(law, one)}
+            {"name": name, "unit": f"s{'/px' * (name in IN_PX)}", **_told(law, one)}
             for name, one in zip(TERMS, np.eye(len(TERMS)), strict=True)
         ],
         "sums": [
@@ -83,7 +81,7 @@ def profile(
                 "rounds_of_work": draw.work,
                 "checksum": draw.checksum,
                 "counters": dict(counts),
-                "epochs": [float(f"{each:.{digits}g}") for each in epochs],
+                "epochs": [float(f"{each:.5g}") for each in epochs],
             }
             for draw, counts, epochs in zip(draws, counted, measured.epochs.T, strict=True)
         ],
@@ -116,6 +114,8 @@ def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
             raise UsageError(
                 f"{file} was refused: it fits too badly; repeat raster-harness profile"
             )
+        if (unit := content.get("unit", "s")) != "s":
+            raise ValueError(f"unsupported unit {unit!r}")
         return told(content)
     except FileNotFoundError:
         raise UsageError(f"no profile {file}; make it: raster-harness profile") from None

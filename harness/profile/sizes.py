@@ -1,8 +1,7 @@
 """At which sizes of the viewport the choice of a triangulator matters: counted, not timed.
 
 A scene is triangulated and counted at each size as a run does it, by the exact CPU reference. A
-device's profile makes milliseconds, or cycles, of the counts; what triangulating takes is taken by
-the clock.
+device's profile converts the counts to milliseconds; triangulation is timed by the clock.
 """
 
 from __future__ import annotations
@@ -44,11 +43,10 @@ CONTRIBUTED = Path(__file__).parents[2] / "results" / "reference" / "profiles"
 
 @dataclass(frozen=True)
 class Law:
-    """A device's name, and what each of `counted.TERMS` costs, (t,), in `unit`: s or cycles."""
+    """A device's name, and the seconds that each of `counted.TERMS` costs, (t,)."""
 
     device: str
     costs: NDArray[np.float64]
-    unit: str = "s"
 
 
 EXACT = ("fragments", "quads", "helper_lanes", "partial_quads")
@@ -56,7 +54,7 @@ EXACT = ("fragments", "quads", "helper_lanes", "partial_quads")
 
 Cost = dict[str, Any]
 """What one triangulator's triangles cost: `EXACT`; `triangulate_s`, the seconds that it took; and
-`draw`, the time of a draw by a device's law and in its unit, None without one."""
+`draw`, the time of a draw by a device's law in seconds, None without one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ class Sizes:
         return {
             "scene": self.scene,
             "device": self.law.device if self.law else None,
-            "unit": self.law.unit if self.law else None,
+            "unit": "s" if self.law else None,
             "sizes": [asdict(size) for size in self.sizes],
             "matters_at": [size.resolution for size in self.sizes if size.matters],
             "matters_share": MATTERS,
@@ -143,7 +141,7 @@ def read_law(name: str, *folders: Path) -> Law:
 def _law_of(profile: Any) -> Law:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     every = np.array([costs[term] for term in TERMS])
-    return Law(str(profile["device"]["name"]), every, str(profile["unit"]))
+    return Law(str(profile["device"]["name"]), every)
 
 
 def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | None) -> Size:
@@ -201,7 +199,7 @@ def sentence(found: Sizes) -> str:
         f"It matters at {across} px, most at {most.resolution} px, {most.polygon_px:.2g} px a "
         f"polygon: {best} saves {saved:.1%} of {base}'s {found.measure}"
     )
-    if found.law and found.law.unit == "s":
+    if found.law:
         own, other = (most.costs[name] for name in (best, base))
         more = own["triangulate_s"] - other["triangulate_s"]
         draws = math.ceil(more / (other["draw"] - own["draw"]))
@@ -217,8 +215,7 @@ def tables(found: Sizes) -> Iterator[Table]:
         ("partial_quads", "partial quads", 1.0, ",.0f"),
     ]
     if found.law:
-        per, called = (1e3, "ms") if found.law.unit == "s" else (1.0, found.law.unit)
-        kinds.append(("draw", f"{called} of a draw on {found.law.device}", per, ".4g"))
+        kinds.append(("draw", f"ms of a draw on {found.law.device}", 1e3, ".4g"))
     base, *others = found.sizes[0].costs
     heads = [f">{name}" for name in ("size", "a polygon", base, *others)]
     for name, what, per, form in kinds:

@@ -36,10 +36,8 @@ BY_SUM = {
 }
 
 
-def amount(value: float, unit: str = "s") -> str:
-    """Return a cost as people say it: 53 ns, 1.9 us, or 1.1 cycles."""
-    if unit != "s":
-        return f"{_digits(value)} {unit if _digits(value) != '1' else unit.removesuffix('s')}"
+def amount(value: float) -> str:
+    """Return seconds as text in a suitable unit: 53 ns, 1.9 us."""
     if value < NOTHING:
         return "0 s"
     step, unit = next((each for each in STEPS if value >= each[0]), STEPS[-1])
@@ -56,14 +54,13 @@ def sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _law(profile: Mapping[str, Any]) -> Iterator[str]:
-    unit = profile["unit"]
     yield f"On {profile['device']['name']}:"
     for term in profile["terms"]:
         if term["shown"]:
-            yield TERMS[term["name"]].sentence.format(amount(term["cost"], unit))
+            yield TERMS[term["name"]].sentence.format(amount(term["cost"]))
     for each in profile["sums"]:
         if each["shown"]:
-            yield f"{BY_SUM[each['name']]} {_cost(each, unit)} in all."
+            yield f"{BY_SUM[each['name']]} {_cost(each)} in all."
     nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if nothing:
         yield f"Nothing is shown for {listed(nothing)}."
@@ -114,10 +111,9 @@ def table(profile: Mapping[str, Any]) -> Table:
         f"{profile['r2_within']:.3f} within groups of a kind",
         *("what", ">each costs", ">95 % interval", "needed"),
     )
-    unit = profile["unit"]
     for term in profile["terms"]:
-        ends = f"{amount(term['low'], unit)} to {amount(term['high'], unit)}"
-        cost = amount(term["cost"], unit) if term["shown"] else "nothing shown"
+        ends = f"{amount(term['low'])} to {amount(term['high'])}"
+        cost = amount(term["cost"]) if term["shown"] else "nothing shown"
         needed = "yes" if term["name"] in profile["fewest"] else ""
         found.add_row(TERMS[term["name"]].noun, cost, ends, needed)
     return found
@@ -145,8 +141,7 @@ def model(device: str, details: Mapping[str, Any]) -> str:
 def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
     where = f"{model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
-    timed = device["software"] and device["cpu"] and profile["unit"] == "s"
-    cpu = f"; {device['cpu']}" if timed else ""
+    cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
     terms = {term["name"]: term for term in profile["terms"]}
     doubled = ", ".join(
         f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
@@ -154,12 +149,12 @@ def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
     shown = (terms[name] if terms[name]["shown"] else None for name in names)
-    costs = ("-" if each is None else _cost(each, profile["unit"]) for each in shown)
+    costs = ("-" if each is None else _cost(each) for each in shown)
     return (f"{where}{cpu}", *costs, doubled, f"`{advice}`")
 
 
-def _cost(term: Mapping[str, Any], unit: str) -> str:
-    cost, low, high = (amount(term[name], unit) for name in ("cost", "low", "high"))
+def _cost(term: Mapping[str, Any]) -> str:
+    cost, low, high = (amount(term[name]) for name in ("cost", "low", "high"))
     return f"{cost} ({low} to {high})"
 
 

@@ -43,7 +43,6 @@ BUILT_IN = {
     "webgpu": "harness.rasterisers.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
-    "simulated": "harness.rasterisers.simulated:Simulated",
 }
 
 

@@ -4,9 +4,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-CYCLES = "cycles"
-"""The counter that is a device's time, where it has it."""
-
 
 @dataclass(frozen=True)
 class Counter:
@@ -31,7 +28,6 @@ class Counter:
 
 
 _TABLE = (
-    (CYCLES, "cycles", "cycles", "cycles that a simulated design takes, which are its time"),
     ("helper_lanes", "helper lanes", "lanes", "lanes of shaded 2x2 quads that cover nothing"),
     ("bbox_tests", "bounding-box tests", "tests", "pixel centres tested in bounding boxes"),
     ("rows", "rows walked", "rows", "pixel rows that triangles reach"),
@@ -48,26 +44,6 @@ _TABLE = (
         )
         for px in (16, 32, 64)
     ),
-    ("tiles", "tiles", "tiles", "tiles that triangles are put into"),
-    ("nodes", "squares tested", "squares", "squares tested on the way down"),
-    ("tested_blocks", "blocks tested", "blocks", "blocks tested by pixels"),
-    ("beats", "beats", "beats", "cycles in which covered quads leave"),
-    ("traversal_cycles", "traversal", "cycles", "cycles in which the rasteriser descends"),
-    (
-        "empty_quads",
-        "empty quads",
-        "quads",
-        "quads that the rasteriser tries and that cover nothing",
-    ),
-    (
-        "busiest_pipe_quads",
-        "quads of the busiest pipe",
-        "quads",
-        "quads of the pipe that writes most",
-    ),
-    ("colour_misses", "misses", "lines", "lines the colour cache lacks"),
-    ("colour_bytes", "colour bytes", "bytes", "colour read and written"),
-    ("shaded_vertices", "vertices shaded", "vertices", "vertices shaded"),
     ("quads", "quads", "quads", "2x2 quads shaded"),
     ("partial_quads", "partial quads", "quads", "2x2 quads shaded of which a lane covers nothing"),
     ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks touched"),
@@ -84,7 +60,6 @@ _TABLE = (
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
 
 _MORE: dict[str, dict[str, Any]] = {
-    CYCLES: {"heading": "cycles"},
     "helper_lanes": {"heading": "helpers", "best_case": 0.0},
     "bbox_tests": {"heading": "tests"},
     "partial_quads": {"best_case": 0.0},

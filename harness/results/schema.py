@@ -6,7 +6,7 @@ line.
 
 import statistics
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
@@ -41,13 +41,6 @@ class Least(_Part):
     quads: Number
     shaded: Number
     fragments: Number
-
-
-class Cycles(_Part):
-    """The time of a device whose time is a count."""
-
-    timer: Literal["cycles"]
-    cycles: Annotated[int, Field(gt=-MOST, lt=MOST)]
 
 
 class Time(_Part):
@@ -113,7 +106,7 @@ class Record(_Part):
     outline_quads: Number | None = None
     least: Least | None = None
     views: Views | None = None
-    time: Time | Cycles | None = None
+    time: Time | None = None
 
 
 class Plan(_Part):

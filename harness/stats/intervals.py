@@ -160,17 +160,6 @@ class Ratio:
     rounds: int
     quiet: bool = True
 
-    @classmethod
-    def of_counts(cls, count: int, base: int) -> "Ratio":
-        """Return the ratio of times that are counts, which no other run would find another."""
-        value = count / base if base else 1.0
-        return cls(value, value, value, 1)
-
-    @property
-    def exact(self) -> bool:
-        """Whether it is of counts."""
-        return self.low == self.high and self.rounds == 1
-
     @property
     def verdict(self) -> Verdict:
         """What the interval shows of the first drawing against the second."""

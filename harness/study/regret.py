@@ -23,7 +23,6 @@ from rich.console import Console
 from harness.metrics.groups import groups
 from harness.metrics.per_polygon import Column
 from harness.metrics.registry import measures, predictions
-from harness.rasterisers.counters import CYCLES
 from harness.results.run_folder import Record
 from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.study.correlations import TIME, by_criterion
@@ -31,7 +30,6 @@ from harness.study.subjects import LEAST
 from harness.style import family_of
 
 OF_QUADS = ("quads", "helper_lanes")
-SHOWN = (CYCLES, *OF_QUADS)
 
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that nobody would trust: they are there for the spread."""
@@ -178,11 +176,11 @@ def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
 
 
 def main_measures(measured: Iterable[str]) -> list[str]:
-    """Return what is shown: cycles and what quads count, or the main counter; and all times."""
+    """Return the measures to print: quad counters, or else the main counter; and all times."""
     names = list(dict.fromkeys(measured))
     times = [name for name in names if name.startswith(TIME)]
     counted = [name for name in names if name not in times]
-    return ([name for name in counted if name in SHOWN] or counted[:1]) + times
+    return ([name for name in counted if name in OF_QUADS] or counted[:1]) + times
 
 
 def print_regret(summary: pd.DataFrame, console: Console) -> None:

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from harness.metrics.decision import BreakEven, _end, advice, break_even, decide
-from harness.metrics.groups import base_of, time_ratio
+from harness.metrics.groups import base_of
 from harness.report.content import content_of
 from harness.results.run_folder import Run
 from harness.stats.intervals import RUN_SCATTER
@@ -339,11 +339,6 @@ def test_where_it_is_not_defined():
     assert break_even(record("of an older version"), base) is None
     assert break_even(base, base) is None
     assert break_even(base, None) is None
-    pair = [triangulated(name, 0.5) for name in ("one", "other")]
-    for each in pair:
-        each["time"] |= {"cycles": 1000}
-    assert time_ratio(*pair).exact
-    assert break_even(*pair) is None
 
 
 def test_an_interval_is_never_one_number_and_may_have_no_end():

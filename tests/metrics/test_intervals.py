@@ -161,11 +161,3 @@ def test_a_ratio_is_known_whatever_the_unit_and_not_where_all_are_alike(size):
     assert np.isnan(ratio_interval(0.3 * base, base)).all()
     noise = np.random.default_rng(4).normal(1.0, 0.05, 24)
     assert ratio_interval(0.3 * base * noise, base) == pytest.approx((0.3, 0.3), rel=0.05)
-
-
-def test_a_ratio_is_exact_where_it_is_of_counts_alone():
-    assert Ratio.of_counts(3, 4).exact
-    assert Ratio.of_counts(3, 4).value == 0.75
-    assert Ratio.of_counts(3, 0).value == 1.0
-    assert not Ratio(1.0, 1.0, 1.0, 8).exact
-    assert not Ratio(1.0, 0.9, 1.1, 1).exact

@@ -2,13 +2,10 @@
 
 from typing import ClassVar
 
-import numpy as np
-
 from harness.frame import SUBPIXEL, Frame
 from harness.profile.counted import counters
 from harness.profile.design import Draw
-from harness.rasterisers.base import Counters, Device, Drawing, Options, Sample, Triangles
-from harness.rasterisers.reference import Reference
+from harness.rasterisers.base import Device, Drawing, Options, Sample, Triangles
 from tests.mock import MockRasteriser
 
 COSTS = {
@@ -93,27 +90,3 @@ class Nowhere(Charging):
     @classmethod
     def devices(cls) -> list[Device]:
         return []
-
-
-class Counting(MockRasteriser):
-    """Its time is a count: 20 cycles a draw, 3 a triangle and one a covered pixel."""
-
-    name = "counting"
-    counters: ClassVar[tuple[str, ...]] = ("cycles", "fragments")
-    timed = False
-    more = 0
-    """Cycles by which each draw takes longer than the one before."""
-
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        drawn = Reference().count(frame, triangles, options)["fragments"]
-        type(self).slower += self.more
-        taken = 20 + 3 * len(triangles) + int(drawn.sum()) + type(self).slower
-        return {"cycles": np.array(taken), "fragments": drawn}
-
-    slower = 0
-
-
-class Slowing(Counting):
-    """It is no count: each draw takes a cycle more than the one before."""
-
-    more = 1

@@ -66,27 +66,6 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert dict(recipe.calibration or ()) == coefficients
 
 
-def test_a_device_whose_time_is_a_count_has_its_costs_in_cycles(harness):
-    out, _ = ends_well(profiled(harness, "Counting"))
-    assert "A draw by itself costs 20 cycles." in out
-    assert "A triangle costs 3 cycles, however small it is." in out
-    assert "A pixel that a triangle covers costs 1 cycle." in out
-    content = json.loads(Path("p.json").read_text())
-    assert content["unit"] == "cycles"
-    assert content["empty"] == 20
-    assert {each["unit"] for each in content["terms"]} == {"cycles", "cycles/px"}
-    for each in content["times"]:
-        counted = each["counters"]
-        assert each["epochs"] == [20 + 3 * counted["triangles"] + counted["fragments"]]
-    out, _ = ends_well(harness("inspect", "paper", "--sizes", "64", "--profile", "p.json"))
-    assert "cycles of a draw on scripted" in out
-    assert "which pays after" not in out
-
-
-def test_cycles_that_differ_when_a_draw_is_repeated_are_no_count(harness):
-    assert_refused(profiled(harness, "Slowing"), "so its cycles are no count", code=INCONCLUSIVE)
-
-
 def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
     ends_well(profiled(harness, "Coarse"))
     content = json.loads(Path("p.json").read_text())

@@ -136,6 +136,8 @@ def test_a_contributed_profile_is_known_by_its_name(harness):
     )
     Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')
     assert_refused(harness(*given, "--profile", "none.json"), "none.json is not a profile")
+    Path("none.json").write_text('{"unit": "cycles"}')
+    assert_refused(harness(*given, "--profile", "none.json"), "unsupported unit 'cycles'")
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_nothing_is_counted_and_drawn_of_no_triangles(on_device):
 
 def test_what_counts_quads_counts_partial_ones():
     of_quads = [name for name in names() if "quads" in get(name).counters]
-    assert {"opengl", "osmesa", "webgpu", "reference", "simulated"} <= set(of_quads)
+    assert {"opengl", "osmesa", "webgpu", "reference"} <= set(of_quads)
     assert all(set(get(name).counters) >= set(SHADED) for name in of_quads)
 
 

@@ -124,6 +124,24 @@ def test_tiles_are_those_whose_inside_meets_the_triangles(corners):
     assert by_box == sum(shapely.intersection(tile, bounds).area > 1e-9 for tile in tiles)
 
 
+@pytest.mark.parametrize("side", [2, 4, 8, 16, 32])
+def test_mean_number_of_squares_follows_half_perimeter_and_area(side):
+    """Monte Carlo over positions: 1 + H / s + S / s^2, to 3.5 standard errors (docs/theory.md)."""
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        shape = rng.integers(-60 * 256, 60 * 256, (3, 2))
+        (ax, ay), (bx, by) = shape[1] - shape[0], shape[2] - shape[0]
+        moves = rng.integers(128 * 256, 256 * 256, (4000, 1, 2))
+        points = (shape + moves).reshape(-1, 2).astype(np.int32)
+        triangles = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        squares = count_tiles(points, triangles, side * 256, WHOLE)[:, 1]
+        area = abs(int(ax * by - ay * bx)) / 2 / 256**2
+        half_perimeter = np.ptp(shape, axis=0).sum() / 256
+        mean = 1 + half_perimeter / side + area / side**2
+        error = squares.std() / np.sqrt(len(squares))
+        assert abs(squares.mean() - mean) < 3.5 * error + 1e-9
+
+
 def test_counts_are_per_polygon_and_larger_tiles_are_fewer():
     frame, triangles = random_triangles(seed=2, size=512, number=40, grid=1)
     counters = get("binning")(find_device("binning")).count(frame, triangles, Options())
