@@ -31,27 +31,44 @@ def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
     return np.where(drawn & np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
 
 
+TIE_TOLERANCE = 1e-9
+"""Relative difference up to which neighbouring values share a rank. The sums of two equal
+triangulations differ by about 1e-15, because their triangles are added in different orders."""
+
+
 def ranks(values: Column) -> Column:
-    """Return each value's rank from 1 on, the mean of theirs where values are equal."""
-    _, which, times = np.unique(values, return_inverse=True, return_counts=True)
-    mean: Column = (np.cumsum(times) - (times - 1) / 2)[which]
-    return mean
+    """Return the rank of each value, counted from 1; values within `TIE_TOLERANCE` share the mean.
+
+    Rounding to a number of digits would not do: two sums on either side of a rounding boundary
+    differ in the last bit and would still be ranked apart.
+    """
+    order = np.argsort(values, kind="stable")
+    ascending = values[order]
+    tolerance = TIE_TOLERANCE * np.maximum(np.abs(ascending[1:]), np.abs(ascending[:-1]))
+    is_new = np.diff(ascending) > tolerance
+    group = np.concatenate(([0], np.cumsum(is_new)))[: len(values)]
+    sizes = np.bincount(group)
+    result = np.empty(len(values))
+    result[order] = (np.cumsum(sizes) - (sizes - 1) / 2)[group]
+    return result
 
 
 def spearman(x: Column, y: Column) -> float:
-    """Return Spearman's coefficient; NaN where either column is constant or shorter than 3."""
-    # SciPy's, with all of `scipy.stats`, takes longer to import than a short run.
-    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+    """Return Spearman's coefficient; NaN if either column is constant or shorter than 3."""
+    # Importing `scipy.stats` takes longer than a short run.
+    if len(x) < 3:
         return float("nan")
-    return float(np.corrcoef(ranks(x), ranks(y))[0, 1])
+    of_x, of_y = ranks(x), ranks(y)
+    if np.ptp(of_x) == 0 or np.ptp(of_y) == 0:
+        return float("nan")
+    return float(np.corrcoef(of_x, of_y)[0, 1])
 
 
 def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
-    """Return Spearman's coefficient of the finite pairs, None where it is not defined."""
-    both = np.isfinite(x) & np.isfinite(y)
-    x, y = x[both], y[both]
-    found = spearman(x, y)
-    return None if np.isnan(found) else found
+    """Return Spearman's coefficient of the finite pairs, or None if it is undefined."""
+    finite = np.isfinite(x) & np.isfinite(y)
+    coefficient = spearman(x[finite], y[finite])
+    return None if np.isnan(coefficient) else coefficient
 
 
 def error_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:

@@ -109,7 +109,17 @@ def test_what_is_short_or_constant_has_none(x, y):
         assert np.isnan(spearman(np.array(x, float), np.array(y, float)))
 
 
-def test_it_is_that_of_scipy_with_equal_values():
+def test_ranks_and_spearman_equal_scipys_if_values_tie():
     x, y = np.array([3.0, 1, 1, 7, 2, 2, 2]), np.array([2.0, 2, 1, 9, 4, 3, 3])
     assert ranks(x).tolist() == scipy.stats.rankdata(x).tolist()
     assert spearman(x, y) == pytest.approx(scipy.stats.spearmanr(x, y).statistic)
+
+
+@pytest.mark.parametrize("factor", [1.0, -1.0, 1e-200, 1e200])
+def test_sums_that_differ_in_the_last_bits_share_a_rank(factor):
+    # The second pair lies on either side of the boundary at which 9 digits round up.
+    boundary = 2.0000000050
+    sums = np.array([0.1 + 0.2, 0.3, np.nextafter(boundary, 0), boundary, 2.00000002, 0.0])
+    expected = [2.5, 2.5, 4.5, 4.5, 6, 1] if factor > 0 else [4.5, 4.5, 2.5, 2.5, 1, 6]
+    assert ranks(factor * sums).tolist() == expected
+    assert np.isnan(spearman(factor * sums[[0, 1, 1]], np.arange(3.0))), "a constant column"

@@ -200,6 +200,7 @@ def test_a_timers_step_is_found(browser, page):
 
 def test_figures_equal_ours(browser, page):
     """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
+    from harness.metrics.per_polygon import ranks
     from harness.stats.intervals import of_any_run, paired_ratio
 
     browser.open(page, MEASURED)
@@ -213,3 +214,6 @@ def test_figures_equal_ours(browser, page):
     assert browser.evaluate("rankCorrelation([1, 2, 3, 4], [10, 20, 20, 40])") == pytest.approx(
         0.9486833
     )
+    assert browser.evaluate("rankCorrelation([0.3, 0.1 + 0.2, 0.3], [1, 2, 3])") is None
+    sums = [4, 0.3, 0.1 + 0.2, -1e-300, 1 - 2e-9, 1, 2.0000000050000001, 2.000000005]
+    assert browser.evaluate(f"ranks({sums})") == ranks(np.array(sums)).tolist()

@@ -67,13 +67,23 @@ function pairedRatio(samples, base, epochs, scatter = RUN_SCATTER) {
   return { value: Math.exp(middle), low: Math.exp(middle - reach), high: Math.exp(middle + reach) };
 }
 
-/* Spearman's rank correlation, with mean ranks for ties; null where it is not defined. */
+/* Relative difference up to which neighbouring values share a rank: TIE_TOLERANCE of metrics/per_polygon.py. */
+const TIE_TOLERANCE = 1e-9;
+
+/* The rank of each value, counted from 1; values within TIE_TOLERANCE share the mean of their ranks. */
+function ranks(values) {
+  const order = values.map((_, k) => k).sort((i, j) => values[i] - values[j]);
+  const isTie = (a, b) => b - a <= TIE_TOLERANCE * Math.max(Math.abs(a), Math.abs(b));
+  const result = new Array(values.length);
+  for (let start = 0, end = 1; start < order.length; start = end++) {
+    while (end < order.length && isTie(values[order[end - 1]], values[order[end]])) end++;
+    for (let k = start; k < end; k++) result[order[k]] = (start + 1 + end) / 2;
+  }
+  return result;
+}
+
+/* Spearman's rank correlation; null if it is undefined. */
 function rankCorrelation(x, y) {
-  const ranks = (values) => values.map((value) => {
-    const below = values.filter((other) => other < value).length;
-    const same = values.filter((other) => other === value).length;
-    return below + (same - 1) / 2;
-  });
   const [p, q] = [ranks(x), ranks(y)];
   const [mp, mq] = [mean(p), mean(q)];
   let top = 0, left = 0, right = 0;
