@@ -14,9 +14,9 @@ Where "refined" or "optimal" gets what is not a valid polygon, earcut's own resu
 program that works with earcut expects. `triangulate_many(..., "flips:l1")` does many polygons.
 """
 
-import mapbox_earcut
 import numpy as np
 
+from triangulators.geometry.earcut import clip_ears
 from triangulators.geometry.flips import shorten
 
 EXACT = 2**53
@@ -36,7 +36,7 @@ def triangulate_float64(
         >>> triangulate_float64(square, np.array([4], dtype=np.uint32)).shape
         (6,)
     """
-    raw = mapbox_earcut.triangulate_float64(vertices, ring_end_indices)
+    raw = clip_ears(vertices, ring_end_indices)
     return _improved(raw, vertices, ring_end_indices, method)
 
 
@@ -52,7 +52,7 @@ def triangulate_int32(
 ) -> np.ndarray:
     """`triangulate_float64` for (n, 2) int32 vertices, which it decides exactly."""
     vertices = np.asarray(vertices).astype(np.int32, copy=False)
-    raw = mapbox_earcut.triangulate_int32(vertices, ring_end_indices)
+    raw = clip_ears(vertices, ring_end_indices)
     return _improved(raw, vertices, ring_end_indices, method)
 
 
@@ -65,7 +65,7 @@ def triangulate_int64(
     gets earcut's own result.
     """
     vertices = np.asarray(vertices).astype(np.int64, copy=False)
-    raw = mapbox_earcut.triangulate_int64(vertices, ring_end_indices)
+    raw = clip_ears(vertices, ring_end_indices)
     if not len(raw):
         return raw
     low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()

@@ -5,11 +5,11 @@ import importlib.util
 from functools import lru_cache
 from typing import Any
 
-import mapbox_earcut
 import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
+from triangulators.geometry.earcut import clip_ears
 from triangulators.polygon import Boundary, polygon_of_rings, sites, wound
 
 
@@ -18,7 +18,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 
     It drops collinear vertices, so it may leave T-junctions.
     """
-    return mapbox_earcut.triangulate_float64(outline.points, outline.ends).reshape(-1, 3)
+    return clip_ears(outline.points, outline.ends).reshape(-1, 3)
 
 
 def delaunay(outline: Boundary) -> np.ndarray:

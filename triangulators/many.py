@@ -15,6 +15,7 @@ from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name, cores
 from triangulators.errors import Skipped, TriangulationError, told_of
+from triangulators.geometry.earcut import far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, improve_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
@@ -185,9 +186,16 @@ def _clipped(work: Batch, sound: np.ndarray, threads: int, *how: Any) -> None:
     running = []
     with ThreadPoolExecutor(threads) as pool:
         for first, last in pairwise(bounds):
+            start, stop = begins[first], begins[last]
+            filled = np.flatnonzero(np.diff(work.begins[first : last + 1]))
+            local = coordinates[start:stop]
+            if len(filled):
+                offsets = far_offsets(local, work.begins[first:last][filled] - start)
+                local = local - np.repeat(offsets, np.diff(work.begins)[first:last][filled], axis=0)
             raw = [
                 triangulate_float64(
-                    coordinates[begins[i] : begins[i + 1]], ends[owners[i] : owners[i + 1]]
+                    local[begins[i] - start : begins[i + 1] - start],
+                    ends[owners[i] : owners[i + 1]],
                 )
                 if wanted[i]
                 else nothing

@@ -35,10 +35,10 @@ _workers: dict[str, Worker] = {}
 def triangulate_many(
     polygons: Sequence[Polygon] | NDArray[Any] | Ragged, name: str, **more: Any
 ) -> Triangulations:
-    """Return what `triangulators.triangulate_many` returns; `more` is what else that takes.
+    """Return what `triangulators.triangulate_many` returns, verified; `more` are its parameters.
 
-    A polygon under which a user's triangulator ends its process is `failed`, and so is one of which
-    it gives no triangulation.
+    `failed` are, too, polygons whose triangles are not a triangulation, and those on which a user's
+    triangulator ends its process.
 
     Raises
     ------
@@ -47,12 +47,9 @@ def triangulate_many(
     TaskFailed
         if importing it ends the process
     """
-    if parse(name).entry.builtin:
-        return triangulators.triangulate_many(polygons, name, **more)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    if multiprocessing.parent_process() is not None:
-        done = triangulators.triangulate_many(polygons, name, **more)
-        return _verified(arrays, list(done), done.failed)
+    if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
+        return _verified(arrays, triangulators.triangulate_many(polygons, name, **more))
     worker = _worker(name)
     worker.call(recipes.parse(name).load)
     task = partial(triangulators.triangulate_many, **more)
@@ -83,22 +80,28 @@ def triangulate_many(
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
-    return _verified(arrays, pieces, failed)
+    return _verified(arrays, _stacked(pieces, failed, np.zeros(len(pieces), np.bool_)))
 
 
-def _verified(
-    arrays: Ragged, pieces: list[NDArray[np.int32]], failed: dict[int, str]
+def _stacked(
+    pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
-    """Return the triangles of all polygons, but for those that are no triangulation of theirs."""
-    known = {number: piece for number, piece in enumerate(pieces) if number not in failed}
+    starts = np.r_[0, np.cumsum([len(piece) for piece in pieces])].astype(np.int64)
+    triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
+    return Triangulations(triangles, starts, failed, compiled)
+
+
+def _verified(arrays: Ragged, done: Triangulations) -> Triangulations:
+    """Return the triangulations, without triangles that are not a triangulation: those failed."""
+    pieces = list(done)
+    known = {number: piece for number, piece in enumerate(pieces) if number not in done.failed}
+    failed = {}
     for number in doubtful(arrays, known):
         _, problem = check(polygon_at(arrays, number), pieces[number])
         if problem:
-            failed = failed | {number: problem}
+            failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)
-    starts = np.r_[0, np.cumsum([len(piece) for piece in pieces])].astype(np.int64)
-    triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
-    return Triangulations(triangles, starts, failed, np.zeros(len(pieces), np.bool_))
+    return _stacked(pieces, {**done.failed, **failed}, done.compiled) if failed else done
 
 
 def _worker(name: str) -> Worker:

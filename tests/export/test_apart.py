@@ -99,5 +99,21 @@ def test_what_is_no_triangulation_is_failed(within, monkeypatch):
     assert [len(piece) for piece in found] == [2, 0]
 
 
+def test_what_a_built_in_triangulator_gives_is_verified(monkeypatch):
+    square, real = box(0, 0, 2, 1), triangulators.triangulate_many
+    assert apart.triangulate_many([square, l_shape()], "ear-clipping").failed == {}
+
+    def overlapping(*given, **more):
+        done = real(*given, **more)
+        done.triangles[2:4] = done.triangles[2]  # the first two of the second polygon
+        return done
+
+    monkeypatch.setattr(apart.triangulators, "triangulate_many", overlapping)
+    done = apart.triangulate_many([square, l_shape(), square], "ear-clipping")
+    assert list(done.failed) == [1]
+    assert [len(piece) for piece in done] == [2, 0, 2]
+    assert len(done.compiled) == 3
+
+
 def l_shape() -> Polygon:
     return Polygon([(0, 0), (6, 0), (6, 2), (2, 2), (2, 4), (0, 4)])

@@ -3,10 +3,12 @@
 import mapbox_earcut
 import numpy as np
 import pytest
+import shapely
 
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
-from triangulators import dropin, flip, triangulate, vertices
+from triangulators import dropin, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
+from triangulators.geometry.earcut import far_offsets
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
@@ -122,3 +124,43 @@ def test_whole_numbers_far_from_zero_are_exact_and_beyond_doubles_earcuts_own():
     )
     empty = np.empty((0, 2), np.int64), np.empty(0, dtype=np.uint32)
     assert len(dropin.triangulate_int64(*empty)) == 0
+
+
+FAR = shapely.from_wkt(
+    "POLYGON ((2470085.945658393 -545049.1844690691, 2468794.3964099884 -546188.0119655617,"
+    "2468007.8630562713 -545819.8038462689, 2469375.2953990833 -548388.9345264949,"
+    "2470085.945658393 -545049.1844690691), (2469806.5849805516 -546226.1982538516,"
+    "2469376.326797096 -546259.7668055852, 2469276.4409924787 -546221.1014790101,"
+    "2469806.5849805516 -546226.1982538516), (2469142.4238512083 -546350.937706712,"
+    "2468947.840187953 -546259.8452128543, 2469160.760442423 -546234.740813974,"
+    "2469142.4238512083 -546350.937706712))"
+)
+"""A polygon of 3 km, far from the origin, for which mapbox_earcut's triangles overlap."""
+
+
+@pytest.mark.parametrize("name", ["ear-clipping", "earcut-refine", "flips:l1", "refined"])
+def test_polygons_far_from_the_origin_are_covered_once(name):
+    points, ends = rings_of(FAR)
+    raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
+    assert not verify(FAR, raw).ok  # if it is, earcut needs no local origin any more
+    batch = [star(20), FAR, shapely.Polygon(), FAR]
+    for triangles in (triangulate(FAR, name), *list(triangulate_many(batch, name))[1::2]):
+        assert verify(FAR, triangles).ok
+        assert len(triangles) == 12
+    for method in METHODS:
+        assert verify(FAR, dropin.triangulate_float64(points, ends, method).reshape(-1, 3)).ok
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.int32, np.int64])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_local_origin_moves_no_vertex_relative_to_another(kind, sign):
+    rng = np.random.default_rng(4)
+    points = (sign * (10**6 + rng.integers(0, 10**5, (50, 2)))).astype(kind)
+    starts = np.array([0, 20])
+    local = points - np.repeat(far_offsets(points, starts), [20, 30], axis=0)
+    assert local.dtype == kind
+    for part in (slice(0, 20), slice(20, 50)):
+        assert (np.diff(local[part], axis=0) == np.diff(points[part], axis=0)).all()
+        assert (np.abs(local[part]).min(axis=0) == 0).all()
+    near = rng.random((9, 2)) - 0.5
+    assert not far_offsets(near, np.zeros(1, int)).any()
