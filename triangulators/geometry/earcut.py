@@ -7,10 +7,12 @@ area for a triangle with two holes at (2.5e6, -5e5). Next to the origin the erro
 polygon. Translations here are exact (Sterbenz' lemma), so no vertex moves relative to another.
 """
 
+from typing import Any
+
 import mapbox_earcut
 import numpy as np
 
-_BY_TYPE = {
+_BY_TYPE: dict[Any, Any] = {
     np.dtype(np.float64): mapbox_earcut.triangulate_float64,
     np.dtype(np.int32): mapbox_earcut.triangulate_int32,
     np.dtype(np.int64): mapbox_earcut.triangulate_int64,
