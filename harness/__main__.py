@@ -20,15 +20,29 @@ def main() -> None:
         if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             # Not an exception: libraries that are being imported catch those.
             signal.signal(number, _stop)
-    # As with -m: a user's own module lies where the program is called.
-    if not {"", here := str(Path.cwd())} & set(sys.path):
-        sys.path.insert(0, here)
+    _remove_working_folder()
     from harness.cli import main as run
 
     try:
         run()
     except KeyboardInterrupt:  # it came before `run` could catch it, or after
         _stop()
+
+
+def _remove_working_folder() -> None:
+    """Remove the entry of `sys.path` that Python adds for `python -m harness`.
+
+    A folder of data may hold a stranger's `typer.py`. A checkout that is not installed stays, and
+    see `harness.machine.user_modules`.
+    """
+    if sys.flags.safe_path or not sys.path:
+        return
+    try:
+        entry, current = Path(sys.path[0]).absolute(), Path.cwd()
+    except FileNotFoundError:  # the current folder was removed
+        return
+    if entry == current and entry.resolve() != Path(__file__).resolve().parents[1]:
+        del sys.path[0]
 
 
 def _stop(*_: object) -> None:

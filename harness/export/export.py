@@ -18,6 +18,7 @@ from harness.export import mesh as meshes
 from harness.export.apart import triangulate_many
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
+from harness.machine.user_modules import allow_user_module
 from scenes import load
 from scenes.cleaning.notes import NoteCounter
 from scenes.cleaning.repair import Cleaned
@@ -243,6 +244,7 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
 
 
 def _of_scene(source: str, size: int) -> Iterator[Chunk]:
+    allow_user_module(source)
     scene = load(source)
     polygons = np.asarray(scene.polygons)
     for start in range(0, len(polygons), size):

@@ -8,6 +8,7 @@ from contextlib import closing
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
+from harness.machine.user_modules import allow_user_module
 from harness.measuring.plan import Plan
 from harness.measuring.processes import IMPORT_S, Backend, Bench, home_of, rasteriser_home
 from harness.measuring.tasks import Survey, survey
@@ -34,6 +35,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         if it cannot be loaded, or is a third party's and ends its process
     """
     if _is_foreign(name):
+        allow_user_module(name)
         with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
             try:
                 scene = worker.call(_load, name, seed)

@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from harness.errors import NoRasteriser, UsageError, unknown
+from harness.machine.user_modules import allow_user_module
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -73,6 +74,8 @@ def get(name: str) -> type[Rasteriser]:
     if name in BUILT_IN:
         found = load(BUILT_IN[name])
     elif name in _plugins() or ":" in name:
+        if name not in _plugins():
+            allow_user_module(name)
         try:
             found = _plugins()[name].load() if name in _plugins() else load(name)
         except Exception as error:

@@ -43,6 +43,8 @@ SETTINGS = {
     # so that a worker may have processes of its own
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
+    # the current folder may hold a stranger's modules
+    "distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH": "1",
     # Ctrl-C goes to the command alone, which ends its workers
     "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
 }
@@ -144,10 +146,11 @@ class DaskCrew(Crew):
         Half a cluster cannot be closed, and complains as Python ends.
         """
         from harness.machine import system
+        from harness.machine.user_modules import hidden_working_folder
 
         if not 1 <= number <= 1024:
             raise UsageError(f"--dask {where}: give 1 to 1024 workers")
-        with system.stopped_after(), warnings.catch_warnings():
+        with hidden_working_folder(), system.stopped_after(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that another program has the dashboard's port
             self._cluster = self._distributed.LocalCluster(
                 n_workers=number,

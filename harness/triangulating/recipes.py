@@ -22,6 +22,7 @@ from shapely import Polygon
 
 import triangulators
 from harness.errors import UsageError, did_you_mean
+from harness.machine.user_modules import allow_user_module
 from triangulators import criteria, registry
 from triangulators.errors import UnknownName, in_short
 from triangulators.ragged import Ragged
@@ -196,7 +197,11 @@ def parse_all(
 
 
 def _require_module(reference: str) -> None:
-    """Refuse what cannot be a function of a module that is here; imports nothing."""
+    """Refuse what cannot be a function of a module that is here; imports nothing.
+
+    Raises UsageError also as `allow_user_module` does.
+    """
+    allow_user_module(reference)
     # Of a module inside a package nothing can be told without importing the package.
     package = reference.partition(":")[0].partition(".")[0]
     if FUNCTION.fullmatch(reference) and importlib.util.find_spec(package) is not None:

@@ -262,12 +262,3 @@ def test_earcut_is_another_name_of_ear_clipping(harness, block):
     run = ("run", "--scene", str(block), *MOCK, "--triangulators", "earcut", "--out", "o")
     assert harness(*run)[0] == 0
     assert '"triangulator": "ear-clipping"' in Path("o/cases.jsonl").read_text()
-
-
-def test_the_installed_program_finds_modules_beside_it(tmp_path):
-    (tmp_path / "mine.py").write_text("")
-    program = "import sys; sys.path.pop(0); sys.path.append(sys.argv.pop()); sys.argv.append('-h')"
-    program += "\nfrom harness.__main__ import main\ntry: main()\nexcept SystemExit: import mine"
-    done = python("-c", program, ROOT, cwd=tmp_path, env={"PYTHONPATH": ""})
-    assert done.returncode == 0, done.stderr
-    assert "raster-harness [OPTIONS] COMMAND" in done.stdout

@@ -1,0 +1,81 @@
+"""The user's modules: the current folder on `sys.path`, last, and only when one is named.
+
+A folder of data may hold a stranger's `typer.py` or `numpy.py`, so nothing is imported from the
+current folder unless the user gives a function there as `module:function`.
+"""
+
+import os
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from harness.errors import UsageError
+
+PACKAGES = ("harness", "scenes", "triangulators")
+FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
+"""A function of a module, perhaps followed by parameters."""
+
+SOURCES = Path(__file__).resolve().parents[2]
+
+
+@contextmanager
+def hidden_working_folder() -> Iterator[None]:
+    """Have Python processes that are started inside import nothing from the current folder.
+
+    `python -c`, by which multiprocessing starts its helpers, searches it first.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+def allow_user_module(reference: str) -> None:
+    """Append the current folder to `sys.path` if it holds the module of "module:function".
+
+    Names of another form, and modules elsewhere, change nothing.
+
+    Raises
+    ------
+    UsageError
+        if a package of this program, or an installed module, has the same name
+    """
+    if FUNCTION.match(reference) is None:
+        return
+    name = reference.partition(":")[0].partition(".")[0]
+    try:
+        folder = Path.cwd()
+    except FileNotFoundError:  # it was removed
+        return
+    files = [folder / f"{name}.py", folder / name / "__init__.py"]
+    file = next((file for file in files if file.is_file()), None)
+    if file is None and not (folder / name).is_dir():
+        return
+    if name in PACKAGES and file is not None and not file.is_relative_to(SOURCES / name):
+        raise UsageError(
+            f"{reference}: {file.relative_to(folder)} has the name of a package of raster-harness; "
+            "rename it"
+        )
+    if not {str(folder), "", os.curdir} & set(sys.path):
+        for package in PACKAGES:  # before a file of the user's can take their names
+            import_module(package)
+
+        sys.path += [str(SOURCES), str(folder)]
+    try:
+        spec = find_spec(name)
+    except (ImportError, ValueError):
+        spec = None
+    if file is not None and spec is not None and spec.origin and not file.samefile(spec.origin):
+        raise UsageError(
+            f"{reference}: {file.relative_to(folder)} is hidden by the module {spec.origin}; "
+            "rename it, or set PYTHONPATH=. to import from this folder first"
+        )

@@ -1,0 +1,76 @@
+"""Nothing is imported from the current folder but the functions that the user names, and last."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import assert_one_line
+from tests.paths import ROOT, python
+
+STRANGERS = ("typer", "numpy", "numba", "pyarrow", "multiprocessing", "triangulators", "scenes")
+"""Modules that a folder of data may hold, each with a name that the program imports."""
+
+INSTALLED = (
+    "import sys; sys.path.pop(0); sys.path.append(sys.argv.pop(1))\n"
+    "from harness.__main__ import main\nmain()"
+)
+"""Starts the program as its script does."""
+
+CUT = """
+from triangulators import triangulate
+def cut(polygon):
+    return triangulate(polygon, "ear-clipping")
+def squares():
+    from shapely import box
+    return [box(0, 0, 3, 2)]
+"""
+RUN = ("run", "--scene", "mine:squares", "--triangulators", "fan,mine:cut", "--resolution", "64")
+REFERENCE = ("--rasterisers", "reference", "--quick", "--out", "out", "--no-cache")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """Make a folder with strangers' modules, each of which leaves a trace if it is imported."""
+    monkeypatch.chdir(tmp_path)
+    for name in STRANGERS:
+        Path(f"{name}.py").write_text(f"open('imported-{name}', 'w').close()\n")
+    Path("mine.py").write_text(CUT)
+    return tmp_path
+
+
+def test_strangers_modules_are_not_imported(folder):
+    """Nor in workers, whose rasteriser and triangulator are loaded there."""
+    for start in (("-m", "harness", "list", "criteria"), ("-c", INSTALLED, ROOT, *RUN, *REFERENCE)):
+        done = python(*start, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    assert '"triangulator": "mine:cut", "rasteriser"' in Path("out/cases.jsonl").read_text()
+    assert list(folder.glob("imported-*")) == []
+
+
+@pytest.mark.parametrize(
+    ("reference", "parts"),
+    [
+        ("triangulators:cut", ("triangulators.py", "package of raster-harness", "rename it")),
+        ("numpy:cut", ("numpy.py is hidden by", "rename it", "PYTHONPATH=.")),
+        ("nowhere:cut", ("there is no module 'nowhere'",)),
+    ],
+)
+def test_a_name_that_clashes_is_an_error(folder, harness, reference, parts):
+    code, _, err = harness("run", "--scene", "paper", "--triangulators", reference)
+    assert code == 2
+    assert_one_line(err, f"{reference}", *parts)
+    assert list(folder.glob("imported-*")) == []
+
+
+def test_dasks_workers_do_not_import_strangers_modules(folder):
+    """Python starts them by `python -c`, which searches the current folder first."""
+    program = (
+        "import sys; sys.path[:] = [sys.argv.pop(1), *sys.path[1:]]\n"
+        "from harness.scaling.crew import DaskCrew\n"
+        "crew = DaskCrew('local:1')\n"
+        "print([answer.value for _, answer in crew.answers({'a': (abs, (-3,))})])\n"
+        "crew.close()\n"
+    )
+    done = python("-c", program, ROOT, cwd=folder)
+    assert done.stdout.strip().endswith("[3]"), done.stderr
+    assert list(folder.glob("imported-*")) == []
