@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
+from statistics import fmean, geometric_mean
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -39,6 +40,8 @@ AGGREGATES: dict[str, Callable[[list[float]], float]] = {
     "min": min,
     "max": max,
     "sum": sum,
+    "mean": fmean,
+    "gmean": geometric_mean,
     "ratio": lambda values: values[0] / values[1],
 }
 
