@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -49,6 +50,52 @@ def read(file: Path) -> bytes:
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, f"{file.name} is no regular file")
     return file.read_bytes()
+
+
+MAX_READ_BYTES = 2**31
+"""Size of the largest file that is read into memory at once."""
+
+
+def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
+    """Return a descriptor of the regular file `name` in a folder; no link below it is followed.
+
+    name : "run.json" or "polygons/0123.npz"
+
+    Raises
+    ------
+    OSError
+        if there is none, or it is a link, lies outside, is too large or not a regular file; or, if
+        it is to be written, has another name, too (a hard link)
+    """
+    parts = name.split("/")
+    if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
+        raise OSError(errno.EINVAL, "it lies outside of the folder", name)
+    file = folder.joinpath(*parts)
+    for inner in file.parents[: len(parts) - 1]:
+        if inner.is_symlink():
+            raise OSError(errno.ELOOP, "a link, which is not followed", str(inner))
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, "a link, which is not followed", str(file))
+    no_wait = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    descriptor = os.open(file, flags | no_wait | system.BINARY, 0o666)
+    info = os.fstat(descriptor)
+    problem = ""
+    if not stat.S_ISREG(info.st_mode):
+        problem = "not a regular file"
+    elif flags & os.O_WRONLY and info.st_nlink > 1:
+        problem = "a hard link: other names of the file would change; copy the folder"
+    elif info.st_size > MAX_READ_BYTES:
+        problem = f"larger than {MAX_READ_BYTES >> 30} GiB"
+    if problem:
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, problem, str(file))
+    return descriptor
+
+
+def read_inside(folder: Path, name: str) -> bytes:
+    """Return the content of a file of a folder; raises as `open_inside`."""
+    with os.fdopen(open_inside(folder, name), "rb") as file:
+        return file.read()
 
 
 def move(made: Path, place: Path, *, forced: bool = False) -> None:

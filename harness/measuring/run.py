@@ -278,6 +278,8 @@ def open_stores(
     facts["created"] = before.facts.get("created", facts["created"])
     stores, records = [store], list(before.records)
     for folder in base:  # without facts where a kill came between the two
+        if folder.is_symlink():
+            raise UsageError(f"{folder} is a link, which is not followed; copy what it names here")
         stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
         for record in read_run(folder).records:
             marked = {**record, "triangulator": OTHER + record["triangulator"]}

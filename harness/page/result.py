@@ -180,7 +180,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     for case in (case for view in result.views for case in view.cases.values()):
         if run is not None:
             _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
-    with Store.create(folder) as store:
+    again = f"remove {folder} and give the same command again"
+    with Store.create(folder, again) as store:
         store.write_facts(_facts(result, device))
         for view in result.views:
             for record, counters in _records(view, device, result):

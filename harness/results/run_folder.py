@@ -45,8 +45,11 @@ ARRAYS = "arrays"
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
 
-UNREADABLE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
-"""What numpy and zipfile raise for damaged files: empty, cut off, or with bytes changed."""
+UNREADABLE = (
+    *(OSError, EOFError, ValueError, KeyError, RuntimeError, TypeError, AttributeError),
+    *(MemoryError, zipfile.BadZipFile, zlib.error),
+)
+"""Errors of numpy and zipfile for damaged files: empty, truncated, or with bytes changed."""
 
 Record = dict[str, Any]
 
@@ -88,12 +91,13 @@ class _Lines:
         UsageError
             if another process has it open
         """
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | system.BINARY
-        self._descriptor = os.open(self.path, flags, 0o666)
+        folder, name = self.path.parent, self.path.name
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+        self._descriptor = atomic.open_inside(folder, name, flags)
         if not system.lock(self._descriptor, wait=False):
             self.close()
             raise UsageError(f"{self.path.parent} is in use: another process measures into it")
-        content = self.path.read_bytes()
+        content = atomic.read_inside(folder, name)
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
             os.ftruncate(self._descriptor, whole)
@@ -130,16 +134,20 @@ class _Lines:
 
 
 class Store:
-    """The folder of a run that is being written."""
+    """The folder of a run that is being written.
 
-    def __init__(self, path: Path) -> None:
+    again : if the folder cannot be resumed, what to do once a full disk has space again
+    """
+
+    def __init__(self, path: Path, again: str = "") -> None:
         self.path = path
+        self._again = again
         self._cases = _Lines(path / CASES)
         self._counted = _Lines(path / COUNTED)
         self._arrays: dict[str, str] = {}
 
     @classmethod
-    def create(cls, path: Path) -> "Store":
+    def create(cls, path: Path, again: str = "") -> "Store":
         """Make a new folder at `path`.
 
         Raises
@@ -147,8 +155,8 @@ class Store:
         UsageError
             if it cannot be written or already holds a run
         """
-        store = cls(path)
-        with clear_errors(path):
+        store = cls(path, again)
+        with clear_errors(path, again):
             path.mkdir(parents=True, exist_ok=True)
             # A process that was killed at once leaves an empty file.
             cases = store._cases.path
@@ -181,7 +189,7 @@ class Store:
         if facts.get("interrupted") is False:
             content[WRITTEN] = {**self._cases.written, ARRAYS: self._arrays}
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        with clear_errors(self.path):
+        with clear_errors(self.path, self._again):
             atomic.write(self.path / FACTS, (text + "\n").encode(), forced=True)
 
     def write_arrays(
@@ -191,7 +199,9 @@ class Store:
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
         name = f"{folder}/{key}.npz"
-        with clear_errors(self.path):
+        with clear_errors(self.path, self._again):
+            if (self.path / folder).is_symlink():
+                raise OSError(errno.ELOOP, "a link, which is not followed", str(self.path / folder))
             (self.path / folder).mkdir(exist_ok=True)
             atomic.write(self.path / name, content.getvalue())
         self._arrays[name] = hashlib.sha256(content.getvalue()).hexdigest()
@@ -204,18 +214,18 @@ class Store:
         UsageError
             if the disk is full or gone; what was written before stays readable
         """
-        with clear_errors(self.path):
+        with clear_errors(self.path, self._again):
             self._cases.append(record, forced=True)
 
     def append_counted(self, record: Record) -> None:
         """Add the record of a case that is counted but not finished; raises as `append` does."""
-        with clear_errors(self.path):
+        with clear_errors(self.path, self._again):
             self._counted.append(record, forced=False)
 
     def drop_counted(self) -> None:
         """Remove what `append_counted` kept: every case is finished."""
         self._counted.close()
-        with clear_errors(self.path):
+        with clear_errors(self.path, self._again):
             self._counted.path.unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -272,7 +282,11 @@ def read_run(path: Path) -> Run:
     problems: list[str] = []
     facts = read_facts(cases.parent, problems)
     with clear_errors(path):
-        content = atomic.read(cases) if cases.exists() else b""
+        content = b""
+        if path.is_dir() and os.path.lexists(cases):
+            content = atomic.read_inside(path, CASES)
+        elif cases.exists():  # which may be a link if the user names it
+            content = atomic.read(cases)
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
         raise UsageError(
@@ -307,17 +321,23 @@ def read_run(path: Path) -> Run:
 
 def _digests(facts: Mapping[str, Any]) -> dict[str, str]:
     """Return the digests of the run's files of arrays by name, {} where it tells none."""
-    found = (facts.get(WRITTEN) or {}).get(ARRAYS)
-    return found if isinstance(found, dict) else {}
+    digests = (facts.get(WRITTEN) or {}).get(ARRAYS)
+    items = digests.items() if isinstance(digests, dict) else ()
+    return {name: value for name, value in items if isinstance(value, str) and len(value) == 64}
 
 
 def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
     """Yield the names of files of arrays that something else than the run has written."""
     for name, digest in digests.items():
-        file = folder / name
-        with contextlib.suppress(OSError):
-            if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-                yield name
+        try:
+            with os.fdopen(atomic.open_inside(folder, name), "rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() == digest:
+                    continue
+        except FileNotFoundError:
+            continue
+        except OSError:  # a link, or a name outside of the folder
+            pass
+        yield name
 
 
 def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
@@ -326,10 +346,10 @@ def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
     problems : gets a line for each thing that could not be used
     """
     file = folder / FACTS
-    if not file.exists():
+    if not os.path.lexists(file):
         return {}
     with clear_errors(folder):
-        content = atomic.read(file)
+        content = atomic.read_inside(folder, FACTS)
     try:
         found = parsed(content)
     except ValueError as error:
@@ -347,7 +367,7 @@ def read_counted(path: Path) -> dict[str, Record]:
     """Return by key what the unfinished run at `path` had counted; see `Store.append_counted`."""
     file = path / COUNTED
     with clear_errors(path):
-        content = atomic.read(file) if file.exists() else b""
+        content = atomic.read_inside(path, COUNTED) if os.path.lexists(file) else b""
     return {record["key"]: record for record in _parse_lines(content, file, [])}
 
 
@@ -382,11 +402,15 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
     """
     place = run.path if run.path.is_dir() else run.path.parent
     name = f"{folder}/{key}.npz"
-    file = place / name
-    if not file.is_file() or name in run.changed:
+    if name in run.changed:
         return None
     try:
-        with np.load(file, allow_pickle=False) as arrays:
+        with (
+            os.fdopen(atomic.open_inside(place, name), "rb") as file,
+            np.load(file, allow_pickle=False) as arrays,
+        ):
+            if sum(part.file_size for part in arrays.zip.infolist()) > atomic.MAX_READ_BYTES:
+                return None
             return {name: arrays[name] for name in arrays.files}
     except UNREADABLE:
         return None
@@ -410,8 +434,11 @@ def clear_errors(path: Path, advice: str = "") -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            safe = "" if advice else " what was measured so far is safe:"
             raise UsageError(
-                f"the disk of {path} is full; what was measured so far is safe: "
+                f"the disk of {path} is full;{safe} "
                 f"free some space, then {advice or f'--resume {path}'}"
             ) from error
-        raise UsageError(f"cannot use {path}: {error.strerror}") from error
+        inside = error.filename and Path(str(error.filename)).is_relative_to(path)
+        file = error.filename if inside else path
+        raise UsageError(f"cannot use {file}: {error.strerror}") from error

@@ -74,7 +74,8 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     facts = _facts(runs)
     names = facts["plan"]["triangulators"]
     in_order = sorted(found, key=lambda each: _place(each.record, names))
-    with Store.create(out) as store:
+    again = f"remove {out} and give the same command again"
+    with Store.create(out, again) as store:
         store.write_facts({**facts, "interrupted": True})  # until all of it is there
         _keep_drawings(store, runs)
         for each in in_order:

@@ -147,7 +147,7 @@ def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, c
     folder = write_run(tmp_path / "run", seed=1)
     (folder / name).unlink()
     os.mkfifo(folder / name)
-    assert_refused(harness(*command.format(folder, folder).split()), f"{name} is no regular file")
+    assert_refused(harness(*command.format(folder, folder).split()), f"{name}: not a regular file")
 
 
 def test_a_pipe_is_no_calibration_no_summary_no_pages_result_and_no_columns(tmp_path):

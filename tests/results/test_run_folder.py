@@ -1,11 +1,14 @@
 """A run folder survives kills, torn lines, corrupt lines and full disks."""
 
+import hashlib
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from harness import atomic
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.report.page import write_report
@@ -267,3 +270,74 @@ def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kep
     run = read_run(tmp_path / "run")
     assert len(run.records) == kept
     assert len(run.problems) == 1 - kept
+
+
+def _write_more(folder: Path) -> None:
+    with Store.resume(folder) as store:
+        store.append_counted(record("b"))
+        store.write_arrays(A, {"fragments": np.array([1, 2])})
+
+
+@pytest.mark.parametrize("name", ["cases.jsonl", "counted.jsonl", "run.json", "polygons"])
+@pytest.mark.parametrize("hard", [False, True])
+def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
+    """A foreign file would lose its last line, or get records."""
+    foreign = tmp_path / "foreign"
+    foreign.write_text("a line\nthe last, without a line break")
+    with Store.create(tmp_path / "run") as store:
+        store.write_facts({"plan": {}})
+    link = tmp_path / "run" / name
+    link.unlink(missing_ok=True)
+    if name == "polygons":
+        foreign.rename(tmp_path / "kept")
+        foreign.mkdir()
+    elif name == "run.json":
+        foreign.write_text('{"plan": {}}')
+    if hard and name in ("cases.jsonl", "counted.jsonl"):
+        link.hardlink_to(foreign)
+    else:
+        link.symlink_to(foreign)
+    before = foreign.read_text() if foreign.is_file() else ""
+    with pytest.raises(UsageError, match=rf"{name}: a (hard )?link"):
+        _write_more(tmp_path / "run")
+    assert (foreign.read_text() if foreign.is_file() else "") == before
+    assert foreign.is_file() or not any(foreign.iterdir())
+
+
+@pytest.mark.parametrize("name", ["/proc/self/status", "../outside.npz", "polygons/link.npz"])
+def test_reads_only_inside_the_folder(tmp_path, name):
+    (tmp_path / "outside.npz").write_bytes(b"")
+    with Store.create(tmp_path / "run") as store:
+        (tmp_path / "run/polygons").mkdir()
+        (tmp_path / "run/polygons/link.npz").symlink_to(tmp_path / "outside.npz")
+        store._arrays[name] = hashlib.sha256(b"").hexdigest()
+        store.write_facts({"interrupted": False})
+    run = read_run(tmp_path / "run")
+    assert run.changed == {name}
+    assert any(name in line and "not as the run left it" in line for line in run.problems)
+    assert read_arrays(run, "link") is None
+
+
+def test_sizes_are_bounded(tmp_path, monkeypatch):
+    """As of a file with holes, or an archive of zeros that are compressed a thousandfold."""
+    with Store.create(tmp_path) as store:
+        store.write_arrays(A, {"fragments": np.zeros(100_000, np.int64)})
+    run = read_run(tmp_path)
+    assert read_arrays(run, A) is not None
+    monkeypatch.setattr(atomic, "MAX_READ_BYTES", 10_000)
+    assert (tmp_path / f"polygons/{A}.npz").stat().st_size < 10_000
+    assert read_arrays(run, A) is None
+    os.truncate(tmp_path / "cases.jsonl", 10_001)
+    with pytest.raises(UsageError, match=r"cases.jsonl: larger than"):
+        read_run(tmp_path)
+
+
+def test_a_full_disk_while_merging_names_the_way_on(tmp_path, monkeypatch):
+    """What is half merged cannot be resumed."""
+    with Store.create(
+        tmp_path / "merged", "remove merged and give the same command again"
+    ) as store:
+        monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+        with pytest.raises(UsageError, match="full; free some space, then remove merged") as caught:
+            store.append(record("a"))
+    assert "resume" not in str(caught.value)
