@@ -60,10 +60,10 @@ def _options(
 
 
 def _versions() -> str:
-    from harness.rasterisers.devices import of_egl
+    from harness.rasterisers.devices import list_egl_devices
 
     lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
-    devices, problems = of_egl()
+    devices, problems = list_egl_devices()
     for device in devices:
         driver = [str(device.details.get(name)) for name in ("renderer", "version")]
         lines.append(f"OpenGL on {device.name}: {', '.join(driver)}")

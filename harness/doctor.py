@@ -61,7 +61,7 @@ def examine_device(rasteriser: str, name: str) -> Finding:
     absent: Status = "missing" if (rasteriser, name) == NEEDED else "warning"
     device = kind.find(name)
     if device is None:
-        probes = {"opengl": probed.of_egl, "webgpu": probed.of_webgpu}
+        probes = {"opengl": probed.list_egl_devices, "webgpu": probed.list_webgpu_devices}
         told = probes[rasteriser]()[1] if rasteriser in probes else ()
         problems = [problem for problem in told if problem.startswith(name.rstrip("0"))]
         return Finding(title, absent, "; ".join(problems) or "not found", kind.remedy(name))

@@ -14,7 +14,7 @@ def doctor() -> None:
     from harness.doctor import examine
     from harness.rasterisers import devices
 
-    devices.forget()
+    devices.clear_cache()
     console = Screen(highlight=False)
     findings = examine()
     width = max(len(finding.name) for finding in findings)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.metrics.registry import PREDICTED
-from harness.rasterisers.counters import estimated
+from harness.rasterisers.counters import compute_estimates
 from harness.results.run_folder import Record, Run, read_arrays
 
 Column = NDArray[np.float64]
@@ -20,7 +20,7 @@ def columns_of(run: Run, record: Record) -> Columns | None:
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
     columns = {name: np.asarray(column, np.float64) for name, column in arrays.items()}
-    return columns | estimated(columns, PREDICTED)
+    return columns | compute_estimates(columns, PREDICTED)
 
 
 def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:

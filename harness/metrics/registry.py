@@ -329,7 +329,7 @@ def figures_of(records: Iterable[Record]) -> dict[str, Figure]:
 
 def in_order(names: Iterable[str]) -> list[str]:
     """Return names of counters in the order in which they are shown."""
-    return sorted(names, key=counters.place)
+    return sorted(names, key=counters.sort_key)
 
 
 def measures(names: Iterable[str]) -> list[str]:

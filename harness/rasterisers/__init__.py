@@ -1,4 +1,4 @@
-"""Rasterisers by name; a module is loaded only when its rasteriser is asked for."""
+"""Rasterisers by name; a rasteriser's module is imported on first use."""
 
 from functools import cache
 from importlib import import_module
@@ -16,7 +16,7 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.counters import Counter, learn
+from harness.rasterisers.counters import Counter, register
 
 __all__ = [
     "Counter",
@@ -53,7 +53,7 @@ def _plugins() -> dict[str, EntryPoint]:
 
 
 def load(reference: str) -> Any:
-    """Import what "module:attribute" names."""
+    """Import and return an attribute given as "module:attribute"."""
     module, _, attribute = reference.partition(":")
     return getattr(import_module(module), attribute)
 
@@ -69,34 +69,34 @@ def get(name: str) -> type[Rasteriser]:
     Raises
     ------
     UsageError
-        if there is none, or a third party's cannot be loaded
+        if the name is unknown, or a third party's rasteriser cannot be loaded
     """
     if name in BUILT_IN:
-        found = load(BUILT_IN[name])
+        rasteriser = load(BUILT_IN[name])
     elif name in _plugins() or ":" in name:
         if name not in _plugins():
             allow_user_module(name)
         try:
-            found = _plugins()[name].load() if name in _plugins() else load(name)
+            rasteriser = _plugins()[name].load() if name in _plugins() else load(name)
         except Exception as error:
             raise UsageError(f"rasteriser '{name}' cannot be loaded: {error}") from error
     else:
         raise unknown("rasteriser", name, names())
-    if not (isinstance(found, type) and issubclass(found, Rasteriser)):
+    if not (isinstance(rasteriser, type) and issubclass(rasteriser, Rasteriser)):
         raise UsageError(f"rasteriser '{name}' is not a harness.rasterisers.Rasteriser class")
-    learn(found.new_counters)
-    return found
+    register(rasteriser.new_counters)
+    return rasteriser
 
 
 def usual() -> str:
-    """Return what draws where nothing else is asked for: opengl, or webgpu where EGL is missing."""
+    """Return the default rasteriser: opengl, or webgpu if EGL is missing."""
     if not get("opengl").devices() and get("webgpu").devices():
         return "webgpu"
     return "opengl"
 
 
 def find_device(rasteriser: str, name: str | None = None) -> Device:
-    """Return the device called `name` of a rasteriser; None: the best there is.
+    """Return the device called `name` of a rasteriser, by default its best device.
 
     Raises
     ------

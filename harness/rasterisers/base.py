@@ -1,8 +1,8 @@
-"""What every rasteriser can be asked, how a device is described, and the order of submission.
+"""Interface of rasterisers, devices, drawings, and the submission order of triangles.
 
-A rasteriser lives in a worker process of its own, because its drivers read their settings from
-the environment once, when they are loaded, and because a driver that crashes must cost one case.
-So nothing here may import a GL library at module level.
+A rasteriser runs in a separate worker process, because drivers read their settings from the
+environment once, when they are loaded, and because a crash of a driver must cost only one case.
+So this module must not import a GL library at module level.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
-"""Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
-gives a total."""
+"""Counter name -> (p,) exact integers, one a polygon of the frame, or () if the device only reports
+a total."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Options:
     """How a frame is drawn, apart from its triangles; recorded with every case.
 
     samples : samples a pixel, 1 (no multisampling), 4 or 8
-    work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
-    order : order of submission; "native" is the triangulator's, "walk" from neighbour to
-        neighbour, each turned so that its new vertex comes last, "vertex-cache" fan after fan as
-        an optimiser for vertex caches gives it (Tipsify), "morton" along a space-filling curve
-        over the triangles' centres, "shuffled" random with `seed`
+    work : iterations of arithmetic a fragment, to shift the cost from set-up to shading
+    order : submission order; "native": the triangulator's; "walk": from neighbour to neighbour,
+        each triangle rotated so that its new vertex comes last; "vertex-cache": optimised for
+        vertex caches, fan by fan (Tipsify); "morton": along a space-filling curve over the
+        triangles' centres; "shuffled": random with `seed`
     """
 
     samples: int = 1
@@ -65,12 +65,12 @@ class Options:
 
 @dataclass(frozen=True)
 class Device:
-    """One thing a rasteriser can run on.
+    """A device that a rasteriser can run on.
 
     name : as given to --device, e.g. "llvmpipe", "gpu0"
-    software : True where a CPU does the rasterising
+    software : True if a CPU rasterises
     environment : variables that must be set before the driver is loaded
-    details : vendor, renderer, version strings as the driver reports them, and the like
+    details : vendor, renderer and version strings of the driver, and similar properties
     """
 
     name: str
@@ -89,10 +89,10 @@ class Device:
 class Sample:
     """Seconds that a batch of equal draws took.
 
-    wall : by the wall clock
-    gpu : by the GPU's timer, None where the device has none
-    cpu : that all threads of this process were on a core
-    waited : that its threads waited for one, None where the system does not tell
+    wall : wall-clock time
+    gpu : time by the GPU's timer, or None if the device has none
+    cpu : CPU time of all threads of this process
+    waited : time that its threads waited for a core, or None if the system does not report it
     """
 
     wall: float
@@ -102,18 +102,18 @@ class Sample:
 
 
 class Stopwatch:
-    """Times a batch from where it is made to `stop`, by the clocks of a `Sample` but the GPU's."""
+    """Measures from construction to `stop`, by all clocks of a `Sample` except the GPU's."""
 
     _queues = system.WaitedFor()
 
     def __init__(self) -> None:
-        # What takes longest to read is outside of what is timed.
+        # The slowest clock to read is read first, outside the measured interval.
         self._waited = self._queues.read()
         self._cpu = time.process_time()
         self._wall = time.perf_counter()
 
     def stop(self) -> Sample:
-        """Return the seconds since."""
+        """Return the seconds since construction."""
         wall = time.perf_counter() - self._wall
         cpu = time.process_time() - self._cpu
         before, after = self._waited, self._queues.read()
@@ -124,14 +124,14 @@ class Stopwatch:
 
 
 class Drawing(ABC):
-    """One triangulation of one frame, uploaded and ready to be drawn again and again."""
+    """One triangulation of one frame, uploaded and ready to be drawn repeatedly."""
 
     @abstractmethod
     def sample(self, repeats: int) -> Sample:
-        """Draw `repeats` times, wait until the device has finished, and return the time of all."""
+        """Draw `repeats` times, wait for the device, and return the total time."""
 
-    def close(self) -> None:  # noqa: B027 - most is freed when nothing refers to it
-        """Free what the drawing holds on the device."""
+    def close(self) -> None:  # noqa: B027 - most resources are freed with their last reference
+        """Free the drawing's resources on the device."""
 
     def __enter__(self) -> Self:
         return self
@@ -143,13 +143,12 @@ class Drawing(ABC):
 class Rasteriser(ABC):
     """Turns triangles into pixels on one device.
 
-    Class attributes say what it can do: `name`; `counters`, the names `count` returns;
-    `new_counters`, how those are shown that no built-in rasteriser has; `timed`, whether `prepare`
-    works. Construct it only inside a worker process whose environment has been set to the
-    device's.
+    Class attributes declare its capabilities: `name`; `counters`, the names that `count` returns;
+    `new_counters`, how to display those that no built-in rasteriser has; `timed`, whether
+    `prepare` works. Construct it only inside a worker process with the device's environment.
 
-    An implementation fills in `_count` and, where it can, `_prepare`; they get the triangles
-    checked and in the order of submission.
+    An implementation overrides `_count` and, if it can be timed, `_prepare`; both get validated
+    triangles in submission order.
     """
 
     name: ClassVar[str]
@@ -158,40 +157,40 @@ class Rasteriser(ABC):
     timed: ClassVar[bool] = True
 
     shades: ClassVar[bool] = False
-    """Whether it shades fragments, so that samples a pixel and work a fragment mean something."""
+    """Whether it shades fragments, as samples a pixel and work a fragment require."""
 
     lacking: ClassVar[str] = "neither multisampling nor fragment work"
-    """What of `Options` it cannot do, said where nothing is left to draw."""
+    """Unsupported features of `Options`, for error messages."""
 
     cuts: ClassVar[bool] = False
-    """Whether it draws nothing out of a frame's scissor, as map tiles need it."""
+    """Whether it honours a frame's scissor, as map tiles require."""
 
     deep: ClassVar[bool] = False
-    """Whether it has a depth test that it counts with; then it counts `depth_ties`, too."""
+    """Whether it counts with a depth test; it then also counts `depth_ties`."""
 
     known: ClassVar[tuple[str, ...]] = ("cpu",)
-    """Names of the devices it can run on somewhere, whether or not they work here."""
+    """Names of supported devices, whether or not they work on this machine."""
 
     module: ClassVar[str] = ""
-    """What must be installed, by the extra of the rasteriser's name."""
+    """Required Python module, which the extra called like the rasteriser installs."""
 
     remedies: ClassVar[Mapping[str, str]] = {}
-    """What makes a device work here, by its name without a number; "": any other."""
+    """How to make a device work, by its name without a number; "": any other device."""
 
     device: Device
 
     @classmethod
     def knows(cls, name: str) -> bool:
-        """Whether `name` is a device of this rasteriser on some machine.
+        """Whether `name` is a supported device, on this machine or another.
 
-        One that knows gpu0 knows gpu1, gpu2, ..., too.
+        A rasteriser that supports gpu0 also supports gpu1, gpu2, ...
         """
         numbered = name.startswith("gpu") and name[3:].isdigit()
         return name in cls.known or (numbered and "gpu0" in cls.known)
 
     @classmethod
     def find(cls, name: str) -> Device | None:
-        """Return the device called `name`, or None where it does not work here."""
+        """Return the device called `name`, or None if it does not work on this machine."""
         return next((device for device in cls.devices() if device.name == name), None)
 
     @classmethod
@@ -201,20 +200,17 @@ class Rasteriser(ABC):
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
-        """Say in a clause how to make the device `name`, or any device, work here."""
+        """Return a clause that says how to make the device `name`, or any device, work."""
         if cls.module and importlib.util.find_spec(cls.module) is None:
             return f"run: {install(cls.name)}"
-        told = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
+        remedy = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
         choose = f"choose one of: {', '.join(cls.known)}" if name else "see `raster-harness doctor`"
-        return told or choose
+        return remedy or choose
 
     @classmethod
     @abstractmethod
     def devices(cls) -> list[Device]:
-        """List what it can run on here, best first; [] where there is none.
-
-        Loads no driver into the calling process.
-        """
+        """List the devices that work on this machine, best first, without loading drivers."""
 
     @abstractmethod
     def __init__(self, device: Device) -> None:
@@ -223,23 +219,23 @@ class Rasteriser(ABC):
         Raises
         ------
         harness.errors.NoRasteriser
-            if it cannot be opened, or turns out to be another device than was asked for
+            if the device cannot be opened, or another device opens in its place
         """
 
     def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        """Count, exactly, what drawing `triangles` (m, 3) over `frame.points` costs.
+        """Return the exact counters of drawing `triangles` (m, 3) over `frame.points`.
 
         Raises
         ------
         harness.errors.UsageError
-            if the device cannot draw the frame that large, or with these options
+            if the device does not support the frame's size or the options
         ValueError
             if `triangles` is not an integer (m, 3) array of vertices of the frame
         """
         return self._count(frame, self._ready(frame, triangles, options), options)
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        """Upload `triangles` for timing; nothing is counted while it is drawn.
+        """Upload `triangles` for timing; drawing them counts nothing.
 
         Raises
         ------
@@ -261,7 +257,7 @@ class Rasteriser(ABC):
             )
         return submission(frame, triangles, options)
 
-    def close(self) -> None:  # noqa: B027 - most have nothing to close
+    def close(self) -> None:  # noqa: B027 - most rasterisers have nothing to close
         """Close the device."""
 
     @abstractmethod
@@ -275,11 +271,11 @@ CPU = Device(name="cpu", software=True)
 
 
 class OnCpu(Rasteriser):
-    """A rasteriser of our own that needs no driver, on every machine."""
+    """A built-in CPU rasteriser, which needs no driver and works on every machine."""
 
     @classmethod
     def devices(cls) -> list[Device]:
-        """The CPU."""
+        """Return the CPU."""
         return [CPU]
 
     def __init__(self, device: Device = CPU) -> None:
@@ -294,7 +290,7 @@ def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -
 
 
 def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Triangles]:
-    """Split `triangles` so that no batch shades `most` lanes, that no counter of 32 bits wraps.
+    """Split `triangles` so that no batch shades `most` lanes and no 32-bit counter overflows.
 
     With a depth test a batch is a view, of at most 2^28 pixels.
 
@@ -305,7 +301,7 @@ def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Trian
     corners = frame.points[triangles].astype(np.int64)
     sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
     lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
-    if frame.depths is not None:  # a view hides only what is drawn in the same batch
+    if frame.depths is not None:  # triangles occlude each other only within a batch
         return [triangles[rows] for rows in frame.draws(triangles)]
     if not len(lanes) or lanes[-1] < most:
         return [triangles]
@@ -330,7 +326,7 @@ def submission(frame: Frame, triangles: Triangles, options: Options) -> Triangle
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
     if frame.viewing is not None and options.order == "native":
         view = np.searchsorted(frame.viewing.first, frame.owner(array), side="right")
-        array = array[np.lexsort((_places(frame, frame.viewing, array), view))]
+        array = array[np.lexsort((_positions(frame, frame.viewing, array), view))]
     elif frame.tiles is None:
         array = _ordered(frame, array, options)
     else:
@@ -339,10 +335,10 @@ def submission(frame: Frame, triangles: Triangles, options: Options) -> Triangle
     return np.ascontiguousarray(array, np.int32)
 
 
-def _places(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
-    """(m,) where each triangle, piece by piece in `array`, is in the order of its view.
+def _positions(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
+    """Return the (m,) positions of the triangles in the order of their view.
 
-    The k-th triangle of a face takes the place of the k-th that the model has there.
+    The k-th triangle of a face takes the position of the model's k-th triangle of that face.
     """
     if viewing.near_first and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
@@ -381,7 +377,7 @@ def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
 
 
 def check_size(width: int, height: int, most: int) -> None:
-    """Raise UsageError if a viewport is larger than the device draws."""
+    """Raise UsageError if a viewport exceeds the device's maximum size."""
     if max(width, height) > most:
         raise UsageError(
             f"{width}x{height} px is more than the device's {most}; lower --resolution"

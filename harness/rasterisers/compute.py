@@ -1,8 +1,8 @@
-"""Software rasterisers in compute shaders: one pays for the bounding box, one for rows and spans.
+"""Software rasterisers in compute shaders: one scans bounding boxes, the other rows and spans.
 
 `bounding-box` tests each pixel centre in a triangle's bounding box, as tinyrenderer, the analyser
 of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do.
-It is where the paper's overdraw criterion is exact. `scanline` finds each row's span by division.
+The paper's overdraw criterion is exact for it. `scanline` computes each row's span by division.
 """
 
 from typing import Any, ClassVar
@@ -17,13 +17,13 @@ from harness.rasterisers.context import Context
 from harness.rasterisers.opengl import GLRasteriser
 
 MAX_GROUPS = 65535
-"""Workgroups a dispatch may have in one dimension, on every device."""
+"""Maximum workgroups of a dispatch in one dimension that every device supports."""
 
 LANES = 32
 """Invocations of a workgroup."""
 
 JOB_PIXELS = 16384 * LANES
-"""Most pixels of one workgroup: llvmpipe ends a loop, in silence, after 65,535 rounds."""
+"""Maximum pixels of one workgroup: llvmpipe silently ends a loop after 65,535 rounds."""
 
 
 class BoundingBox(GLRasteriser):
@@ -90,7 +90,7 @@ class _Dispatched(Drawing):
         self.program.run(columns, -(-self.number // columns))
 
     def sample(self, repeats: int) -> Sample:
-        """Dispatch `repeats` times; each waits for the one before."""
+        """Dispatch `repeats` times; each dispatch waits for the previous one."""
         self.context.activate()
         self.context.picture(*self.size).bind_to_image(0, read=False, write=True)
         return self.context.timed(repeats, self.run, self.context.ctx.memory_barrier)

@@ -1,4 +1,4 @@
-"""An OpenGL context, and the few calls that moderngl has no name for."""
+"""An OpenGL context, with a few functions that moderngl lacks."""
 
 import ctypes
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ QUERY_RESULT = 0x8866
 DEPTH_BUFFER_BIT = 0x0100
 
 MODERN = 450
-"""From this version on everything the shaders need is in core."""
+"""First OpenGL version whose core has everything that the shaders need."""
 
 OLDER_EXTENSIONS = (
     "GL_ARB_shading_language_420pack",
@@ -28,10 +28,10 @@ OLDER_EXTENSIONS = (
     "GL_ARB_derivative_control",
     "GL_ARB_ES3_1_compatibility",
 )
-"""What a context older than that must bring instead."""
+"""Extensions that an older context needs."""
 
 EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)
-"""What such a context must bring for a depth test before shading."""
+"""Extensions that an older context needs for a depth test before shading."""
 
 COMPUTE_EXTENSIONS = (
     "GL_ARB_compute_shader",
@@ -41,9 +41,9 @@ COMPUTE_EXTENSIONS = (
 
 
 class Context:
-    """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
+    """An OpenGL context; as there may be several, call `activate` before using one.
 
-    What nothing refers to any more is freed when the context is activated next.
+    Unreferenced objects are freed the next time the context is activated.
 
     backend : a glcontext context, or an object with its methods
     """
@@ -88,14 +88,14 @@ class Context:
             raise NoRasteriser(f"the OpenGL driver lacks {', '.join(missing)}; install a newer one")
 
     def header(self, *extensions: str) -> str:
-        """Return the lines that every shader starts with on this context."""
+        """Return the first lines of every shader for this context."""
         modern = self.ctx.version_code >= MODERN
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
         return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
 
     def buffer(self, array: NDArray[Any]) -> Any:
-        """Upload an array; an empty one gets four bytes, for OpenGL has no empty buffers."""
+        """Upload an array; an empty one becomes four bytes, as OpenGL has no empty buffers."""
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
     def program(self, vertex: str, fragment: str, *, deep: bool = False) -> Any:
@@ -104,7 +104,7 @@ class Context:
         Raises
         ------
         NoRasteriser
-            if the driver cannot, as where fragment shaders have no storage buffers
+            if the driver cannot, for example without storage buffers in fragment shaders
         """
         header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
         try:
@@ -113,23 +113,23 @@ class Context:
                 fragment_shader=header + shader(f"{fragment}.glsl"),
             )
         except moderngl.Error as error:
-            said = " ".join(str(error).split())
-            raise NoRasteriser(f"the OpenGL driver builds no shaders: {said}") from error
+            message = " ".join(str(error).split())
+            raise NoRasteriser(f"the OpenGL driver builds no shaders: {message}") from error
 
     def compute(self, *names: str, define: str = "") -> Any:
-        """Build a compute shader of files in shaders/, one after another."""
+        """Build a compute shader from the concatenated files in shaders/."""
         header = self.header(*COMPUTE_EXTENSIONS)
         if define:
             header += f"#define {define}\n"
         return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
 
     def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Any:
-        """Return an RGBA8 framebuffer, if `deep` with depths; the last one, if it is such a one.
+        """Return an RGBA8 framebuffer, with depths if `deep`; the last one is reused if it fits.
 
         Raises
         ------
         UsageError
-            if the device has none that large or with so many samples
+            if the device does not support the size or the number of samples
         """
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
@@ -143,7 +143,7 @@ class Context:
         return self._target[1]
 
     def picture(self, width: int, height: int) -> Any:
-        """Return a texture of one uint a pixel for compute shaders; the last one, if of that size.
+        """Return a texture of one uint a pixel for compute shaders; reuse the last one if it fits.
 
         Raises
         ------
@@ -157,9 +157,9 @@ class Context:
 
     @contextmanager
     def queries(self, number: int) -> Iterator[list[int]]:
-        """Give names of `number` query objects, which live as long as the block runs.
+        """Create `number` query objects, which are deleted at the end of the block.
 
-        Their answers have 64 bits. moderngl's own have 32: nanoseconds wrap after 4.29 s.
+        Their results have 64 bits. moderngl's have 32: nanoseconds overflow after 4.29 s.
         """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
@@ -169,16 +169,16 @@ class Context:
             self._delete_queries(number, names)
 
     def result(self, query: int) -> int:
-        """Return the answer to a query; waits until the device has it."""
+        """Wait for the result of a query and return it."""
         value = ctypes.c_uint64()
         self._query_result(query, QUERY_RESULT, ctypes.byref(value))
         return value.value
 
     def wait(self) -> None:
-        """Wait until the device has done all that was asked of it.
+        """Wait until the device has executed all commands.
 
-        A query's result is waited for by every driver; zink's glFinish does not wait for what
-        was flushed before it.
+        Every driver waits for a query's result; zink's glFinish does not wait for commands that
+        were flushed before it.
         """
         with self.queries(1) as (query,):
             self.begin_query(TIME_ELAPSED, query)
@@ -187,9 +187,9 @@ class Context:
             self.result(query)
 
     def timed(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
-        """Call `draw` and then `after`, `calls` times, and wait; returns the seconds of all.
+        """Call `draw` and then `after`, `calls` times, wait, and return the total time.
 
-        Each call of `draw` has a timer of its own, for llvmpipe's knows only the last flush.
+        Each call of `draw` has a separate timer, as llvmpipe's timer covers only the last flush.
         """
         self.wait()
         with self.queries(calls) as timers:
@@ -200,7 +200,7 @@ class Context:
                 self.end_query(TIME_ELAPSED)
                 after()
             self.ctx.finish()
-            # zink's glFinish does not wait for what was flushed before it; a result does.
+            # zink's glFinish does not wait for flushed commands; reading a result does.
             self.result(timers[-1])
             sample = watch.stop()
             elapsed = sum(map(self.result, timers))
@@ -208,7 +208,7 @@ class Context:
         return replace(sample, gpu=elapsed * 1e-9)
 
     def check(self, doing: str) -> None:
-        """Raise RuntimeError if OpenGL has noted an error since the last check."""
+        """Raise RuntimeError if an OpenGL error is pending."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise RuntimeError(f"OpenGL error {error} while {doing}")
@@ -216,7 +216,7 @@ class Context:
     def upload(self, frame: Frame, triangles: Triangles) -> tuple[Any, Any, Any]:
         """Upload a frame's points, (n,) ivec2 in 1/256 px, their polygons and the triangles.
 
-        Polygons are (n,) uint, the number of each point's; triangles (3 m,) int.
+        Polygons are (n,) uint, the polygon number of each point; triangles (3 m,) int.
         """
         numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
         return (
@@ -226,6 +226,6 @@ class Context:
         )
 
     def close(self) -> None:
-        """Free the context and all that is in it."""
+        """Free the context and all its objects."""
         self.ctx.release()
         Context._current = None

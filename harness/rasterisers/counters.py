@@ -1,4 +1,4 @@
-"""What rasterisers count: how each counter is shown; what criteria predict of it, in its unit."""
+"""Counters of rasterisers: how each is displayed, and estimates of counters from criteria."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from typing import Any, Literal
 class Counter:
     """An exact integer that a rasteriser counts.
 
-    name : its key in records and its column in files
-    label, unit : how tables and plots show it
-    better : "lower" where less is less work; "none" where every triangulation of a polygon has
-        the same
-    best_case : the value no triangulation can beat, None where it depends on the scene
-    heading : a shorter label for the terminal's table; "" leaves the counter out of it, unless
+    name : key in records and column name in files
+    label, unit : of tables and plots
+    better : "lower" if less is less work; "none" if every triangulation of a polygon has the same
+        value
+    best_case : lower bound over all triangulations, or None if it depends on the scene
+    heading : shorter label for the terminal's table; with "" the table omits the counter, unless
         the rasteriser has no other
     """
 
@@ -59,49 +59,49 @@ _TABLE = (
 )
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
 
-_MORE: dict[str, dict[str, Any]] = {
+_PROPERTIES: dict[str, dict[str, Any]] = {
     "helper_lanes": {"heading": "helpers", "best_case": 0.0},
     "bbox_tests": {"heading": "tests"},
     "partial_quads": {"best_case": 0.0},
     **{same: {"better": "none"} for same in ("fragments", "hits", "depth_ties", "samples_passed")},
 }
-"""What else is known of some of them."""
+"""Further properties of some counters."""
 
 COUNTERS = {
-    name: Counter(name, label, unit, description=description, **_MORE.get(name, {}))
+    name: Counter(name, label, unit, description=description, **_PROPERTIES.get(name, {}))
     for name, label, unit, description in _TABLE
 }
-"""Counters of the built-in rasterisers, in the order in which they are shown."""
+"""Counters of the built-in rasterisers, in display order."""
 
-_known = dict(COUNTERS)
-"""These, and then those that third parties' rasterisers told."""
+_registered = dict(COUNTERS)
+"""Built-in counters, then those that third parties' rasterisers registered."""
 
 
 def describe(name: str) -> Counter:
-    """Return what is known of the counter `name`; one never heard of is taken to be work."""
-    return _known.get(name) or Counter(name, name.replace("_", " "))
+    """Return the counter called `name`; an unregistered one is taken to measure work."""
+    return _registered.get(name) or Counter(name, name.replace("_", " "))
 
 
-def learn(counters: Iterable[Counter]) -> None:
-    """Know how a third party's rasteriser wants its counters shown; built-in ones stay."""
-    _known.update({counter.name: counter for counter in counters} | COUNTERS)
+def register(counters: Iterable[Counter]) -> None:
+    """Register a third party's counters; built-in counters cannot be replaced."""
+    _registered.update({counter.name: counter for counter in counters} | COUNTERS)
 
 
-def place(name: str) -> tuple[int, str]:
-    """Return the sort key of a counter: built-in ones first, then learned ones, then others."""
-    return list(_known).index(name) if name in _known else len(_known), name
+def sort_key(name: str) -> tuple[int, str]:
+    """Return the sort key of a counter: built-in, then registered, then other ones."""
+    return list(_registered).index(name) if name in _registered else len(_registered), name
 
 
 @dataclass(frozen=True)
-class InUnit:
-    """What a criterion says of a counter, in the counter's unit.
+class Estimate:
+    """An estimate of a counter from criteria, in the counter's unit.
 
-    A criterion ranks; this says how many. Where both are drawn in one unit, marks lie on the line
-    on which they are equal, and what they are off by is a percentage.
+    A criterion only ranks triangulations; an estimate predicts the count, so its error is a
+    percentage and a perfect estimate lies on the diagonal of a plot.
 
     measure : the counter
-    formula : as it is written
-    terms : columns of predictions, and how often each counts in the sum
+    formula : for display
+    terms : columns of predictions, with their coefficients in the sum
     """
 
     measure: str
@@ -111,22 +111,22 @@ class InUnit:
 
 ESTIMATES = {
     # A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded.
-    "helper_lanes_by_quads": InUnit("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
+    "helper_lanes_by_quads": Estimate("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
     # To first order Q is such that these are half-perimeters, and one for each triangle.
-    "helper_lanes_by_half_perimeter": InUnit(
+    "helper_lanes_by_half_perimeter": Estimate(
         "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
     # Every pixel centre of a bounding box is tested.
-    "bbox_tests_by_overdraw": InUnit("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
+    "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
-"""By their column; of a counter the exact one first."""
+"""Estimates by their column; of one counter the exact estimate comes first."""
 
 
-def estimated(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return every estimate that the columns, or sums, allow; names of both begin with `prefix`."""
-    found = {}
-    for name, each in ESTIMATES.items():
-        known: dict[str, Any] = {term: columns.get(prefix + term) for term in each.terms}
-        if all(value is not None for value in known.values()):
-            found[prefix + name] = sum(each.terms[term] * known[term] for term in known)
-    return found
+def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return each estimate whose terms are in `columns`; names of both begin with `prefix`."""
+    estimates = {}
+    for name, estimate in ESTIMATES.items():
+        values: dict[str, Any] = {term: columns.get(prefix + term) for term in estimate.terms}
+        if all(value is not None for value in values.values()):
+            estimates[prefix + name] = sum(estimate.terms[term] * values[term] for term in values)
+    return estimates

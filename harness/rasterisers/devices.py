@@ -1,10 +1,10 @@
-"""The devices that OpenGL (through EGL) and WebGPU can run on, and the environment each needs.
+"""Devices available to OpenGL (through EGL) and to WebGPU, and the environment each needs.
 
-Mesa reads its settings once, when it is loaded, so each kind of device is probed in a process of
-its own, all of them at once.
+Mesa reads its settings once, when it is loaded, so each kind of device is probed in a separate
+process; all probes run at once.
 
-All of them take seconds, so what they found is kept in the user's cache folder, and asked again
-when drivers, device nodes or the variables that choose between them have changed.
+The probes take seconds, so their answers are cached in the user's cache folder. A probe runs again
+when drivers, device nodes or the environment variables that drivers read have changed.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ INSTALL_VULKAN = "apt-get install -y libvulkan1 mesa-vulkan-drivers"
 
 SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
 LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
-"""What makes Mesa draw on the CPU, in the thread that asks for it."""
+"""Environment with which Mesa draws on the CPU, in the calling thread."""
 
 LAVAPIPE = (
     "/usr/local/share/vulkan/icd.d/lvp_icd*.json",
@@ -44,14 +44,14 @@ SWIFTSHADER = (
     "/usr/lib/chromium-browser/vk_swiftshader_icd.json",
     "/opt/google/chrome/vk_swiftshader_icd.json",
 )
-"""Where files may be that tell Vulkan's loader of a driver; Chromium brings SwiftShader along."""
+"""Patterns of driver manifests of Vulkan's loader; Chromium includes SwiftShader."""
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX = ("Vulkan", "GL")
-"""What WebGPU stands on, by system, best first: what browsers choose there."""
+"""Backends of WebGPU by system, best first, as browsers choose them."""
 
 REPORTED = {"DX12": "D3D12", "GL": "OpenGL"}
-"""How an adapter calls what is asked for by another name."""
+"""Backend names that adapters report, by the name with which the backend is requested."""
 
 ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",
@@ -59,50 +59,50 @@ ADAPTERS = {
     ("swiftshader", "Vulkan"): "swiftshader",
     ("basic render", "D3D12"): "warp",
 }
-"""Names of rasterisers that run on a CPU, by a word of their adapter's name and its backend."""
+"""Names of CPU rasterisers, by a word of the adapter's name and its backend."""
 
-Found = tuple[tuple[Device, ...], tuple[str, ...]]
-"""Devices, best first, and what went wrong with others."""
+Devices = tuple[tuple[Device, ...], tuple[str, ...]]
+"""Devices, best first, and the problems of unavailable ones."""
 
-Told = Sequence[Mapping[str, Any]]
-"""What a probe tells of each device that it found."""
+Reports = Sequence[Mapping[str, Any]]
+"""A probe's properties of each device."""
 
 
 class Kind(NamedTuple):
-    """A kind of device to look for; of a name the first that is found counts.
+    """A kind of device to probe; of several kinds with one name the first available is used.
 
-    asked : the probe's arguments
+    arguments : of the probe
     """
 
     name: str
     environment: Mapping[str, str]
-    asked: tuple[str, str]
+    arguments: tuple[str, str]
 
 
-def vulkan_environment(places: Sequence[str]) -> dict[str, str] | None:
-    """Return what makes Vulkan's loader see one driver alone, None where it is not installed.
+def vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
+    """Return variables that restrict Vulkan's loader to one driver, or None if it is missing.
 
-    places : patterns of files that tell of it; the first that is there counts
+    patterns : of the driver's manifest; the first match is used
     """
-    found = (icd for place in places for icd in sorted(Path("/").glob(place.lstrip("/"))))
-    icd = next(found, None)
+    manifests = (path for each in patterns for path in sorted(Path("/").glob(each.lstrip("/"))))
+    icd = next(manifests, None)
     if icd is None:
         return None
     # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
     return {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd), "LP_NUM_THREADS": "0"}
 
 
-def _wanted(kind: Kind, told: Told) -> Told:
-    """Return which of the devices that the probe found are of the kind."""
-    if kind.asked[0] == "egl":
-        return [each for each in told if matches(kind.name, each["renderer"])]
+def _filter_reports(kind: Kind, reports: Reports) -> Reports:
+    """Return the reports about devices of the kind."""
+    if kind.arguments[0] == "egl":
+        return [report for report in reports if matches(kind.name, report["renderer"])]
     if kind.name != "gpu":
-        return [each for each in told if software_adapter(each) == kind.name][:1]
-    # A GPU is there once for each backend: the best backend that has any counts.
-    for backend in (REPORTED.get(each, each) for each in kind.asked[1].split(",")):
-        of = [each for each in told if each["backend_type"] == backend]
-        if gpus := [each for each in of if software_adapter(each) is None]:
-            return gpus
+        return [report for report in reports if software_adapter(report) == kind.name][:1]
+    # A GPU is listed once per backend; the best backend that lists a GPU is used.
+    gpus = [report for report in reports if software_adapter(report) is None]
+    for backend in (REPORTED.get(name, name) for name in kind.arguments[1].split(",")):
+        if matching := [report for report in gpus if report["backend_type"] == backend]:
+            return matching
     return []
 
 
@@ -113,7 +113,7 @@ def _egl_kinds() -> Iterator[Kind]:
     yield Kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
     if vulkan := vulkan_environment(LAVAPIPE):
         yield Kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
-        # Mesa versions differ in which of the two they heed.
+        # Some Mesa versions read only the first variable, others only the second.
         yield Kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
 
 
@@ -130,9 +130,9 @@ def _webgpu_kinds() -> Iterator[Kind]:
 
 
 def software_adapter(adapter: Mapping[str, str]) -> str | None:
-    """Return the name of a rasteriser that runs on a CPU, None for a GPU.
+    """Return the name of a CPU rasteriser, or None for a GPU.
 
-    adapter : what WebGPU tells of it, `device` and `backend_type` above all
+    adapter : WebGPU's properties of the adapter
     """
     for (word, backend), name in ADAPTERS.items():
         if word in adapter["device"].lower() and adapter["backend_type"] == backend:
@@ -142,43 +142,43 @@ def software_adapter(adapter: Mapping[str, str]) -> str | None:
 
 
 @cache
-def of_egl() -> Found:
-    """Find the devices that open through EGL."""
-    return _found(list(_egl_kinds()))
+def list_egl_devices() -> Devices:
+    """List the devices that open through EGL."""
+    return _list_devices(list(_egl_kinds()))
 
 
 @cache
-def of_webgpu() -> Found:
-    """Find WebGPU's adapters."""
-    return _found(list(_webgpu_kinds()))
+def list_webgpu_devices() -> Devices:
+    """List WebGPU's adapters."""
+    return _list_devices(list(_webgpu_kinds()))
 
 
-def _found(kinds: Sequence[Kind]) -> Found:
-    answers = ask([(kind.asked, kind.environment) for kind in kinds])
+def _list_devices(kinds: Sequence[Kind]) -> Devices:
+    answers = run_probes([(kind.arguments, kind.environment) for kind in kinds])
     devices: list[Device] = []
     problems: list[str] = []
     for kind, answer in zip(kinds, answers, strict=True):
         if any(device.name == kind.name for device in devices):
             continue
-        wanted = _wanted(kind, answer["devices"])
+        is_egl = kind.arguments[0] == "egl"
+        reports = _filter_reports(kind, answer["devices"])
         problems.extend(f"{kind.name}: {problem}" for problem in answer["problems"])
         problems.extend(
-            f"{kind.name}: EGL opened '{told['renderer']}' instead"
-            for told in answer["devices"]
-            if kind.asked[0] == "egl" and kind.name != "gpu" and told not in wanted
+            f"{kind.name}: EGL opened '{report['renderer']}' instead"
+            for report in answer["devices"]
+            if is_egl and kind.name != "gpu" and report not in reports
         )
-        for number, told in enumerate(wanted):
+        for number, report in enumerate(reports):
             name = f"gpu{number}" if kind.name == "gpu" else kind.name
-            details = {key: value for key, value in told.items() if key != "software"}
-            egl = kind.asked[0] == "egl"
-            software = is_software(told["renderer"]) if egl else bool(software_adapter(told))
+            details = {key: value for key, value in report.items() if key != "software"}
+            software = is_software(report["renderer"]) if is_egl else bool(software_adapter(report))
             devices.append(Device(name, software, kind.environment, details))
     return tuple(devices), tuple(problems)
 
 
 PROBE_SECONDS = 20.0
 
-PLACES = (
+DRIVER_PATHS = (
     "usr/lib/*-linux-gnu",
     "usr/lib64",
     "usr/local/lib",
@@ -189,7 +189,7 @@ PLACES = (
     "dev/dri",
     "dev/nvidia*",
 )
-"""What is written to when a driver or a device comes, changes or goes; below the root."""
+"""Patterns below the root of paths that change when a driver or device is added or removed."""
 
 VARIABLES = re.compile(
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
@@ -199,21 +199,20 @@ VARIABLES = re.compile(
 
 ROOT = Path("/")
 
-KEPT, MOST_KEPT = "drivers", 64
-"""Folder of the answers that are kept, in a file each: those of some ten environments."""
+CACHE_FOLDER, MAX_CACHED_ANSWERS = "drivers", 64
+"""Folder with a file for each answer, and their maximum number: about ten environments."""
+
+Probe = tuple[tuple[str, str], Mapping[str, str]]
+"""Arguments of `probe.py`, and environment variables in addition to those of this process."""
 
 
-Question = tuple[tuple[str, str], Mapping[str, str]]
-"""Arguments of the probe, and variables of its environment beside those of this process."""
+def run_probes(probes: Sequence[Probe]) -> list[dict[str, Any]]:
+    """Return the answer of each probe, {"devices": [...], "problems": [...]}.
 
-
-def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
-    """Return what the probe prints, {"devices": [...], "problems": [...]}, to each question.
-
-    Those whose answer is not kept are asked at once.
+    Probes whose answer is not cached run at the same time.
     """
-    files = [system.cache_file(KEPT) / f"{_key(*question)}.json" for question in questions]
-    kept = [_read(file) for file in files]
+    files = [system.cache_file(CACHE_FOLDER) / f"{_cache_key(*probe)}.json" for probe in probes]
+    cached = [_read_answer(file) for file in files]
     running = [
         subprocess.Popen(
             [sys.executable, "-P", str(PROBE), *arguments],
@@ -222,57 +221,60 @@ def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
             stderr=subprocess.PIPE,
             text=True,
         )
-        for (arguments, environment), answer in zip(questions, kept, strict=True)
+        for (arguments, environment), answer in zip(probes, cached, strict=True)
         if answer is None
     ]
-    fresh = iter(running)
-    return [answer or _answer(next(fresh), file) for file, answer in zip(files, kept, strict=True)]
+    started = iter(running)
+    return [
+        answer or _wait_for_answer(next(started), file)
+        for file, answer in zip(files, cached, strict=True)
+    ]
 
 
-def forget() -> None:
-    """Ask everything anew."""
-    shutil.rmtree(system.cache_file(KEPT), ignore_errors=True)
+def clear_cache() -> None:
+    """Delete all cached answers."""
+    shutil.rmtree(system.cache_file(CACHE_FOLDER), ignore_errors=True)
 
 
-def _read(file: Path) -> dict[str, Any] | None:
+def _read_answer(file: Path) -> dict[str, Any] | None:
     try:
         return json.loads(file.read_text()) or None
     except (OSError, ValueError):
         return None
 
 
-def _key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
-    """Return a digest of all that an answer depends on."""
-    places = [path for pattern in PLACES for path in sorted(ROOT.glob(pattern))]
-    places.append(Path(sysconfig.get_path("platlib")))
-    about = (
+def _cache_key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
+    """Return a digest of everything that an answer depends on."""
+    paths = [path for pattern in DRIVER_PATHS for path in sorted(ROOT.glob(pattern))]
+    paths.append(Path(sysconfig.get_path("platlib")))
+    content = (
         PROBE.read_text(),
         arguments,
         sorted(environment.items()),
         sys.prefix,
         sorted(item for item in os.environ.items() if VARIABLES.match(item[0])),
-        [(str(path), path.stat().st_mtime_ns) for path in places],
+        [(str(path), path.stat().st_mtime_ns) for path in paths],
     )
-    return hashlib.sha256(repr(about).encode()).hexdigest()[:24]
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:24]
 
 
-def _answer(process: subprocess.Popen[str], file: Path) -> dict[str, Any]:
-    """Wait for what the program prints, and keep it; one that hangs or dies found no device."""
+def _wait_for_answer(process: subprocess.Popen[str], file: Path) -> dict[str, Any]:
+    """Return a probe's answer and cache it; a probe that fails or times out reports a problem."""
     try:
-        out, complaints = process.communicate(timeout=PROBE_SECONDS)
+        out, errors = process.communicate(timeout=PROBE_SECONDS)
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
         return {"devices": [], "problems": [f"no answer within {PROBE_SECONDS:.0f} s"]}
     if process.returncode:
-        last = complaints.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
+        last = errors.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
         return {"devices": [], "problems": [f"the driver failed: {last[0]}"]}
-    told = out.splitlines()[-1]
+    answer = out.splitlines()[-1]
     if sys.platform == "linux":
         with suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)
-            atomic.write(file, told.encode())
-            for old in sorted(file.parent.iterdir(), key=os.path.getmtime)[:-MOST_KEPT]:
+            atomic.write(file, answer.encode())
+            for old in sorted(file.parent.iterdir(), key=os.path.getmtime)[:-MAX_CACHED_ANSWERS]:
                 old.unlink()
-    result: dict[str, Any] = json.loads(told)
+    result: dict[str, Any] = json.loads(answer)
     return result

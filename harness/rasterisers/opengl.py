@@ -32,14 +32,13 @@ KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
 
 IN_ORDER = ("softpipe",)
-"""Renderers that finish a triangle before they begin the next."""
+"""Renderers that finish a triangle before they start the next."""
 
 
 class GLRasteriser(Rasteriser):
     """A rasteriser on OpenGL through EGL, without a window.
 
-    `context` is the open context, `ctx` moderngl's view of it; `device` is completed with what
-    the driver says about itself.
+    `context` is the open context, `ctx` moderngl's view of it; `device` gains the driver's strings.
     """
 
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
@@ -49,12 +48,12 @@ class GLRasteriser(Rasteriser):
         "": f"run: {devices.INSTALL}",
     }
     drawn_by: ClassVar[str] = ""
-    """How the renderer's name begins, where it is not the device's."""
+    """Prefix of the renderer's name, if it differs from the device's name."""
 
     @classmethod
     def devices(cls) -> list[Device]:
         """List GPUs, then llvmpipe, softpipe and zink on lavapipe, as far as they open."""
-        return list(devices.of_egl()[0])
+        return list(devices.list_egl_devices()[0])
 
     def __init__(self, device: Device) -> None:
         device.require_environment()
@@ -63,8 +62,8 @@ class GLRasteriser(Rasteriser):
         except Exception as error:  # glcontext raises plain Exception
             raise NoRasteriser(f"{device.name}: {error}; {self.remedy(device.name)}") from error
         self.ctx = self.context.ctx
-        told = self.ctx.info
-        renderer = told["GL_RENDERER"]
+        info = self.ctx.info
+        renderer = info["GL_RENDERER"]
         if not matches(self.drawn_by or device.name, renderer):
             self.context.close()
             raise NoRasteriser(
@@ -78,16 +77,16 @@ class GLRasteriser(Rasteriser):
             software=is_software(renderer),
             details={
                 **device.details,
-                "vendor": told["GL_VENDOR"],
+                "vendor": info["GL_VENDOR"],
                 "renderer": renderer,
-                "version": told["GL_VERSION"],
-                "subpixel_bits": told["GL_SUBPIXEL_BITS"],
+                "version": info["GL_VERSION"],
+                "subpixel_bits": info["GL_SUBPIXEL_BITS"],
             },
         )
         self.context.check("opening the device")
 
     def _open(self, device: Device) -> Any:
-        """Create a context, an object with glcontext's methods."""
+        """Create and return a context, an object with glcontext's methods."""
         return glcontext.get_backend_by_name("egl")(
             mode="standalone",
             glversion=330,
@@ -114,20 +113,20 @@ class OpenGL(GLRasteriser):
     def __init__(self, device: Device) -> None:
         super().__init__(device)
         self._in_order = self.device.details["renderer"] in IN_ORDER
-        self._built: dict[bool, tuple[Any, Any]] = {}
+        self._programs: dict[bool, tuple[Any, Any]] = {}
         self.programs(deep=False)
         self.context.check("building the shaders")
 
     def programs(self, *, deep: bool) -> tuple[Any, Any]:
-        """Return the programs that draw and that count, with a depth test if `deep`."""
-        if deep not in self._built:
+        """Return the programs for drawing and for counting, with a depth test if `deep`."""
+        if deep not in self._programs:
             counting = "count_in_order.frag" if self._in_order else "count.frag"
             draw, count = (
                 self.context.program("draw.vert", name, deep=deep)
                 for name in ("draw.frag", counting)
             )
-            self._built[deep] = draw, count
-        return self._built[deep]
+            self._programs[deep] = draw, count
+        return self._programs[deep]
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
@@ -135,7 +134,7 @@ class OpenGL(GLRasteriser):
         passed = 0
         for part in batches(frame, triangles):
             totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
-            # Drawn again, without counting: storage writes change what a driver may skip.
+            # Drawn again without counting, as storage writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
             mesh.bind()
             with self.context.queries(1) as (query,):
@@ -162,14 +161,14 @@ class OpenGL(GLRasteriser):
     def _tally(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
         """Return (p, 4) counts in the order of SHADED.
 
-        Each quad is counted by the lane that is its first covered one; where lanes cannot tell
-        helpers, the last triangle of each quad is remembered.
+        The first covered lane of each quad counts the quad. On renderers whose lanes cannot detect
+        helper lanes, a buffer stores the last triangle of each quad.
         """
         shape = (len(mesh.frame.offsets) - 1, len(SHADED))
         counts = self.context.buffer(np.zeros(shape, np.uint32))
         counts.bind_to_storage_buffer(0)
-        # llvmpipe forgets what it has collected for a tile, storage writes and all, when an
-        # opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
+        # llvmpipe discards the triangles collected for a tile, including their storage writes,
+        # when an opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
         mesh.target.color_mask = KEEP_ALPHA
         mesh.bind()
         if self._in_order:
@@ -179,11 +178,11 @@ class OpenGL(GLRasteriser):
         mesh.target.color_mask = WRITE_ALL
         self.ctx.memory_barrier()
         read = np.frombuffer(counts.read(), np.uint32)[: shape[0] * shape[1]]
-        found: NDArray[np.int64] = read.reshape(shape).astype(np.int64)
+        totals: NDArray[np.int64] = read.reshape(shape).astype(np.int64)
         if self._in_order:
-            found[:, 2] = 4 * found[:, 1] - found[:, 0]
-            found[:, 3] = found[:, 1] - found[:, 3]  # it counts whole ones
-        return found
+            totals[:, 2] = 4 * totals[:, 1] - totals[:, 0]
+            totals[:, 3] = totals[:, 1] - totals[:, 3]  # the shader counts full quads
+        return totals
 
     def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
@@ -192,9 +191,9 @@ class OpenGL(GLRasteriser):
         mesh.program["columns"] = columns
         mesh.begin()
         # One draw a triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
-        for each in range(number):
-            mesh.program["triangle"] = each + 1
-            mesh.vertices.render(vertices=3, first=3 * each)
+        for triangle in range(number):
+            mesh.program["triangle"] = triangle + 1
+            mesh.vertices.render(vertices=3, first=3 * triangle)
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
@@ -231,24 +230,23 @@ class Mesh(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
-        software rasteriser gets one call each and a flush: it collects a frame before it draws,
-        and would leave out tiles of one draw that a later one covers. So each map tile is a call
-        of its own there, too. With a depth test each draw begins with nothing near, also on a GPU.
+        A GPU draws them as instances of one call, so that it never waits for the next call. A
+        software rasteriser gets one call and one flush a draw: it collects a frame before it draws,
+        and would skip tiles of a draw that a later draw covers. For the same reason each map tile
+        is a separate call there. With a depth test each draw starts with cleared depths, also on a
+        GPU.
         """
         self.context.activate()
         self.program["work"] = self.work
         self.bind()
         if not self.software and self.frame.depths is None:
             return self.context.timed(1, partial(self.draw, repeats), self.context.flush)
-        following = cycle(self.draws)
+        draws = cycle(self.draws)
         calls = repeats * len(self.draws)
-        return self.context.timed(
-            calls, lambda: self.draw_rows(next(following)), self.context.flush
-        )
+        return self.context.timed(calls, lambda: self.draw_rows(next(draws)), self.context.flush)
 
     def bind(self) -> None:
-        """Make the framebuffer and the viewport current; before `draw`."""
+        """Make the framebuffer and the viewport current; call it before `draw`."""
         width, height = self.frame.width, self.frame.height
         self.target.use()
         self.target.viewport = (0, 0, width, height)
@@ -263,7 +261,7 @@ class Mesh(Drawing):
             self.draw_rows(rows, instances)
 
     def begin(self) -> None:
-        """Begin a tile or a view: with a depth test nothing is near yet."""
+        """Begin a tile or a view: clear the depths, if there is a depth test."""
         if self.frame.depths is not None:
             self.context.clear(context.DEPTH_BUFFER_BIT)
 

@@ -1,4 +1,4 @@
-"""OpenGL through OSMesa, Mesa's off-screen interface, where a Mesa before 25.1 has it installed."""
+"""OpenGL through OSMesa, the off-screen interface of Mesa before 25.1."""
 
 import ctypes
 import ctypes.util
@@ -18,35 +18,35 @@ SIDE = 16
 
 
 class OSMesaContext:
-    """A core-profile context with the methods moderngl asks of a context.
+    """A core-profile context with the methods that moderngl requires.
 
-    library : the file's name
+    library : file name of libOSMesa
 
     Raises
     ------
     OSError
-        if it has no such context
+        if the library has no OpenGL 3.3 core context
     """
 
     def __init__(self, library: str) -> None:
-        self._library = found = ctypes.CDLL(library)
-        found.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
-        found.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        found.OSMesaGetProcAddress.restype = ctypes.c_void_p
-        found.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        found.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] * 3
-        found.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        self._library = osmesa = ctypes.CDLL(library)
+        osmesa.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        osmesa.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        osmesa.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        osmesa.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        osmesa.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] * 3
+        osmesa.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         self._pixels = (ctypes.c_ubyte * (4 * SIDE * SIDE))()
-        wanted = (OSMESA_FORMAT, OSMESA_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-        attributes = (*wanted, OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)  # or what is newer
+        settings = (OSMESA_FORMAT, OSMESA_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        attributes = (*settings, OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)  # or newer
         values = (ctypes.c_int * len(attributes))(*attributes)
-        self._context: int | None = found.OSMesaCreateContextAttribs(values, None)
+        self._context: int | None = osmesa.OSMesaCreateContextAttribs(values, None)
         if self._context is None:
             raise OSError("OSMesa has no OpenGL 3.3 core context")
         self.__enter__()
 
     def load(self, name: str) -> int:
-        """Return the address of an OpenGL function, 0 if there is none."""
+        """Return the address of an OpenGL function, or 0 if it does not exist."""
         address: int | None = self._library.OSMesaGetProcAddress(name.encode())
         return address or 0
 
@@ -74,8 +74,8 @@ class OSMesa(OpenGL):
 
     @classmethod
     def devices(cls) -> list[Device]:
-        """List the one device there is, if libOSMesa is installed."""
-        # Where the file is, not what it says: the library loads a driver when it is loaded.
+        """Return the only device, if libOSMesa is installed."""
+        # The library is located but not opened, as opening it loads a driver.
         installed = ctypes.util.find_library("OSMesa")
         if installed is None:
             return []

@@ -1,9 +1,9 @@
-"""Ask EGL or WebGPU what it can open: a program, run in the environment of the device looked for.
+"""List the devices of EGL or WebGPU: a program that runs in the environment of the wanted device.
 
-`probe.py egl hardware` opens each EGL device that is not software, `probe.py egl software` the
-first that is; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) opens nothing but the
-drivers' lists. Each prints one JSON object. It stands alone, so that it starts quickly and so that
-a driver that crashes takes only the probe with it.
+`probe.py egl hardware` opens each hardware device of EGL, `probe.py egl software` the first
+software device; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) lists adapters without
+opening them. Each call prints one JSON object. The program imports nothing of the harness, so that
+it starts quickly; it is a separate process, so that a driver's crash ends only the probe.
 """
 
 import ctypes
@@ -15,16 +15,16 @@ EGL_EXTENSIONS = 0x3055
 MAX_DEVICES = 32
 
 ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "backend_type")
-"""What is told of a WebGPU adapter."""
+"""Reported properties of a WebGPU adapter."""
 
 
 def egl_devices() -> list[dict[str, Any]]:
-    """List EGL's devices: index, whether software; opens none of them.
+    """List EGL's devices by index, and whether each is software, without opening them.
 
     Raises
     ------
     OSError
-        if there is no libEGL, or it cannot list devices
+        if libEGL is missing or cannot list devices
     """
     egl = ctypes.CDLL("libEGL.so.1")
     egl.eglGetProcAddress.restype = ctypes.c_void_p
@@ -39,11 +39,11 @@ def egl_devices() -> list[dict[str, Any]]:
         ctypes.c_uint, ctypes.c_int, handles, ctypes.POINTER(ctypes.c_int)
     )(addresses[0])
     query_string = ctypes.CFUNCTYPE(ctypes.c_char_p, handle, ctypes.c_int)(addresses[1])
-    found, number = (handle * MAX_DEVICES)(), ctypes.c_int()
-    query_devices(MAX_DEVICES, found, ctypes.byref(number))
+    pointers, number = (handle * MAX_DEVICES)(), ctypes.c_int()
+    query_devices(MAX_DEVICES, pointers, ctypes.byref(number))
     devices = []
     for index in range(number.value):
-        extensions = (query_string(found[index], EGL_EXTENSIONS) or b"").decode()
+        extensions = (query_string(pointers[index], EGL_EXTENSIONS) or b"").decode()
         software = "EGL_MESA_device_software" in extensions
         devices.append({"egl_index": index, "software": software})
     return devices
@@ -54,20 +54,20 @@ def open_device(index: int) -> dict[str, str]:
     import moderngl
 
     names = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
-    where: dict[str, Any] = {"backend": "egl", "device_index": index, **names}
-    told = moderngl.create_standalone_context(**where).info
-    return {name: told[f"GL_{name.upper()}"] for name in ("vendor", "renderer", "version")}
+    settings: dict[str, Any] = {"backend": "egl", "device_index": index, **names}
+    info = moderngl.create_standalone_context(**settings).info
+    return {name: info[f"GL_{name.upper()}"] for name in ("vendor", "renderer", "version")}
 
 
 def egl(kind: str) -> dict[str, Any]:
     """Probe the EGL devices of one kind; {"devices": [...], "problems": [...]}."""
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
-        found = egl_devices()
+        listed = egl_devices()
     except OSError as error:
         result["problems"].append(str(error))
         return result
-    devices = [device for device in found if device["software"] == (kind == "software")]
+    devices = [device for device in listed if device["software"] == (kind == "software")]
     for device in devices[:1] if kind == "software" else devices:
         try:
             result["devices"].append({**device, **open_device(device["egl_index"])})

@@ -1,8 +1,8 @@
-"""pyrender: what triangulations cost as roofs of a city, or on a model, by a scene-graph renderer.
+"""pyrender: times triangulations as roofs of a city, or of a model, in a scene-graph renderer.
 
-It stands for the renderers users have: perspective, depth test, multisampling, and a frame that
-is read back. It cannot count. pyrender is unmaintained (0.1.45) and gets a process of its own.
-Polygons become roofs; a model's views are drawn as they are projected, each a frame.
+It represents common renderers: perspective, depth test, multisampling, and a frame that is read
+back. It cannot count. pyrender is unmaintained (0.1.45) and runs in a separate process. Polygons
+become roofs; a model's views are drawn in their projection, one frame a view.
 """
 
 import importlib.util
@@ -34,7 +34,7 @@ FIELD_OF_VIEW = np.radians(40.0)
 ELEVATION = np.radians(50.0)
 AZIMUTH = np.radians(-115.0)
 DISTANCE = 1.5
-"""Of the camera from the city's centre, in viewport widths."""
+"""Distance of the camera from the city's centre, in viewport widths."""
 
 OLD_INFINITY = "infty"
 
@@ -63,24 +63,24 @@ class Pyrender(Rasteriser):
 
     @classmethod
     def devices(cls) -> list[Device]:
-        """List GPUs and llvmpipe through EGL, then OSMesa; [] where pyrender is not installed."""
+        """List GPUs and llvmpipe through EGL, then OSMesa; [] if pyrender is not installed."""
         if importlib.util.find_spec("pyrender") is None:
             return []
-        found = []
-        for device in devices.of_egl()[0]:
+        usable = []
+        for device in devices.list_egl_devices()[0]:
             if device.name == "llvmpipe" or not device.software:
                 number = str(device.details["egl_index"])
                 platform = {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": number}
                 environment = {**device.environment, **platform}
-                found.append(replace(device, environment=environment))
+                usable.append(replace(device, environment=environment))
         for device in osmesa.OSMesa.devices():
             environment = {**device.environment, "PYOPENGL_PLATFORM": "osmesa"}
-            found.append(replace(device, environment=environment))
-        return found
+            usable.append(replace(device, environment=environment))
+        return usable
 
     def __init__(self, device: Device) -> None:
         device.require_environment()
-        # pyrender 0.1.45 still uses a name that numpy 2 took away.
+        # pyrender 0.1.45 still uses a name that numpy 2 removed.
         if not hasattr(np, OLD_INFINITY):
             setattr(np, OLD_INFINITY, np.inf)
         try:
@@ -90,18 +90,18 @@ class Pyrender(Rasteriser):
         self.pyrender: Any = pyrender
         try:
             self.renderer: Any = pyrender.OffscreenRenderer(8, 8)
-        except Exception as error:  # pyrender lets whatever PyOpenGL raises through
+        except Exception as error:  # pyrender passes on any exception of PyOpenGL
             raise NoRasteriser(
                 f"pyrender cannot open {device.name}: {error}; {self.remedy(device.name)}"
             ) from error
         from OpenGL import GL
 
-        told = GL.glGetString(GL.GL_RENDERER).decode()
-        if not matches("llvmpipe" if device.software else device.name, told):
+        renderer = GL.glGetString(GL.GL_RENDERER).decode()
+        if not matches("llvmpipe" if device.software else device.name, renderer):
             self.close()
-            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{told}'")
-        details = {**device.details, "renderer": told}
-        self.device = replace(device, software=is_software(told), details=details)
+            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{renderer}'")
+        details = {**device.details, "renderer": renderer}
+        self.device = replace(device, software=is_software(renderer), details=details)
 
     def close(self) -> None:
         """Free the renderer and its context."""
@@ -120,7 +120,7 @@ class Pyrender(Rasteriser):
 
 
 class _Drawn(Drawing):
-    """scenes : one city, or the views of a model."""
+    """Scenes of pyrender: one city, or the views of a model."""
 
     def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
         self.owner = owner
@@ -160,7 +160,7 @@ class _Drawn(Drawing):
         return scene
 
     def sample(self, repeats: int) -> Sample:
-        """Draw all `repeats` times; each frame is read back, which waits for it."""
+        """Draw all scenes `repeats` times; reading each frame back waits for the device."""
         renderer = self.owner.renderer
         renderer.viewport_width, renderer.viewport_height = self.size
         watch = Stopwatch()
@@ -192,7 +192,7 @@ class Solid:
 
 
 def extrude(frame: Frame, triangles: Triangles) -> Solid:
-    """Raise each polygon to a height of its own; the roof's triangles keep their order."""
+    """Extrude each polygon to a different height; the roof's triangles keep their order."""
     owner = np.repeat(np.arange(len(frame.offsets) - 1), np.diff(frame.offsets)).astype(np.int32)
     heights = (LOWEST + (TALLEST - LOWEST) * ((owner * GOLDEN) % 1.0)) * frame.width
     plan = frame.points / SUBPIXEL
@@ -201,7 +201,7 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
     paint = colours(owner).view(np.uint8).reshape(-1, 4) / 255
     dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
 
-    # A wall's corners are its own: they have its colour, not the roof's.
+    # Walls have separate vertices, which have the wall's colour instead of the roof's.
     following = np.arange(1, len(plan) + 1)
     following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
     top = len(plan) + np.arange(len(plan))
@@ -220,11 +220,11 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
 
 
 def projected(frame: Frame, triangles: Triangles) -> Solid:
-    """Return triangles (m, 3) of a model's views where they are projected, z from 0 down to -1."""
+    """Return projected triangles (m, 3) of a model's views, z from 0 down to -1."""
     assert frame.depths is not None
     used, faces = np.unique(triangles, return_inverse=True)
     if not len(used):
-        used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # no renderer takes nothing
+        used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # pyrender rejects empty meshes
     points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
     owner = np.searchsorted(frame.offsets, used, side="right").astype(np.int32) - 1
     paint = colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255

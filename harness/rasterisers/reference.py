@@ -1,8 +1,8 @@
-"""The CPU rasteriser that every other one is checked against: exact, and needs no driver.
+"""The exact CPU rasteriser, the reference for all others, and a binner.
 
-With it, the tiles that each triangle is binned into, as the first pass of a tiled GPU does. A tile
-counts if its inside meets the triangle's inside. Binning by bounding box asks only the box; exact
-binning also asks the three edges, at the tile's corner that lies furthest inside
+Binning assigns triangles to tiles, as the first pass of a tiled GPU does. A tile counts if its
+interior meets the triangle's interior. Binning by bounding box tests only the box; exact binning
+also tests the three edges, each at the tile's corner that lies furthest inside
 (T. Akenine-Moller, "Conservative rasterization", GPU Gems 2, chapter 42).
 """
 
@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
 from triangulators.compute.kernels import njit
 
 SHADED = ("fragments", "quads", "helper_lanes", "partial_quads")
-"""What a device with quads counts."""
+"""Counters of devices that shade quads."""
 
 COUNTED = (*SHADED, "blocks", "bbox_tests")
 
@@ -35,16 +35,16 @@ COUNTED = (*SHADED, "blocks", "bbox_tests")
 def predict(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
 ) -> dict[str, NDArray[np.int64]]:
-    """Predict, from coordinates alone, what each triangle costs; every value is (m,).
+    """Return the counters of each triangle, computed from coordinates; every value is (m,).
 
     fragments : pixels whose centre the triangle covers
-    quads : 2x2 blocks with such a pixel
-    helper_lanes : lanes of these quads that cover nothing
-    partial_quads : quads with such a lane
-    blocks : 4x4 blocks with such a pixel
+    quads : 2x2 blocks with a covered pixel
+    helper_lanes : lanes of these quads whose pixel is not covered
+    partial_quads : quads with a helper lane
+    blocks : 4x4 blocks with a covered pixel
     bbox_tests : pixel centres in the bounding box
 
-    Pixels out of the window (`Frame.window`) cost nothing.
+    Pixels outside the window (`Frame.window`) do not count.
     """
     counts = spans.count_triangles(points, triangles, window).T
     fragments, quads, partial, blocks, tests = counts
@@ -55,11 +55,11 @@ def predict(
 def visible(
     frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
 ) -> dict[str, NDArray[np.int64]]:
-    """Count what of each triangle (m, 3) passes the depth test, in the order given; (m,) each.
+    """Return the counters of triangles (m, 3) drawn in their order with a depth test, (m,) each.
 
-    fragments, quads, helper_lanes, partial_quads : of what is shaded
-    depth_ties : tests that rounding decides: a device may differ in as many pixels and quads
-    picture : (height, width), row 0 at the bottom; gets each polygon's colour
+    fragments, quads, helper_lanes, partial_quads : of shaded pixels
+    depth_ties : tests that depend on rounding; a device may differ in as many pixels and quads
+    picture : (height, width), row 0 at the bottom; receives each polygon's colour
     """
     assert frame.depths is not None
     draws = frame.draws(triangles)
@@ -74,10 +74,10 @@ def visible(
 
 
 def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
-    """Return the (p,) 2x2 blocks that each polygon's outline covers; -1 where a part is None.
+    """Return the number of 2x2 blocks that each polygon covers, (p,); -1 for a part that is None.
 
-    It is what drawing a polygon in one piece shades, and so the limit of what its triangles do.
-    parts : a triangulation (m, 3) of each polygon without gaps, whichever
+    Drawing a polygon in one piece shades these blocks: a lower bound for every triangulation.
+    parts : any triangulation (m, 3) without gaps of each polygon
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -86,7 +86,7 @@ def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray
 
 
 def quads_of(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
-    """Return the (p,) 2x2 blocks that each polygon's triangles (m, 3) shade, 0 where none are."""
+    """Return the number of 2x2 blocks that each polygon's triangles (m, 3) shade, (p,)."""
     triangles = frame.join(parts)
     return per_polygon(frame, triangles, predict(frame.points, triangles, frame.window)["quads"])
 
@@ -102,8 +102,8 @@ class Reference(OnCpu):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         if frame.depths is not None:
-            found = visible(frame, triangles)
-            return {name: per_polygon(frame, triangles, each) for name, each in found.items()}
+            counts = visible(frame, triangles)
+            return {name: per_polygon(frame, triangles, each) for name, each in counts.items()}
         predicted = predict(frame.points, triangles, frame.window)
         return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
@@ -140,29 +140,29 @@ def colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
 
 
 def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
-    """Compare the counters that both have for each polygon; a sentence for each that differs."""
-    found = []
+    """Return a sentence for each counter in both that differs for some polygon."""
+    sentences = []
     for name, values in expected.items():
         if name not in drawn or drawn[name].shape != values.shape:
             continue
         differing = np.flatnonzero(drawn[name] != values)
         if len(differing):
             first = differing[0]
-            found.append(
+            sentences.append(
                 f"{name} differ in {len(differing)} of {len(values)} polygons; polygon "
                 f"{frame.source[first]}: {drawn[name][first]} instead of {values[first]}"
             )
-    return found
+    return sentences
 
 
 TILES = (16, 32, 64)
-"""Sides of a tile, px."""
+"""Tile sides, px."""
 
 
 def predict_tiles(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
 ) -> dict[str, NDArray[np.int64]]:
-    """Predict the tiles with a pixel of the window each triangle is put into, (m,) a name.
+    """Return the number of tiles in the window that each triangle is binned into, (m,) a name.
 
     tiles_16, tiles_32, tiles_64 : by bounding box
     tiles_16_exact, ... : by exact overlap
@@ -184,8 +184,8 @@ def count_tiles(
 ) -> NDArray[np.int64]:
     """Count tiles of `side` (1/256 px) for each triangle: (m, 2), by bounding box and exactly.
 
-    Tiles out of the window (first column and row, last column and row) do not count. A triangle
-    without area is in no tile.
+    Tiles outside the window (first column and row, last column and row) do not count. A triangle
+    without an area is in no tile.
     """
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
@@ -206,9 +206,10 @@ def tile_box(
     window: NDArray[np.int64],
     corners: NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
-    """First and last column, first and last row of the tiles that a triangle's box has in `window`.
+    """Return first and last column, first and last row of the tiles of a triangle's bounding box.
 
-    A triangle without area has none. `corners` (3, 2) gets its corners, counter-clockwise.
+    Tiles are clipped to `window`; a triangle without an area has none. `corners` (3, 2) receives
+    the triangle's vertices, counter-clockwise.
     """
     for k in range(3):
         corners[k, 0] = points[triangle[k], 0]
@@ -230,7 +231,7 @@ def tile_box(
 def tile_span(
     corners: NDArray[np.int64], row: int, side: int, left: int, right: int
 ) -> tuple[int, int]:
-    """First and last tile of a row that no edge of the triangle keeps wholly outside."""
+    """Return first and last tile of a row that no edge of the triangle excludes."""
     for k in range(3):
         x, y = corners[k, 0], corners[k, 1]
         dx, dy = corners[(k + 1) % 3, 0] - x, corners[(k + 1) % 3, 1] - y
@@ -247,7 +248,7 @@ def tile_span(
 
 
 class Binning(OnCpu):
-    """A binner on the CPU; it counts and draws nothing."""
+    """A binner on the CPU, which counts but cannot be timed."""
 
     name = "binning"
     counters: ClassVar[tuple[str, ...]] = tuple(

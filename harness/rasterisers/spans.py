@@ -1,19 +1,18 @@
 """Exact rasterisation of triangles row by row, in integers on the 1/256 px grid (Numba).
 
-A pixel is covered when its centre (128/256 px from its corner) is inside all three edge functions
-of the counter-clockwise triangle, y up; a centre exactly on an edge belongs to it if the edge is
-a left edge (it runs down) or a bottom edge (horizontal, it runs right). That is the top-left rule
-of Direct3D and of Mesa, whose y runs down: what is a top edge there is a bottom edge here. For each
-row an edge function is linear in x, so one floor division gives the first or last pixel it lets
-through.
+A pixel is covered if its centre (128/256 px from its corner) is inside all three edge functions of
+the counter-clockwise triangle, y up; a centre exactly on an edge is covered if the edge is a left
+edge (it runs down) or a bottom edge (horizontal, it runs right). That is the top-left rule of
+Direct3D and Mesa, whose y axis points down, so their top edge is a bottom edge here. Within a row
+an edge function is linear in x, so one floor division gives its first or last covered pixel.
 
 Source of the edge functions: J. Pineda, "A Parallel Algorithm for Polygon Rasterization",
 SIGGRAPH 1988.
 
-With a depth test coverage is the same. Depth is a plane through the triangle's corners, where the
-grid puts them, here in double precision. A device computes it in single precision, so where two
-surfaces are nearer to each other than that explains, either may win: such a test is a *tie*. What
-differs from a device is at most what ties can change, one pixel and one quad each.
+With a depth test coverage is the same. Depth is a plane through the triangle's snapped vertices, in
+double precision. A device computes it in single precision, so if the distance of two surfaces is
+within that rounding error, either may pass: such a test is a *tie*. Counters differ from a device's
+by at most one pixel and one quad a tie.
 """
 
 import numpy as np
@@ -25,10 +24,10 @@ Points = NDArray[np.int32]
 Triangles = NDArray[np.int32]
 Edges = NDArray[np.int64]
 Window = NDArray[np.int64]
-"""First column and row, last column and row of what is drawn: `Frame.window`."""
+"""First column and row, last column and row of the drawn pixels: `Frame.window`."""
 
 FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)
-"""Columns of what `count_triangles` returns."""
+"""Columns of the result of `count_triangles`."""
 
 _UNIT = 256
 _HALF = 128
@@ -47,9 +46,9 @@ def setup(
     """Prepare one triangle: its edge functions and its bounding box in pixels of the window.
 
     Fills `edges` (3, 3): constant + per_row*y - per_column*x is an edge function at the centre
-    of pixel (x, y), less 1 where the top-left rule leaves the edge itself out, so that a pixel is
+    of pixel (x, y), less 1 if the top-left rule excludes the edge itself, so that a pixel is
     inside if no edge function is negative. Returns (first row, last row, left column, right
-    column, whether it has any area).
+    column, whether the triangle has an area).
     """
     ax, ay = np.int64(points[triangle[0], 0]), np.int64(points[triangle[0], 1])
     bx, by = np.int64(points[triangle[1], 0]), np.int64(points[triangle[1], 1])
@@ -91,11 +90,11 @@ def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
 
 @njit(error_model="numpy")
 def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDArray[np.int64]:
-    """Count for each triangle what it covers and touches in the window, (m, 5).
+    """Return the counters of each triangle in the window, (m, 5).
 
-    Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; PARTIAL_QUADS, those
-    of them with another pixel, too; BLOCKS, 4x4 blocks with a covered pixel; BBOX_TESTS, pixel
-    centres in the bounding box.
+    Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; PARTIAL_QUADS, 2x2
+    blocks with a covered and an uncovered pixel; BLOCKS, 4x4 blocks with a covered pixel;
+    BBOX_TESTS, pixel centres in the bounding box.
     """
     counts = np.zeros((len(triangles), 5), np.int64)
     edges = np.zeros((3, 3), np.int64)
@@ -113,11 +112,11 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
                     spans[j, 0], spans[j, 1] = span(edges, y, left, right)
                 counts[t, FRAGMENTS] += max(0, spans[j, 1] - spans[j, 0] + 1)
             for rows in (spans[:2], spans[2:]):
-                whole = whole_quads(rows)
-                touched = cells(rows, 1)
+                full = count_full_quads(rows)
+                touched = count_touched_cells(rows, 1)
                 counts[t, QUADS] += touched
-                counts[t, PARTIAL_QUADS] += touched - whole
-            counts[t, BLOCKS] += cells(spans, 2)
+                counts[t, PARTIAL_QUADS] += touched - full
+            counts[t, BLOCKS] += count_touched_cells(spans, 2)
     return counts
 
 
@@ -127,16 +126,16 @@ def outline_quads(
 ) -> NDArray[np.int64]:
     """Count the 2x2 blocks with a pixel of the window that each polygon covers, (p,).
 
-    triangles[bounds[k]:bounds[k + 1]] cover polygon k once. Blocks that several of them touch are
-    told by marking them, in a picture of the polygon's bounding box.
+    triangles[bounds[k]:bounds[k + 1]] cover polygon k once. A mask of the polygon's bounding box
+    marks touched blocks, so that a block that several triangles touch counts once.
     """
     counts = np.zeros(len(bounds) - 1, np.int64)
     edges = np.zeros((3, 3), np.int64)
     for k in range(len(counts)):
-        own = triangles[bounds[k] : bounds[k + 1]]
-        if len(own) == 0:
+        part = triangles[bounds[k] : bounds[k + 1]]
+        if len(part) == 0:
             continue
-        corners = points[own.ravel()]
+        corners = points[part.ravel()]
         left, right = pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
         first, last = pixel_range(int(corners[:, 1].min()), int(corners[:, 1].max()))
         left, right = max(left, window[0]), min(right, window[2])
@@ -145,8 +144,8 @@ def outline_quads(
             continue
         column, row = left >> 1, first >> 1
         touched = np.zeros(((last >> 1) - row + 1, (right >> 1) - column + 1), np.bool_)
-        for t in range(len(own)):
-            bottom, top, west, east, solid = setup(points, own[t], edges, window)
+        for t in range(len(part)):
+            bottom, top, west, east, solid = setup(points, part[t], edges, window)
             if not solid:
                 continue
             for line in range(bottom, top + 1):
@@ -159,15 +158,15 @@ def outline_quads(
 
 
 @njit(inline="always")
-def whole_quads(spans: NDArray[np.int64]) -> int:
-    """Count the 2x2 blocks of two rows, the lower one even, of which spans (2, 2) have all."""
+def count_full_quads(spans: NDArray[np.int64]) -> int:
+    """Count the 2x2 blocks of two rows, the lower one even, that the spans (2, 2) fully cover."""
     low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
     return int(max(0, ((high + 1) >> 1) - ((low + 1) >> 1)))
 
 
 @njit
-def cells(spans: NDArray[np.int64], shift: int) -> int:
-    """Count the cells of 2**shift px that any of the spans (k, 2) touches; reorders `spans`."""
+def count_touched_cells(spans: NDArray[np.int64], shift: int) -> int:
+    """Count the cells of 2**shift px that any of the spans (k, 2) touches; sorts `spans`."""
     total = 0
     reach = np.int64(-1)
     for i in range(len(spans)):
@@ -212,7 +211,7 @@ def shade(
     helpers: NDArray[np.int64],
     window: Window,
 ) -> None:
-    """Add to each pixel of `covered` and `helpers` (height, width) the lanes run there.
+    """Add the covering and helper lanes of each pixel to `covered` and `helpers` (height, width).
 
     Row 0 is at the bottom. Height and width must be even.
     """
@@ -242,18 +241,18 @@ def shade(
 
 
 TIES = 3
-"""Column of what `count_visible` fills, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
+"""Last column of the result of `count_visible`, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
 
 DEEPEST = float(1 << 24)
-"""What the depth is where nothing is; only what is less is drawn."""
+"""Depth of the background; only smaller depths are drawn."""
 
 STEPS = 16.0
-"""Of the depth's grid, by which a device's depth may be off."""
+"""Rounding error of a device's depth, in steps of the depth buffer."""
 
 SHARE = 2.0**-20
-"""Of how much a triangle's plane changes across the picture, by which it may be off, too.
+"""Further rounding error, as a share of the change of a triangle's plane across the picture.
 
-Single precision has 24 bits; the slope itself is known to 22 or so."""
+Single precision has 24 bits; the slope is accurate to about 22."""
 
 
 @njit(error_model="numpy")
@@ -266,13 +265,13 @@ def count_visible(
     window: Window,
     picture: NDArray[np.uint32],
 ) -> NDArray[np.int64]:
-    """Count for each triangle what passes the depth test, (m, 4), and draw it.
+    """Count the pixels and quads of each triangle that pass the depth test, (m, 4), and draw them.
 
     points : (n, 2) in 1/256 px; depths : (n,) from 0, near, to `DEEPEST`
-    begins : (v + 1,) rows of triangles at which views begin; each begins with nothing drawn
+    begins : (v + 1,) rows of triangles at which views begin; each view starts with cleared depths
     picture : (height, width), even, row 0 at the bottom; gets `colours` (m,)
-    Columns: FRAGMENTS, pixels that pass; QUADS, 2x2 blocks with such a pixel; PARTIAL_QUADS,
-    those of them with another pixel, too; TIES.
+    Columns: FRAGMENTS, pixels that pass; QUADS, 2x2 blocks with a passing pixel; PARTIAL_QUADS, 2x2
+    blocks in which some pixels pass and others do not; TIES.
     """
     counts = np.zeros((len(triangles), 4), np.int64)
     edges = np.zeros((3, 3), np.int64)
@@ -287,7 +286,7 @@ def count_visible(
             if not solid or left > right:
                 continue
             x0, y0, z0, across, up = _plane(points, depths, triangles[t])
-            # In steps of the depth buffer: what single precision may be off by at a pixel's centre.
+            # Single-precision rounding error at a pixel's centre, in steps of the depth buffer.
             loose = STEPS + SHARE * 256.0 * (abs(across) * width + abs(up) * height)
             for bottom in range(max(first, 0) & ~1, min(last, height - 1) + 1, 2):
                 low, high = right + 1, left - 1
@@ -320,7 +319,7 @@ def count_visible(
 def _plane(
     points: Points, depths: NDArray[np.int32], triangle: NDArray[np.int32]
 ) -> tuple[float, float, float, float, float]:
-    """Return a corner, x, y and depth, and by how much depth changes over 1/256 px in x and y."""
+    """Return x, y and depth of a vertex, and the change of depth over 1/256 px in x and y."""
     a, b, c = triangle
     x0, y0, z0 = float(points[a, 0]), float(points[a, 1]), float(depths[a])
     bx, by, bz = points[b, 0] - x0, points[b, 1] - y0, depths[b] - z0

@@ -1,6 +1,6 @@
-"""WebGPU through wgpu: Vulkan, Metal, Direct3D 12 or OpenGL, whatever the machine has.
+"""WebGPU through wgpu, on Vulkan, Metal, Direct3D 12 or OpenGL.
 
-Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measuring page too.
+The measuring page uses the same shaders, shaders/count.wgsl and shaders/draw.wgsl.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,27 +32,27 @@ from scenes.spec import install
 FORMAT = "rgba8unorm"
 
 TWELVE = 12
-"""What the pixels of one quad add to its counter together; see shaders/count.wgsl."""
+"""Sum that the pixels of one quad add to its counter; see shaders/count.wgsl."""
 
-MOST_LANES = 2**30
-"""Of one counting draw: its counters stay below 3 * 2**30."""
+MAX_LANES = 2**30
+"""Maximum lanes of one counting draw; its counters stay below 3 * 2**30."""
 
 KEEP_ALPHA = 7
-"""Write red, green and blue: llvmpipe forgets what storage writes it has collected for a tile when
-an opaque triangle covers the tile; a draw that keeps alpha is not opaque to it."""
+"""Write red, green and blue: llvmpipe discards a tile's collected storage writes when an opaque
+triangle covers the tile; a draw that keeps alpha is not opaque to it."""
 WRITE_ALL = 15
 
 STEPS = (1, 2, 4, 8, 16)
-"""Of the grids that the standards below WebGPU allow, in 1/256 px."""
+"""Steps of the vertex grids that WebGPU's backends allow, in 1/256 px."""
 
 PROBE_PX, PROBES = 64, 80
-"""Viewport and triangles by which the device's grid is found."""
+"""Viewport and number of triangles for detecting the device's grid."""
 
 DRAWN = [
     {"array_stride": size, "attributes": [{"format": kind, "offset": 0, "shader_location": place}]}
     for place, (kind, size) in enumerate((("sint32x2", 8), ("uint32", 4)))
 ]
-"""The draw's buffers: a vertex's point, and its polygon."""
+"""Vertex buffers for drawing: a vertex's point, and its polygon."""
 
 COUNTED = [
     {
@@ -65,17 +65,17 @@ COUNTED = [
         ],
     }
 ]
-"""The counting draw's: a triangle's three points, and its polygon."""
+"""Vertex buffer for counting: a triangle's three points, and its polygon."""
 
 LIMITS = ("max-texture-dimension-2d", "max-buffer-size", "max-storage-buffer-binding-size")
 
 IMMEDIATE = ("nvidia", "amd", "radeon", "intel")
-"""GPUs that shade triangles as they come. Others collect a pass first, and leave out what a later
-opaque triangle of it hides: they get one pass a draw instead of instances."""
+"""GPUs that shade triangles immediately. Other GPUs collect a pass first and skip triangles that
+later opaque triangles hide, so they get one pass a draw instead of instances."""
 
 
 class WebGPU(Rasteriser):
-    """WebGPU without a window; helper lanes are not seen by its shaders but follow from quads."""
+    """WebGPU without a window; its shaders cannot detect helper lanes, which follow from quads."""
 
     name = "webgpu"
     shades = True
@@ -94,11 +94,11 @@ class WebGPU(Rasteriser):
     @classmethod
     def devices(cls) -> list[Device]:
         """List GPUs, then adapters that run on the CPU."""
-        return list(devices.of_webgpu()[0])
+        return list(devices.list_webgpu_devices()[0])
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Whether it can draw with `options`: how samples lie in a pixel is not told."""
+        """Whether it can draw with `options`: WebGPU does not specify sample positions."""
         return options.samples == 1
 
     def __init__(self, device: Device) -> None:
@@ -108,7 +108,7 @@ class WebGPU(Rasteriser):
         self.gpu = adapter.request_device_sync(
             required_features=list(features), required_limits=limits
         )
-        from wgpu.backends.wgpu_native import lib  # the standard does not tell a timestamp's step
+        from wgpu.backends.wgpu_native import lib  # absent from the standard: a timestamp's step
 
         period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
         self.period_ns = period_ns if features else None
@@ -120,27 +120,27 @@ class WebGPU(Rasteriser):
         step = self._find_step()
         self._step = step or 1
         bits = None if step is None else (SUBPIXEL // step).bit_length() - 1
-        told = device.details
+        details = device.details
         self.device = replace(
             device,
             details={
-                **told,
-                "renderer": told["device"],
-                "version": f"WebGPU on {told['backend_type']} {told['description']}".strip(),
+                **details,
+                "renderer": details["device"],
+                "version": f"WebGPU on {details['backend_type']} {details['description']}".strip(),
                 "subpixel_bits": bits,
                 "step": self._step,
             },
         )
 
     def close(self) -> None:
-        """Give the device back."""
+        """Release the device."""
         self.gpu.destroy()
 
     def _find_step(self) -> int | None:
-        """Return the step of the grid that the device snaps vertices to, in 1/256 px.
+        """Return the step of the grid to which the device snaps vertices, in 1/256 px, or None.
 
-        Ours has a step of 1; what WebGPU stands on may have one of 16. The first step on which it
-        counts some triangles as the reference does is the one; None if there is none.
+        A frame's grid has a step of 1, that of a backend up to 16. The result is the first step at
+        which the device's counters of random triangles equal the reference's.
         """
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
@@ -149,8 +149,8 @@ class WebGPU(Rasteriser):
             points = on_coarser_grid(corners.astype(np.int32), step)
             frame = bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
-            exact = predict(points, rows)
-            if all((counted[name] == exact[name]).all() for name in SHADED):
+            expected = predict(points, rows)
+            if all((counted[name] == expected[name]).all() for name in SHADED):
                 return step
         return None
 
@@ -158,11 +158,11 @@ class WebGPU(Rasteriser):
         frame = self._on_grid(frame)
         polygons = len(frame.offsets) - 1
         totals = np.zeros((polygons, 3), np.int64)
-        for part in batches(frame, triangles, MOST_LANES):
+        for part in batches(frame, triangles, MAX_LANES):
             totals += self._tally_once(frame, part).reshape(polygons, 3)
         fragments = totals[:, 0]
-        quads, whole = np.rint(totals[:, 1:] / (TWELVE, 4)).astype(np.int64).T
-        values = (fragments, quads, 4 * quads - fragments, quads - whole)
+        quads, full = np.rint(totals[:, 1:] / (TWELVE, 4)).astype(np.int64).T
+        values = (fragments, quads, 4 * quads - fragments, quads - full)
         return dict(zip(SHADED, values, strict=True))
 
     def _tally_once(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
@@ -181,18 +181,18 @@ class WebGPU(Rasteriser):
         render.draw(3, len(part))
         render.end()
         self.gpu.queue.submit([encoder.finish()])
-        found = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
-        return found[: 3 * (len(frame.offsets) - 1)]
+        totals = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
+        return totals[: 3 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _Timed(self, self._on_grid(frame), triangles, options.work)
 
     def _on_grid(self, frame: Frame) -> Frame:
-        """Return the frame on the device's own grid, where it is drawn as it is counted."""
+        """Return the frame on the device's grid, on which drawing and counting agree."""
         return replace(frame, points=on_coarser_grid(frame.points, self._step))
 
     def target(self, frame: Frame) -> Any:
-        """Return a view of a texture to draw into; the last one, if of that size.
+        """Return a view of a texture to draw into; the last one is reused if it fits.
 
         Raises
         ------
@@ -209,12 +209,12 @@ class WebGPU(Rasteriser):
         return self._target
 
     def buffer(self, array: NDArray[Any], usage: str) -> Any:
-        """Upload an array; an empty one gets four bytes, for WebGPU binds no empty buffers."""
+        """Upload an array; an empty one becomes four bytes, as WebGPU has no empty bindings."""
         content = np.ascontiguousarray(array if array.size else np.zeros(1, np.uint32))
         return self.gpu.create_buffer_with_data(data=content, usage=usage)
 
     def group(self, pipeline: Any, *buffers: Any) -> Any:
-        """Bind buffers to a pipeline, by their number."""
+        """Return a bind group of a pipeline with `buffers` as bindings 0, 1, ..."""
         entries = [
             {"binding": number, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
             for number, buffer in enumerate(buffers)
@@ -223,7 +223,7 @@ class WebGPU(Rasteriser):
         return self.gpu.create_bind_group(layout=layout, entries=entries)
 
     def _pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
-        """Build the pipeline of a file in shaders/ whose fragment shader is `entry`."""
+        """Build a pipeline from a file in shaders/ with the fragment shader `entry`."""
         module = self.gpu.create_shader_module(code=shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
             layout="auto",
@@ -243,7 +243,7 @@ def _find_adapter(device: Device) -> Any:
     Raises
     ------
     NoRasteriser
-        if wgpu is not installed, or has no such adapter in this process
+        if wgpu is not installed or lacks the adapter in this process
     """
     try:
         import wgpu
@@ -263,13 +263,13 @@ def _size(frame: Frame) -> NDArray[np.float32]:
 
 
 def begin_pass(encoder: Any, target: Any, timestamps: Mapping[str, Any] | None = None) -> Any:
-    """Begin a render pass over the target, whose earlier content stays."""
+    """Begin a render pass that keeps the target's content."""
     attachment = {"view": target, "load_op": "load", "store_op": "store"}
     return encoder.begin_render_pass(color_attachments=[attachment], timestamp_writes=timestamps)
 
 
 class _Timed(Drawing):
-    """One triangulation in buffers of the device, drawn again and again."""
+    """One triangulation in buffers of the device, for repeated drawing."""
 
     def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
         numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
@@ -286,8 +286,8 @@ class _Timed(Drawing):
         self._draws = frame.draws(triangles)
         self._scissor = frame.scissor or (0, 0, frame.width, frame.height)
         self.target = owner.target(frame)
-        told = "{vendor} {device}".format_map(owner.device.details).lower()
-        self.one_pass = not owner.device.software and any(name in told for name in IMMEDIATE)
+        label = "{vendor} {device}".format_map(owner.device.details).lower()
+        self.one_pass = not owner.device.software and any(name in label for name in IMMEDIATE)
         self.period_ns = owner.period_ns
         if self.period_ns is not None:
             self._queries = self.gpu.create_query_set(type="timestamp", count=2)
@@ -296,9 +296,8 @@ class _Timed(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        As instances in one pass on a GPU that shades triangles as they come. Others collect
-        triangles before they shade, and leave out what a later one hides: each draw is submitted
-        by itself there.
+        A GPU that shades triangles immediately gets instances in one pass. Other GPUs collect
+        triangles before shading and skip hidden ones, so each draw is submitted separately.
         """
         instances = repeats if self.one_pass else 1
         passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
@@ -309,7 +308,7 @@ class _Timed(Drawing):
         watch = Stopwatch()
         for command in commands:
             self.gpu.queue.submit([command])
-        self.gpu._poll_wait()  # what the standard offers returns some 100 us too late
+        self.gpu._poll_wait()  # the standard's function returns about 100 us late
         sample = watch.stop()
         if self.period_ns is None:
             return sample
@@ -317,7 +316,7 @@ class _Timed(Drawing):
         return replace(sample, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
 
     def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
-        """Return one pass's commands, with a timestamp before the first and after the last."""
+        """Return the commands of one pass; the first and last pass write timestamps."""
         encoder = self.gpu.create_command_encoder()
         stamps: dict[str, Any] = {}
         if self.period_ns is not None:

@@ -22,7 +22,7 @@ from harness.metrics.per_polygon import (
     ratio_pairs,
 )
 from harness.metrics.registry import PREDICTED, Figure, figures_of, find, measures, predictions
-from harness.rasterisers.counters import ESTIMATES, estimated
+from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.results import drawings
@@ -212,7 +212,7 @@ def _case(
     row = row_of(record, base_of(members))
     told = record.get("predicted") or {}
     predicted = {PREDICTED + name: value for name, value in told.items()}
-    predicted |= estimated(predicted, PREDICTED)
+    predicted |= compute_estimates(predicted, PREDICTED)
     columns = polygons.read(record)
     return {
         "group": number,

@@ -145,13 +145,13 @@ def test_binning_is_ranked_with_its_figures():
 
 
 def test_a_rasteriser_says_how_its_counters_are_shown():
-    counters.learn([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
+    counters.register([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
     assert measures(["mirror_hits", "quads", LEAST]) == ["quads"], (
         "the fewest are no cost of theirs"
     )
-    counters.learn([counters.Counter("quads", "stolen", "x")])
+    counters.register([counters.Counter("quads", "stolen", "x")])
     assert find("quads").label == "quads", "what is built in stays as it is"
 
 

@@ -1,4 +1,4 @@
-"""Frames made by hand, and the real devices the rasterisers are tested on."""
+"""Hand-made frames, and the devices on which the rasterisers are tested."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,11 +31,11 @@ DEVICES = [
 
 @contextmanager
 def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
-    """Run tasks on a device in a process of its own.
+    """Run tasks on a device in a separate process.
 
-    Where it is not installed, what says how to install it is tested, and the test skipped.
+    If the device is missing, check that the error says how to install it, and skip the test.
     """
-    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
+    device = get(rasteriser).find(name)
     if device is None:
         with pytest.raises(NoRasteriser, match="apt-get install -y") as error:
             find_device(rasteriser, name)
@@ -46,13 +46,13 @@ def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
 
 @pytest.fixture(scope="module", params=DEVICES, ids="-".join)
 def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
-    """Return a rasteriser's name, and what runs a task on a device in a process of its own."""
+    """Return a rasteriser's name, and a function that runs a task on its device."""
     with worker_on(*request.param) as call:
         yield request.param[0], call
 
 
-def require_the_references_counts(on_device: tuple[str, Call], reference: Rasteriser, *case: Any):
-    """Of each polygon, whatever the device counts; returns the reference's counts."""
+def require_reference_counts(on_device: tuple[str, Call], reference: Rasteriser, *case: Any):
+    """Check each counter of the device for every polygon; return the reference's counters."""
     rasteriser, call = on_device
     frame, triangles, options = (*case, Options())[:3]
     drawn = call(tasks.count, frame, triangles, options)
@@ -68,7 +68,7 @@ def require_the_references_counts(on_device: tuple[str, Call], reference: Raster
 
 
 def seconds(name: str, device: Device, case: Any) -> float:
-    """Inside the worker: draw three times."""
+    """Draw three times, inside the worker, and return the seconds."""
     with tasks._opened(name, device).prepare(*case, Options()) as drawing:
         return drawing.sample(3).wall
 
@@ -80,9 +80,9 @@ def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
 
 
 def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Frame, np.ndarray]:
-    """Triangles small and large, with corners on multiples of `grid`/256 px.
+    """Return small and large triangles with vertices on multiples of `grid`/256 px.
 
-    With a grid of 128 half of the corners are pixel centres, and edges run through more of them.
+    With a grid of 128 half of the vertices are pixel centres, and edges run through more of them.
     """
     rng = np.random.default_rng(seed)
     reach = np.array([4, 16, size // 4, size])[rng.integers(0, 4, number)]
@@ -99,13 +99,13 @@ def reference() -> Rasteriser:
 
 @pytest.fixture(scope="session")
 def _open_rasterisers() -> dict[str, Rasteriser]:
-    """Rasterisers that are open in this process, by name."""
+    """Return the rasterisers that are open in this process, by name."""
     return {}
 
 
 @pytest.fixture(scope="session")
 def opened(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[Callable[[str], Rasteriser]]:
-    """Open a rasteriser on llvmpipe in this process, each once."""
+    """Return a function that opens a rasteriser on llvmpipe in this process, once."""
     device = find_device("opengl", "llvmpipe")
 
     def open_(name: str) -> Rasteriser:
@@ -123,7 +123,7 @@ def opened(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[Callable[[str],
 
 @pytest.fixture(autouse=True)
 def _no_error_in_opengl(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[None]:
-    """No OpenGL error may be pending before or after a test, in any context."""
+    """Check that no OpenGL error is pending before or after a test, in any context."""
     _check_errors(_open_rasterisers)
     yield
     _check_errors(_open_rasterisers)

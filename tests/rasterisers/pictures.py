@@ -1,4 +1,4 @@
-"""Pictures that drawings leave behind, (height, width, 4) RGBA; and coverage anew, in Python."""
+"""Pictures of drawings, (height, width, 4) RGBA, and an independent evaluation of coverage."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ Image = NDArray[np.uint8]
 
 
 def image(name: str, device: Device, frame: Frame, triangles: Triangles, options: Options) -> Image:
-    """Draw on the device, in the process that has it open; top row first."""
+    """Return the picture, top row first, of a drawing on a device open in this process."""
     return image_of(tasks._opened(name, device), frame, triangles, options)
 
 
@@ -109,14 +109,14 @@ def blocks_touched(mask: np.ndarray, side: int) -> int:
 
 
 def require_exact_counts(corners) -> None:
-    """Of a triangle, all that the reference counts is what an evaluation of every pixel says."""
+    """Check all counters of a triangle against an evaluation of every pixel."""
     mask = covered(corners)
     points = np.array(corners, np.int32)
     counts = predict(points, np.array([[0, 1, 2]], np.int32))
     assert counts["fragments"][0] == mask.sum()
     assert counts["quads"][0] == blocks_touched(mask, 2)
-    whole = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
-    assert counts["partial_quads"][0] == counts["quads"][0] - whole
+    full = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
+    assert counts["partial_quads"][0] == counts["quads"][0] - full
     assert counts["blocks"][0] == blocks_touched(mask, 4)
     assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
     centres = 256 * np.arange(SIZE) + 128

@@ -17,14 +17,14 @@ def walker(request, opened) -> Rasteriser:
     return opened(request.param)
 
 
-def test_a_box_of_4096_px_is_tested_in_full(opened):
+def test_bounding_box_of_4096_px_is_tested_completely(opened):
     corners = [[0, 0], [4096 * 256, 0], [0, 4096 * 256]]
     frame, triangles = loose_triangles(corners, 4096)
     counted = opened("bounding-box").count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4096**2]
 
 
-def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened):
+def test_dispatch_splits_more_triangles_than_one_dimension_allows(opened):
     corner = [[256, 256], [768, 256], [256, 768]]
     frame, triangles = loose_triangles(corner * 70_000, 8)
     counted = opened("bounding-box").count(frame, triangles, Options())
@@ -35,7 +35,7 @@ def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(opened):
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
 )
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_hit_as_by_the_reference(walker, reference, corners):
+def test_hits_of_any_triangle_equal_the_reference(walker, reference, corners):
     frame, triangles = loose_triangles(corners, 32)
     drawn = walker.count(frame, triangles, Options())["hits"]
     assert drawn.tolist() == reference.count(frame, triangles, Options())["fragments"].tolist()

@@ -27,7 +27,7 @@ def fragments(rasteriser, frame, triangles) -> int:
     return int(rasteriser.count(frame, triangles, Options())["fragments"].sum())
 
 
-def test_a_t_junction_shows_as_a_coverage_error_under_rotation(llvmpipe, reference):
+def test_t_junction_causes_a_coverage_error_under_rotation(llvmpipe, reference):
     """Snapping moves vertex 1 off the side that should hold it: a gap or an overlap opens."""
     errors = []
     for angle in ANGLES:

@@ -11,7 +11,7 @@ from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
     loose_triangles,
     random_triangles,
-    require_the_references_counts,
+    require_reference_counts,
     worker_on,
 )
 
@@ -20,18 +20,18 @@ def test_counters_and_pixels_equal_the_reference_for_every_polygon(on_device, re
     for size in (64, 250, 1024):
         for grid in (1, 128):
             case = random_triangles(seed=size + grid, size=size, number=150, grid=grid)
-            require_the_references_counts(on_device, reference, *case)
+            require_reference_counts(on_device, reference, *case)
             drawn = on_device[1](pictures.image, *case, Options())
             expected = pictures.image_of(reference, *case, Options())
             assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
 
 
-def test_layers_that_hide_each_other_are_all_counted(on_device, reference):
+def test_hidden_layers_are_counted(on_device, reference):
     layer = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
-    require_the_references_counts(on_device, reference, *loose_triangles(layer * 20, 256))
+    require_reference_counts(on_device, reference, *loose_triangles(layer * 20, 256))
 
 
-def test_nothing_is_counted_and_drawn_of_no_triangles(on_device):
+def test_no_triangles_count_and_draw_nothing(on_device):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], 16)
     case = (frame, np.empty((0, 3), np.int32), Options())
     _, call = on_device
@@ -39,7 +39,7 @@ def test_nothing_is_counted_and_drawn_of_no_triangles(on_device):
     assert not call(pictures.image, *case).any()
 
 
-def test_what_counts_quads_counts_partial_ones():
+def test_rasterisers_that_count_quads_count_partial_quads():
     of_quads = [name for name in names() if "quads" in get(name).counters]
     assert {"opengl", "osmesa", "webgpu", "reference"} <= set(of_quads)
     assert all(set(get(name).counters) >= set(SHADED) for name in of_quads)
@@ -49,13 +49,13 @@ def test_zink_tests_the_bounding_box_as_predicted(reference):
     with worker_on("bounding-box", "zink") as call:
         for grid in (1, 128):
             case = random_triangles(seed=5, size=300, number=50, grid=grid)
-            require_the_references_counts(("bounding-box", call), reference, *case)
+            require_reference_counts(("bounding-box", call), reference, *case)
 
 
 TOLD = re.compile(r"(\w+) differ in \d+ of \d+ polygons; polygon (\d+): (\d+) instead of (\d+)")
 
 
-def test_softpipe_counts_consistently_and_what_differs_is_named(reference):
+def test_softpipe_counts_consistently_and_differences_are_named(reference):
     """Softpipe rounds edges in floating point: some pixels on an edge fall to the other side."""
     frame, triangles = random_triangles(seed=6, size=128, number=60, grid=128)
     with worker_on("opengl", "softpipe") as call:

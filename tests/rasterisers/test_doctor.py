@@ -11,7 +11,7 @@ def findings() -> dict[str, doctor.Finding]:
     return {finding.name: finding for finding in doctor.examine()}
 
 
-def test_what_works_here_is_reported_with_its_figures(findings):
+def test_working_devices_are_reported_with_their_timer(findings):
     llvmpipe = findings["opengl on llvmpipe"]
     assert llvmpipe.status == "ok", llvmpipe
     assert "llvmpipe" in llvmpipe.detail
@@ -22,14 +22,14 @@ def test_what_works_here_is_reported_with_its_figures(findings):
         assert "it draws, but cannot count" in roofs.detail
 
 
-def test_whatever_is_not_in_order_comes_with_a_fix(findings):
+def test_every_problem_has_a_fix(findings):
     for finding in findings.values():
         assert finding.status == "ok" or finding.fix, finding
 
 
-def test_a_bare_machine_gets_the_lines_that_install_everything(monkeypatch):
+def test_bare_machine_gets_install_commands(monkeypatch):
     problem = "llvmpipe: libEGL.so.1: cannot open shared object file"
-    monkeypatch.setattr(devices, "of_egl", lambda: ((), (problem,)))
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), (problem,)))
     monkeypatch.setattr(osmesa.OSMesa, "devices", classmethod(lambda cls: []))
     monkeypatch.setattr(rasterisers.get("pyrender"), "devices", classmethod(lambda cls: []))
     findings = {finding.name: finding for finding in doctor.examine()}
@@ -41,9 +41,9 @@ def test_a_bare_machine_gets_the_lines_that_install_everything(monkeypatch):
     assert findings["pyrender on llvmpipe"].status == "warning"
 
 
-def test_a_driver_that_crashes_is_a_finding_and_not_the_end(monkeypatch):
+def test_crashing_driver_is_reported_as_a_finding(monkeypatch):
     device = rasterisers.Device("llvmpipe", True, {}, {"egl_index": 99})
-    monkeypatch.setattr(devices, "of_egl", lambda: ((device,), ()))
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: ((device,), ()))
     finding = doctor.examine_device("opengl", "llvmpipe")
     assert finding.status == "missing"
     assert "requested device index 99" in finding.detail

@@ -27,7 +27,7 @@ def test_maps_add_up_to_the_counters(reference, size, grid):
         assert helpers.sum() == counters["helper_lanes"].sum()
 
 
-def test_a_single_pixel_has_three_helpers_beside_it():
+def test_single_pixel_has_three_helper_lanes():
     frame, triangles = loose_triangles([[800, 800], [1000, 800], [800, 1000]], 8)
     covered, helpers = lane_maps(frame, triangles)
     assert np.argwhere(covered).tolist() == [[3, 3]]

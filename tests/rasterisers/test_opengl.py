@@ -21,14 +21,14 @@ anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
-def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, corners):
+def test_counters_of_any_triangle_equal_the_reference(llvmpipe, reference, corners):
     frame, triangles = loose_triangles(corners, 32)
     drawn = llvmpipe.count(frame, triangles, Options())
     exact = reference.count(frame, triangles, Options())
     assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
-def test_image_equals_the_references(llvmpipe, reference):
+def test_image_equals_the_reference(llvmpipe, reference):
     frame, triangles = random_triangles(seed=9, size=300, number=60, grid=64)
     for order in ("native", "shuffled", "morton", "walk"):
         options = Options(order=order, seed=2)
@@ -46,7 +46,7 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
     assert area == pytest.approx(four["samples_passed"] / 4, rel=0.01)
 
 
-def test_too_many_samples_name_what_the_device_has(llvmpipe):
+def test_too_many_samples_are_refused_with_the_maximum(llvmpipe):
     frame, triangles = random_triangles(seed=9, size=64, number=2, grid=64)
     with pytest.raises(UsageError, match="the device has 4"):
         llvmpipe.count(frame, triangles, Options(samples=8))
@@ -115,13 +115,13 @@ def test_a_frame_larger_than_the_device_is_refused(llvmpipe):
         llvmpipe.count(huge, triangles, Options())
 
 
-def test_another_renderer_than_asked_for_is_refused(llvmpipe):
+def test_unexpected_renderer_is_refused(llvmpipe):
     details = llvmpipe.device.details
     with pytest.raises(NoRasteriser, match="asked for gpu0, but OpenGL opened 'llvmpipe"):
         get("opengl")(Device("gpu0", software=False, environment={}, details=details))
 
 
-def test_a_device_whose_environment_is_not_set_is_refused():
+def test_missing_environment_variables_are_refused():
     device = Device("llvmpipe", True, {"HARNESS_TEST_VARIABLE": "1"}, {"egl_index": 0})
     assert "HARNESS_TEST_VARIABLE" not in os.environ
     with pytest.raises(NoRasteriser, match="HARNESS_TEST_VARIABLE=1 before its driver loads"):

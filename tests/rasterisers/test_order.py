@@ -17,7 +17,7 @@ from tests.rasterisers.conftest import loose_triangles, random_triangles
     st.sampled_from(ORDERS),
     st.integers(0, 2**32),
 )
-def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(number, order, seed):
+def test_orders_permute_triangles_without_changing_them(number, order, seed):
     frame, triangles = random_triangles(seed=1, size=512, number=max(number, 1), grid=1)
     triangles = triangles[:number]
     ordered = submission(frame, triangles, Options(order=order, seed=seed))
@@ -25,7 +25,7 @@ def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(number, order, se
     assert np.array_equal(ordered, submission(frame, triangles, Options(order=order, seed=seed)))
 
 
-def test_native_is_left_alone_and_seeds_differ():
+def test_native_order_is_unchanged_and_seeds_differ():
     frame, triangles = random_triangles(seed=1, size=512, number=60, grid=1)
     assert np.array_equal(submission(frame, triangles, Options()), triangles)
     one, two = (
@@ -54,6 +54,6 @@ def test_morton_order_visits_quadrant_after_quadrant():
         ({"work": 100_000}, "outside"),
     ],
 )
-def test_options_that_mean_nothing_are_refused(wrong, message):
+def test_invalid_options_are_refused(wrong, message):
     with pytest.raises(UsageError, match=message):
         Options(**wrong)

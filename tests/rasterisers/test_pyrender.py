@@ -66,7 +66,7 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
     assert (abs(picture.astype(int) - other).max(axis=2) > 2).mean() < 0.002
 
 
-def test_without_pyrender_there_are_no_devices_and_a_line_that_installs_it(monkeypatch):
+def test_missing_pyrender_has_no_devices_and_an_install_command(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert get("pyrender").devices() == []
     with pytest.raises(NoRasteriser, match=r"pip install .*\[pyrender\]"):
@@ -100,14 +100,14 @@ def test_rings_close_on_themselves(frame):
     assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
 
 
-def test_options_it_has_no_say_in_are_refused(frame):
+def test_unsupported_options_are_refused(frame):
     kind = get("pyrender")
     rasteriser = object.__new__(kind)
     with pytest.raises(UsageError, match="use opengl for these"):
         rasteriser.prepare(frame, joined(frame, "delaunay"), Options(samples=4))
 
 
-def test_views_of_a_model_are_drawn_as_they_are_projected(tmp_path):
+def test_views_of_a_model_are_drawn_in_projection(tmp_path):
     solid().export(tmp_path / "plate.glb")
     found = {}
     for depth in ("none", "file"):

@@ -31,7 +31,7 @@ small = st.tuples(*[st.integers(0, 4 * 256)] * 2)
 
 @settings(deadline=None, max_examples=15)
 @given(st.lists(small, min_size=3, max_size=3))
-def test_expected_quads_are_the_mean_over_all_places_within_a_quad(corners):
+def test_expected_quads_are_the_mean_over_all_positions_in_a_quad(corners):
     """The criterion's closed form against counts at all 512 x 512 places of the grid."""
     points = np.array(corners, np.int32)
     expected = criteria.predict(points / 256, np.array([[0, 1, 2]], np.int32))["expected_quads"]
@@ -62,7 +62,7 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     assert not picture[~mask].any()
 
 
-def test_no_triangles_cost_nothing(reference):
+def test_no_triangles_have_zero_counters(reference):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     nothing = np.empty((0, 3), np.int32)
     assert all(
@@ -96,7 +96,7 @@ def test_multisampling_is_refused_in_one_line(reference):
         (np.array([[0, 1, -1]]), r"outside 0\.\.2"),
     ],
 )
-def test_what_is_not_a_triangulation_of_the_frame_is_refused(reference, triangles, message):
+def test_invalid_triangle_arrays_are_refused(reference, triangles, message):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     with pytest.raises(ValueError, match=message):
         reference.count(frame, triangles, Options())
@@ -109,7 +109,7 @@ of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
 
 @settings(deadline=None)  # the first call compiles
 @given(st.lists(of_tiles, min_size=3, max_size=3))
-def test_tiles_are_those_whose_inside_meets_the_triangles(corners):
+def test_tiles_are_those_whose_interior_meets_the_triangle(corners):
     """Tiles of 16 units in a field of 64; the exact count is checked by clipping."""
     points = np.array(corners, np.int32)
     by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16, WHOLE)[0]
@@ -151,7 +151,7 @@ def test_counts_are_per_polygon_and_larger_tiles_are_fewer():
     assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()
 
 
-def test_it_has_no_time():
+def test_binning_cannot_be_timed():
     frame, triangles = random_triangles(seed=2, size=64, number=2, grid=1)
     binning = get("binning")(find_device("binning"))
     assert not binning.timed

@@ -12,20 +12,20 @@ from harness.rasterisers import Device, Rasteriser, devices, find_device, get, n
 from triangulators.devices import matches
 
 
-def test_every_name_leads_to_a_rasteriser_of_that_name():
+def test_get_returns_the_rasteriser_of_each_name():
     for name in names():
         assert issubclass(get(name), Rasteriser)
         assert get(name).name == name
 
 
-def test_a_missing_gpu_is_an_error_and_no_fallback(monkeypatch):
-    monkeypatch.setattr(devices, "of_egl", lambda: ((Device("llvmpipe", True),), ()))
+def test_missing_gpu_is_an_error_without_fallback(monkeypatch):
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: ((Device("llvmpipe", True),), ()))
     with pytest.raises(NoRasteriser, match="device 'gpu0' does not work here"):
         find_device("opengl", "gpu0")
 
 
-def test_a_machine_without_gl_gets_the_line_that_installs_it(monkeypatch):
-    monkeypatch.setattr(devices, "of_egl", lambda: ((), ("no libEGL",)))
+def test_missing_opengl_gets_an_install_command(monkeypatch):
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), ("no libEGL",)))
     for name in (None, "llvmpipe"):
         with pytest.raises(NoRasteriser, match="apt-get install -y libegl1 libgl1 libgl1-mesa-dri"):
             find_device("opengl", name)
@@ -33,7 +33,7 @@ def test_a_machine_without_gl_gets_the_line_that_installs_it(monkeypatch):
 
 def test_the_best_device_comes_first(monkeypatch):
     found = (Device("gpu0", False), Device("llvmpipe", True))
-    monkeypatch.setattr(devices, "of_egl", lambda: (found, ()))
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: (found, ()))
     assert find_device("opengl").name == "gpu0"
     assert find_device("reference").name == "cpu"
 
@@ -54,7 +54,7 @@ def test_the_renderer_is_checked_against_the_name(name, renderer, expected):
     assert matches(name, renderer) is expected
 
 
-def test_devices_are_found_with_their_strings():
+def test_devices_have_the_drivers_strings():
     device = find_device("opengl", "llvmpipe")
     assert device.software
     assert device.environment["LP_NUM_THREADS"] == "0"
@@ -91,13 +91,13 @@ def test_a_third_partys_rasteriser_cannot_replace_a_built_in_one(plugin):
         ("harness.rasterisers:names", "is not a harness.rasterisers.Rasteriser class"),
     ],
 )
-def test_a_third_partys_rasteriser_that_does_not_load_is_one_line(plugin, value, message):
+def test_third_party_rasteriser_that_fails_to_load_is_refused(plugin, value, message):
     plugin(mine=value)
     with pytest.raises(UsageError, match=message):
         get("mine")
 
 
-def test_the_first_recipe_that_works_counts(monkeypatch):
+def test_first_working_environment_is_used(monkeypatch):
     """Two ways to zink: only the second opens it, in its own environment."""
     answers = {
         "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
@@ -109,9 +109,11 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
     ]
     monkeypatch.setattr(devices, "_egl_kinds", lambda: ways)
     monkeypatch.setattr(
-        devices, "ask", lambda asked: [answers[environment["WAY"]] for _, environment in asked]
+        devices,
+        "run_probes",
+        lambda asked: [answers[environment["WAY"]] for _, environment in asked],
     )
-    found, problems = devices.of_egl.__wrapped__()
+    found, problems = devices.list_egl_devices.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in found] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
 
@@ -124,8 +126,8 @@ def test_two_gpus_are_numbered(monkeypatch):
     monkeypatch.setattr(
         devices, "_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
     )
-    monkeypatch.setattr(devices, "ask", lambda asked: [{"devices": cards, "problems": []}])
-    found, problems = devices.of_egl.__wrapped__()
+    monkeypatch.setattr(devices, "run_probes", lambda asked: [{"devices": cards, "problems": []}])
+    found, problems = devices.list_egl_devices.__wrapped__()
     assert [(d.name, d.details["egl_index"], d.software) for d in found] == [
         ("gpu0", 0, False),
         ("gpu1", 2, False),
@@ -133,14 +135,14 @@ def test_two_gpus_are_numbered(monkeypatch):
     assert problems == ()
 
 
-def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, tmp_path):
+def test_hanging_or_crashing_driver_is_reported_as_a_problem(monkeypatch, tmp_path):
     hangs, dies = tmp_path / "hangs.py", tmp_path / "dies.py"
     hangs.write_text("import time; time.sleep(60)")
     dies.write_text("import sys; sys.exit('segmentation fault')")
     monkeypatch.setattr(devices, "PROBE_SECONDS", 0.5)
     for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
         monkeypatch.setattr(devices, "PROBE", program)
-        found, problems = devices.of_egl.__wrapped__()
+        found, problems = devices.list_egl_devices.__wrapped__()
         assert found == ()
         assert all(problem in each for each in problems)
 
@@ -162,35 +164,35 @@ def times_asked(program: Path) -> int:
     return len((program.parent / "asked").read_text())
 
 
-def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatch, tmp_path):
+def test_answers_are_cached_until_drivers_or_variables_change(program, monkeypatch, tmp_path):
     monkeypatch.setattr(devices, "ROOT", tmp_path)
     (drivers := tmp_path / "usr/share/vulkan/icd.d").mkdir(parents=True)
     question = (("a",), {})
     for _ in range(3):
-        assert devices.ask([question])[0]["devices"] == [{"renderer": "x"}]
+        assert devices.run_probes([question])[0]["devices"] == [{"renderer": "x"}]
     assert times_asked(program) == 1
     os.utime(drivers, (1, 1))
-    devices.ask([question])
+    devices.run_probes([question])
     assert times_asked(program) == 2
     monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
-    devices.ask([question])
+    devices.run_probes([question])
     assert times_asked(program) == 3
-    devices.ask([(("a",), {"OTHER": "1"}), (("b",), {})])
+    devices.run_probes([(("a",), {"OTHER": "1"}), (("b",), {})])
     assert times_asked(program) == 5
-    devices.forget()
-    devices.ask([question])
+    devices.clear_cache()
+    devices.run_probes([question])
     assert times_asked(program) == 6
 
 
-def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
+def test_damaged_or_failed_answers_are_probed_again(program, tmp_path):
     question = (("a",), {})
     for damaged in ("", '{"devices": ['):
-        devices.ask([question])
+        devices.run_probes([question])
         (file,) = (tmp_path / "cache" / "drivers").iterdir()
         file.write_text(damaged)
-    assert devices.ask([question])[0]["problems"] == []
+    assert devices.run_probes([question])[0]["problems"] == []
     assert times_asked(program) == 3
     program.write_text("raise SystemExit('no')")
     for _ in range(2):
-        assert devices.ask([question])[0]["problems"] == ["the driver failed: no"]
+        assert devices.run_probes([question])[0]["problems"] == ["the driver failed: no"]
     assert list((tmp_path / "cache" / "drivers").iterdir()) == [file]

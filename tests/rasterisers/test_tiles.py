@@ -20,7 +20,7 @@ from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
     loose_triangles,
     random_triangles,
-    require_the_references_counts,
+    require_reference_counts,
     seconds,
 )
 from tests.rasterisers.pictures import covered
@@ -39,7 +39,7 @@ def tiles() -> tuple[Frame, np.ndarray]:
 def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     _, call = on_device
     for options in (NATIVE, Options(order="shuffled", seed=1)):
-        require_the_references_counts(on_device, reference, *tiles, options)
+        require_reference_counts(on_device, reference, *tiles, options)
     # What is drawn later hides what was drawn before, so this is of the order, too.
     assert np.array_equal(
         call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
@@ -53,7 +53,7 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     )
 
 
-def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
+def test_reference_counts_only_pixels_of_the_window(reference, tiles):
     """Against pictures in which each pixel is marked, one triangle at a time."""
     frame, triangles = tiles
     counted = reference.count(frame, triangles, NATIVE)
@@ -67,7 +67,7 @@ def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
         assert counted["quads"][number] == quads[number] == (inside + helpers).sum() // 4
 
 
-def test_a_window_is_what_lies_within_of_a_picture_of_edge_functions(reference):
+def test_window_clips_the_picture_of_edge_functions(reference):
     rng = np.random.default_rng(4)
     corners = rng.integers(0, 32, (60, 3, 2)) * 128
     frame, triangles = loose_triangles(corners, 16)
@@ -111,7 +111,7 @@ def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):
         assert np.array_equal(rows, triangles) == by_neighbour
 
 
-def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, monkeypatch):
+def test_hidden_tiles_are_drawn(llvmpipe, monkeypatch):
     layer = [[0, 0], [512 * 256, 0], [0, 512 * 256]]
     frame, triangles = loose_triangles(layer * 3, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
@@ -139,14 +139,14 @@ class Uncut(Pyrender):
         pass
 
 
-def test_what_cannot_cut_says_so(tiles):
+def test_rasterisers_without_scissor_refuse_tiles(tiles):
     uncut: Rasteriser = Uncut()
     with pytest.raises(UsageError, match="pyrender cannot cut at a tile's edge; use opengl"):
         uncut.count(*tiles, NATIVE)
     assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
 
 
-def test_a_record_holds_each_counters_sum_a_tile(tiles):
+def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)

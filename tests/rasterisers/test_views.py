@@ -19,7 +19,7 @@ from harness.triangulating.recipes import parse
 from scenes.scene import Viewing
 from tests.models.various import solid
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import require_the_references_counts, seconds, worker_on
+from tests.rasterisers.conftest import require_reference_counts, seconds, worker_on
 
 NATIVE = Options()
 
@@ -51,7 +51,7 @@ def seen(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
 def test_counters_of_each_piece_equal_the_reference(on_device, seen, reference):
     frame, found = seen
     for rows in found:
-        require_the_references_counts(on_device, reference, frame, rows)
+        require_reference_counts(on_device, reference, frame, rows)
 
 
 @pytest.fixture(scope="session", params=["file", "front"])
@@ -66,7 +66,7 @@ def deep(request: pytest.FixtureRequest, tmp_path_factory) -> tuple[Frame, list[
     return frame, triangulations(frame, "optimal:edge-length")
 
 
-def test_what_passes_the_depth_test_equals_the_reference_but_for_ties(on_device, deep, reference):
+def test_counters_with_depth_test_equal_the_reference_except_ties(on_device, deep, reference):
     rasteriser, call = on_device
     frame, found = deep
     for rows in found:
@@ -85,7 +85,7 @@ def test_what_passes_the_depth_test_equals_the_reference_but_for_ties(on_device,
         assert abs(drawn["samples_passed"] - exact["fragments"].sum()) <= exact["depth_ties"].sum()
 
 
-def test_pictures_with_depth_equal_the_reference_but_for_ties(on_device, deep, reference):
+def test_pictures_with_depth_test_equal_the_reference_except_ties(on_device, deep, reference):
     rasteriser, call = on_device
     if not get(rasteriser).deep:
         return
@@ -142,7 +142,7 @@ def sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
         ([1 << 24], [0], 0),  # as deep as nothing
     ],
 )
-def test_what_is_hidden_and_what_is_a_tie(reference, llvmpipe, depths, fragments, ties):
+def test_hidden_pixels_and_ties(reference, llvmpipe, depths, fragments, ties):
     frame, rows = sheets(depths)
     counted = reference.count(frame, rows, NATIVE)
     assert counted["fragments"].tolist() == fragments
@@ -176,14 +176,14 @@ def partly_hidden() -> tuple[Frame, np.ndarray]:
     return replace(frame, points=points), rows
 
 
-def test_what_is_hidden_of_a_quad_is_not_counted(reference, llvmpipe):
+def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):
     frame, rows = partly_hidden()
     drawn, exact = (each.count(frame, rows, NATIVE) for each in (llvmpipe, reference))
     assert drawn["fragments"].tolist() == [144, 196 - 144]
     assert disagreements(frame, drawn, exact) == []
 
 
-def test_a_driver_that_tests_depth_late_or_tells_no_helpers_is_refused(llvmpipe, monkeypatch):
+def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpipe, monkeypatch):
     case = (*partly_hidden(), NATIVE)
     result, tally = llvmpipe.context.result, llvmpipe._tally
     with monkeypatch.context() as late:
@@ -196,7 +196,7 @@ def test_a_driver_that_tests_depth_late_or_tells_no_helpers_is_refused(llvmpipe,
             llvmpipe.count(*case)
 
 
-def test_softpipe_counts_with_depths_what_passes():
+def test_softpipe_counts_pixels_that_pass_the_depth_test():
     with worker_on("opengl", "softpipe") as call:
         drawn = call(tasks.count, *partly_hidden(), NATIVE)
     assert drawn["fragments"].tolist() == [144, 196 - 144]

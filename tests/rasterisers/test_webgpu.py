@@ -107,7 +107,7 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
         del opened._tally_once
 
 
-def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference):
+def test_coarse_grid_is_detected_and_used(on_device, reference):
     frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
     step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
     assert step == 16
@@ -117,7 +117,7 @@ def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference):
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
-def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference):
+def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
     frame, triangles = random_triangles(seed=6, size=250, number=150, grid=1)
     moved = replace(frame, points=on_coarser_grid(frame.points, 16))
     with worker_on("webgpu", "swiftshader") as call:
@@ -129,7 +129,7 @@ def test_swiftshader_counts_what_the_reference_does_on_its_grid(reference):
     assert np.array_equal(picture, pictures.image_of(reference, moved, triangles, Options()))
 
 
-def test_what_it_cannot_do_is_said(on_device):
+def test_unsupported_options_are_refused(on_device):
     frame, triangles = loose_triangles([[256, 256], [2000, 256], [256, 2000]], 64)
     assert not get("webgpu").supports(Options(samples=4))
     with pytest.raises(UsageError, match="one sample a pixel"):
@@ -174,12 +174,12 @@ def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, s
         ),
     ],
 )
-def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, names):
+def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, found, names):
     monkeypatch.setattr(devices.sys, "platform", system)
-    monkeypatch.setattr(devices, "vulkan_environment", lambda places: None)
+    monkeypatch.setattr(devices, "vulkan_environment", lambda patterns: None)
     answer = {"devices": found, "problems": []}
-    monkeypatch.setattr(devices, "ask", lambda asked: [answer for _ in asked])
-    of_system, problems = devices.of_webgpu.__wrapped__()
+    monkeypatch.setattr(devices, "run_probes", lambda asked: [answer for _ in asked])
+    of_system, problems = devices.list_webgpu_devices.__wrapped__()
     described = [
         f"{device.name}: {device.details['device']} on {device.details['backend_type']}"
         for device in of_system
@@ -192,14 +192,16 @@ def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, na
     assert problems == ()
 
 
-def test_without_wgpu_it_is_said_what_to_install(monkeypatch):
-    monkeypatch.setattr(devices, "of_webgpu", lambda: ((), ("gpu: No module named 'wgpu'",)))
+def test_missing_wgpu_gets_an_install_command(monkeypatch):
+    monkeypatch.setattr(
+        devices, "list_webgpu_devices", lambda: ((), ("gpu: No module named 'wgpu'",))
+    )
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(NoRasteriser, match=r"pip install .*\[webgpu\]"):
         find_device("webgpu")
 
 
-def test_the_one_to_draw_with(monkeypatch):
+def test_default_rasteriser(monkeypatch):
     from harness import rasterisers
 
     assert rasterisers.usual() == "opengl"

@@ -10,7 +10,7 @@ from PIL import Image
 
 from harness.metrics.per_polygon import columns_of, error_of, ratio_pairs
 from harness.metrics.registry import PREDICTED, find
-from harness.rasterisers.counters import ESTIMATES, estimated
+from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report.plots import NAME, plot_run
 from harness.results.run_folder import read_run
 from harness.style import COLOURS, STYLE, TWO_COLUMNS
@@ -73,14 +73,16 @@ TOLD = {"expected_quads": 30.0, "half_perimeter": 40.0, "overdraw": 25.0, "area"
 
 
 def test_the_formulas():
-    found = estimated({**TOLD, "triangles": 7.0})
+    found = compute_estimates({**TOLD, "triangles": 7.0})
     assert found == {
         "helper_lanes_by_quads": 4 * 30 - 60,
         "helper_lanes_by_half_perimeter": 40 + 7,
         "bbox_tests_by_overdraw": 25 + 60,
     }
-    assert "helper_lanes_by_half_perimeter" not in estimated(TOLD)
-    prefixed = estimated({PREDICTED + name: value for name, value in TOLD.items()}, PREDICTED)
+    assert "helper_lanes_by_half_perimeter" not in compute_estimates(TOLD)
+    prefixed = compute_estimates(
+        {PREDICTED + name: value for name, value in TOLD.items()}, PREDICTED
+    )
     assert prefixed[f"{PREDICTED}bbox_tests_by_overdraw"] == 85
 
 
