@@ -1,28 +1,38 @@
-"""SVG drawings: paths and basic shapes, with their transforms and fill rules."""
+"""Reader of SVG drawings: filled paths and basic shapes, as they are drawn."""
 
-import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
+import shapely
 from fontTools.misc.transform import Identity, Transform  # type: ignore[import-untyped]
-from fontTools.pens.basePen import BasePen  # type: ignore[import-untyped]
-from fontTools.pens.transformPen import TransformPen  # type: ignore[import-untyped]
-from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
 
 from scenes.cleaning.fill import fill_contours
 from scenes.readers.guard import noted
 from scenes.readers.reader import Raw, Source
+from scenes.readers.svg_shapes import (
+    FLIP,
+    SHAPES,
+    Viewport,
+    flatten_outline,
+    outline_of,
+    parse_length,
+    parse_transform,
+    tag_of,
+    transform_about,
+)
 from scenes.scene import Note, SceneError
 
-_SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
-_HIDDEN = ("defs", "clipPath", "mask", "symbol", "pattern", "marker")
+_NAMESPACE = "http://www.w3.org/2000/svg"
+_CONTAINERS = ("svg", "g", "a", "switch")
 _UNREAD = {
     "use": "is a copy of another element, which is not followed: convert it to paths",
     "text": "is text, which is not read: convert it to paths",
+    "flowRoot": "is text, which is not read: convert it to paths",
     "image": "is an image, which is not read",
     "foreignObject": "is not SVG, and not read",
     "line": "is a line, which has no area",
@@ -30,171 +40,242 @@ _UNREAD = {
 _STYLED = (
     "rules of <style> are not read: shapes that they hide or leave unfilled are taken as filled"
 )
-_STEPS = 8
-"""Chords that replace a curve."""
+_MASKED = "masks are not applied: masked shapes are read completely"
+_EMPTY, _CLIPPED = "has no area", "lies outside its clip path, or has no area"
+_FLIPPED = "y points up: the drawing's y is negated"
+_INHERITED = {
+    "fill": "black",
+    "fill-rule": "nonzero",
+    "clip-rule": "nonzero",
+    "fill-opacity": "1",
+    "color": "black",
+    "visibility": "visible",
+}
+_OWN = ("display", "opacity", "clip-path", "mask", "overflow", "transform", "transform-origin")
+"""Properties that are not inherited."""
+
+
+@dataclass(frozen=True)
+class _State:
+    """What holds for the content of an element.
+
+    matrix : from its user space to the drawing's; properties : the inherited ones
+    clip : the area, y up, in which it is drawn; None for all
+    hidden : why nothing in it is drawn, or ""
+    """
+
+    matrix: Transform
+    properties: dict[str, str]
+    viewport: Viewport
+    clip: Any = None
+    hidden: str = ""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawing is one chunk
-    """Every filled shape of the drawing, y turned up, in the drawing's user units."""
+    """Yield every filled shape of the drawing, y up, in the drawing's user units."""
     root = ElementTree.parse(source.path).getroot()
-    if _tag(root) != "svg":
-        raise SceneError(f"{source.path} is XML, but not SVG: its root is {_tag(root)}")
-    geometries: list[Any] = []
-    labels: list[str] = []
-    identifiers: list[str] = []
-    dropped: list[Note] = []
-    for number, (element, transform, rule, unread) in enumerate(_shapes(root)):
-        identifier = element.get("id") or ""
-        label = f"{_tag(element)} {identifier or number}"
-        if unread:
-            dropped.append((label, unread))
-            continue
-        with noted(dropped, label, "cannot be read as SVG"):
-            contours = _contours(element, transform)
-            if not all(np.isfinite(contour).all() for contour in contours):
-                raise ValueError("it has a NaN or infinite coordinate")
-            area = fill_contours(contours, "evenodd" if rule == "evenodd" else "nonzero")
-            geometries.append(area[0] if area else None)
-            labels.append(label)
-            identifiers.append(identifier)
-    table = pd.DataFrame({"id": identifiers}, dtype=object)
-    styled = any(_tag(element) == "style" for element in root.iter())
-    yield Raw(geometries, labels, table, None, "px", dropped, notes=(_STYLED,) * styled)
+    if tag_of(root) != "svg":
+        raise SceneError(f"{source.path} is XML, but not SVG: its root is {tag_of(root)}")
+    yield _Drawing(root).read()
 
 
-def _tag(element: ElementTree.Element) -> str:
-    return str(element.tag).rpartition("}")[2]
+class _Drawing:
+    """The shapes of a drawing, gathered."""
 
+    def __init__(self, root: ElementTree.Element) -> None:
+        self._root = root
+        self._by_id = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
+        self._has_masks = False
+        self.dropped: list[Note] = []
 
-def _shapes(
-    root: ElementTree.Element,
-) -> Iterator[tuple[ElementTree.Element, Transform, str, str | None]]:
-    """What is drawn: each shape, the transform and the fill rule that reach it; why it is not read.
+    def read(self) -> Raw:
+        """Return all filled shapes, in the order of the file."""
+        geometries: list[Any] = []
+        labels: list[str] = []
+        identifiers: list[str] = []
+        stack = [(self._root, _State(Identity, _INHERITED, None))]
+        number = 0
+        while stack:
+            element, state = stack.pop()
+            kind = tag_of(element)
+            if not self._is_drawn(element):
+                continue
+            label = f"{kind} {element.get('id') or number}"
+            number += kind not in _CONTAINERS
+            with noted(self.dropped, label, "cannot be read as SVG"):
+                state, style = self._enter(element, state)
+                if kind in _CONTAINERS:
+                    children = list(element)
+                    if kind == "switch":
+                        children = [child for child in children if self._is_drawn(child)][:1]
+                    stack += [(child, state) for child in reversed(children)]
+                elif reason := _UNREAD.get(kind) or state.hidden or _unfilled(state, self._by_id):
+                    self.dropped.append((label, reason))
+                elif (area := self._area(element, state, style, "fill-rule")) is None:
+                    self.dropped.append((label, _EMPTY if state.clip is None else _CLIPPED))
+                else:
+                    geometries.append(area)
+                    labels.append(label)
+                    identifiers.append(element.get("id") or "")
+        table = pd.DataFrame({"id": identifiers}, dtype=object)
+        is_styled = any(tag_of(element) == "style" for element in self._root.iter())
+        notes = (_FLIPPED,) + (_STYLED,) * is_styled + (_MASKED,) * self._has_masks
+        return Raw(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
-    Properties are those of attributes and `style`; fill, its rule and visibility are inherited.
-    """
-    inherited = {"fill-rule": "nonzero", "fill": "black", "visibility": "visible"}
-    stack: list[tuple[ElementTree.Element, Transform, dict[str, str]]] = [
-        (root, Identity, inherited)
-    ]
-    while stack:
-        element, transform, inherited = stack.pop()
-        kind = _tag(element)
-        if kind in _HIDDEN:
-            continue
-        if own := element.get("transform"):
-            transform = transform.transform(_transform(own))
+    def _is_drawn(self, element: ElementTree.Element) -> bool:
+        """Whether an element is SVG's, is drawn where it stands, and meets its conditions."""
+        namespace = str(element.tag).rpartition("}")[0].lstrip("{")
+        is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
+        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_UNREAD)
+        return is_svg and is_known and _passes_tests(element)
+
+    def _enter(self, element: ElementTree.Element, outer: _State) -> tuple[_State, dict[str, str]]:
+        """Return the state in an element, and the CSS properties of its attribute `style`."""
         items = (item.partition(":") for item in element.get("style", "").split(";"))
         style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
-        names = (*inherited, "display")
+        names = (*_INHERITED, *_OWN)
         given = {name: style.get(name) or element.get(name) or "inherit" for name in names}
-        if inherited.get("display") == "none":
-            del given["display"]  # nothing below it is displayed
-        properties = inherited | {k: v for k, v in given.items() if v != "inherit"}
-        if kind in _SHAPES:
-            yield element, transform, properties["fill-rule"], _unfilled(properties)
-        elif kind in _UNREAD:
-            yield element, transform, "", _UNREAD[kind]
-            continue
-        # reversed, so that shapes come in the order of the file
-        stack += [(child, transform, properties) for child in reversed(element)]
+        own = {name: given.pop(name) for name in _OWN}
+        inherited = {name: value for name, value in given.items() if value != "inherit"}
+        state = replace(outer, properties=outer.properties | inherited)
+        if own["display"] == "none":
+            state = replace(state, hidden=state.hidden or "is not displayed")
+        if _is_zero(own["opacity"]):
+            state = replace(state, hidden=state.hidden or "is transparent")
+        self._has_masks |= own["mask"] not in ("inherit", "none")
+        if own["transform"] != "inherit":
+            matrix = parse_transform(own["transform"], is_css="transform" in style)
+            if own["transform-origin"] != "inherit":
+                if style.get("transform-box", "view-box") != "view-box":
+                    raise ValueError("transform-box is not supported")
+                matrix = transform_about(matrix, own["transform-origin"], state.viewport)
+            state = replace(state, matrix=state.matrix.transform(matrix))
+        if tag_of(element) == "svg":
+            state = self._enter_viewport(element, state, own["overflow"])
+        if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", own["clip-path"])) is not None:
+            clip = self._by_id.get(reference[1].strip())
+            if clip is not None and tag_of(clip) == "clipPath":
+                state = _clip(state, self._clip_area(clip, element, state))
+        return state, style
+
+    def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:
+        """Return the state in an `svg` element: within its viewport, by its viewBox."""
+        box = [float(x) for x in re.split(r"[\s,]+", element.get("viewBox", "").strip()) if x]
+        if element is self._root:
+            viewport: Viewport = (box[2], box[3]) if len(box) == 4 else None
+            if viewport is None and element.get("width") and element.get("height"):
+                lengths = (element.get("width", ""), element.get("height", ""))
+                is_known = not any("%" in text for text in lengths)
+                viewport = tuple(parse_length(t, None) for t in lengths) if is_known else None  # type: ignore[assignment]
+            return replace(state, viewport=viewport)
+        x, y, w, h = (
+            parse_length(element.get(key, default), state.viewport, axis)
+            for key, default, axis in (
+                *(("x", "0", 0), ("y", "0", 1)),
+                *(("width", "100%", 0), ("height", "100%", 1)),
+            )
+        )
+        if overflow not in ("visible", "auto"):
+            frame = flatten_outline(f"M {x} {y} h {w} v {h} h {-w} Z", FLIP.transform(state.matrix))
+            state = _clip(state, shapely.union_all(fill_contours(frame)))
+        matrix, viewport = Identity.translate(x, y), (w, h)
+        if len(box) == 4 and box[2] > 0 and box[3] > 0:
+            matrix = matrix.transform(_fit(box, w, h, element.get("preserveAspectRatio", "")))
+            viewport = (box[2], box[3])
+        return replace(state, matrix=state.matrix.transform(matrix), viewport=viewport)
+
+    def _area(
+        self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
+    ) -> Any:
+        """Return the area of a shape that is drawn, or None if nothing of it is."""
+        outline = outline_of(element, style, state.viewport)
+        contours = flatten_outline(outline, FLIP.transform(state.matrix))
+        name = state.properties[rule]
+        areas = fill_contours(contours, "evenodd" if name == "evenodd" else "nonzero")
+        if not areas or state.clip is None:
+            return areas[0] if areas else None
+        parts = shapely.get_parts(shapely.intersection(areas[0], state.clip))
+        parts = parts[shapely.area(parts) > 0]
+        return shapely.multipolygons(parts) if len(parts) else None
+
+    def _clip_area(
+        self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
+    ) -> Any:
+        """Return the area of a `clipPath`, for an element of this state."""
+        if clip.get("clipPathUnits") == "objectBoundingBox":
+            if tag_of(element) not in SHAPES:
+                raise ValueError("its clip path has the size of a group, which is not supported")
+            points = np.concatenate(
+                flatten_outline(outline_of(element, {}, state.viewport), Identity)
+            )
+            (x, y), (w, h) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
+            state = replace(state, matrix=state.matrix.translate(x, y).scale(w, h))
+        inner, _ = self._enter(clip, replace(state, clip=None, properties=_INHERITED, hidden=""))
+        areas = []
+        for child in clip:
+            if tag_of(child) in ("use", "text"):
+                raise ValueError(f"its clip path has a {tag_of(child)}, which is not supported")
+            if tag_of(child) in SHAPES:
+                of_child, style = self._enter(child, inner)
+                is_hidden = of_child.hidden == "is not displayed"
+                if not is_hidden and of_child.properties["visibility"] == "visible":
+                    areas.append(self._area(child, of_child, style, "clip-rule"))
+        return shapely.union_all([area for area in areas if area is not None])
 
 
-def _unfilled(properties: dict[str, str]) -> str | None:
-    """Why a shape with these properties has no filled area; None where it has."""
-    if properties.get("display") == "none":
-        return "is not displayed"
+def _clip(state: _State, area: Any) -> _State:
+    clip = area if state.clip is None else shapely.intersection(state.clip, area)
+    return replace(state, clip=clip)
+
+
+def _fit(box: list[float], width: float, height: float, alignment: str) -> Transform:
+    """Return the matrix from a viewBox to a viewport at (0, 0), by `preserveAspectRatio`."""
+    sx, sy = width / box[2], height / box[3]
+    words = alignment.split() or ["xMidYMid"]
+    if words[0] == "none":
+        return Identity.scale(sx, sy).translate(-box[0], -box[1])
+    scale = max(sx, sy) if "slice" in words else min(sx, sy)
+    shares = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+    ax, ay = shares.get(words[0][1:4], 0.5), shares.get(words[0][5:8], 0.5)
+    x, y = ax * (width - scale * box[2]), ay * (height - scale * box[3])
+    return Identity.translate(x, y).scale(scale).translate(-box[0], -box[1])
+
+
+def _passes_tests(element: ElementTree.Element) -> bool:
+    """Whether an element's conditions hold: for readers of English, without extensions."""
+    languages = element.get("systemLanguage")
+    names = [] if languages is None else [name.strip().lower() for name in languages.split(",")]
+    is_english = languages is None or any(name.partition("-")[0] == "en" for name in names)
+    return is_english and not element.get("requiredExtensions")
+
+
+def _unfilled(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
+    """Return why a shape of this state has no filled area, or ""."""
+    properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):
         return "is not visible"
-    return "has no fill" if properties["fill"] in ("none", "transparent") else None
+    fill = properties["fill"].lower().strip()
+    if (match := re.match(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)", properties["fill"])) and (
+        match[1].strip() not in by_id
+    ):
+        fill = match[2] or "none"
+    if fill == "currentcolor":
+        fill = properties["color"].lower().strip()
+    if fill == "none":
+        return "has no fill"
+    alpha = re.fullmatch(r"#[0-9a-f]{3}([0-9a-f])|#[0-9a-f]{6}([0-9a-f]{2})", fill)
+    if alpha is not None:
+        is_clear = int(alpha[1] or alpha[2], 16) == 0
+    else:
+        colour = re.fullmatch(r"(?:rgb|hsl)a?\((?:[^,/]+,[^,/]+,[^,/]+,|[^,/]+/)([^,/]+)\)", fill)
+        is_clear = fill == "transparent" or (colour is not None and _is_zero(colour[1]))
+    is_clear = is_clear or _is_zero(properties["fill-opacity"])
+    return "has a transparent fill" if is_clear else ""
 
 
-class _Flattener(BasePen):  # type: ignore[misc]
-    """Collects contours as points, curves cut into chords."""
-
-    def __init__(self) -> None:
-        super().__init__(None)
-        self.contours: list[list[tuple[float, float]]] = []
-
-    def _moveTo(self, pt: tuple[float, float]) -> None:  # noqa: N802 - the pen's protocol
-        self.contours.append([pt])
-
-    def _lineTo(self, pt: tuple[float, float]) -> None:  # noqa: N802
-        self.contours[-1].append(pt)
-
-    def _curveToOne(self, pt1: Any, pt2: Any, pt3: Any) -> None:  # noqa: N802
-        t = np.linspace(0, 1, _STEPS + 1)[1:, None]
-        a, b, c, d = map(np.array, (self.contours[-1][-1], pt1, pt2, pt3))
-        points = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
-        self.contours[-1].extend(map(tuple, points))
-
-
-def _contours(element: ElementTree.Element, transform: Transform) -> list[Any]:
-    pen = _Flattener()
-    # SVG's y points down
-    turned = TransformPen(pen, Transform(1, 0, 0, -1, 0, 0).transform(transform))
-    if outline := _outline(element):
-        parse_path(outline, turned)
-    rings = [np.array(contour, dtype=float) for contour in pen.contours]
-    rings = [r[:-1] if len(r) > 1 and (r[0] == r[-1]).all() else r for r in rings]
-    return [ring for ring in rings if len(ring) >= 3]
-
-
-def _outline(element: ElementTree.Element) -> str:
-    """The shape as SVG path data."""
-    kind = _tag(element)
-    if kind == "path":
-        return element.get("d", "")
-    if kind in ("polygon", "polyline"):
-        points = element.get("points", "").strip()
-        return f"M {points} Z" if points else ""
-    if kind == "rect":
-        return _rectangle(element)
-    cx, cy = _length(element, "cx"), _length(element, "cy")
-    rx = _length(element, "r" if kind == "circle" else "rx")
-    ry = rx if kind == "circle" else _length(element, "ry")
-    half = f"a {rx!r} {ry!r} 0 1 1"
-    return f"M {cx - rx!r} {cy!r} {half} {2 * rx!r} 0 {half} {-2 * rx!r} 0 Z" if rx * ry else ""
-
-
-def _rectangle(element: ElementTree.Element) -> str:
-    x, y, w, h = (_length(element, key) for key in ("x", "y", "width", "height"))
-    rx, ry = _length(element, "rx"), _length(element, "ry")
-    rx, ry = min(rx or ry, w / 2), min(ry or rx, h / 2)
-    if not rx * ry:
-        return f"M {x!r} {y!r} h {w!r} v {h!r} h {-w!r} Z"
-    across, along, arc = w - 2 * rx, h - 2 * ry, f"a {rx!r} {ry!r} 0 0 1"
-    return (
-        f"M {x + rx!r} {y!r} h {across!r} {arc} {rx!r} {ry!r} v {along!r} {arc} {-rx!r} {ry!r} "
-        f"h {-across!r} {arc} {-rx!r} {-ry!r} v {-along!r} {arc} {rx!r} {-ry!r} Z"
-    )
-
-
-def _length(element: ElementTree.Element, key: str) -> float:
-    text = element.get(key, "0").strip()
+def _is_zero(text: str) -> bool:
+    """Whether an opacity such as 0, .0 or 0% is zero, or less."""
     try:
-        return float(text.removesuffix("px"))
+        return float(text.strip().removesuffix("%")) <= 0.0
     except ValueError:
-        raise ValueError(f"{key}={text!r} is not a number or pixels") from None
-
-
-def _transform(text: str) -> Transform:
-    """The value of a transform attribute: a list of functions, the last applied first."""
-    result = Identity
-    for name, inner in re.findall(r"([A-Za-z]+)\s*\(([^)]*)\)", text):
-        v = [float(number) for number in re.split(r"[\s,]+", inner.strip()) if number]
-        if name == "matrix" and len(v) == 6:
-            result = result.transform(v)
-        elif name == "translate" and v:
-            result = result.translate(*v[:2])
-        elif name == "scale" and v:
-            result = result.scale(v[0], v[-1])
-        elif name == "rotate" and len(v) in (1, 3):
-            cx, cy = v[1:] or (0.0, 0.0)
-            result = result.translate(cx, cy).rotate(math.radians(v[0])).translate(-cx, -cy)
-        elif name in ("skewX", "skewY") and len(v) == 1:
-            angle = math.radians(v[0])
-            result = result.skew(angle if name == "skewX" else 0.0, angle * (name == "skewY"))
-        else:
-            raise ValueError(f"transform {name}({inner}) is not known")
-    return result
+        return False

@@ -126,42 +126,6 @@ class TestModels:
                 load(path)
 
 
-class TestDrawings:
-    def test_what_is_not_filled_or_not_read_is_named(self, tmp_path):
-        shape = '<rect id="%s" width="2" height="2" %s/>'
-        red, inline = shape % ("own", 'fill="red"'), shape % ("gone", 'display="inline"')
-        body = "".join(
-            [
-                shape % ("plain", ""),
-                shape % ("hollow", 'fill="none"'),
-                shape % ("styled", 'style="fill: none !important"'),
-                f'<g fill="none">{shape % ("inherits", "")}{red}</g>',
-                f'<g display="none">{inline}</g>',
-                f'<g visibility="hidden">{shape % ("unseen", "")}</g>',
-                '<use id="copy" href="#plain"/><text id="words">A<tspan>b</tspan></text>',
-                '<image id="photo" href="a.png"/><line id="edge" x2="9"/>',
-            ]
-        )
-        path = tmp_path / "a.svg"
-        path.write_text(f"<svg>{body}</svg>")
-        scene = load(path)
-        assert list(scene.attributes["id"]) == ["plain", "own"]
-        assert {which.split()[1]: why.split(",")[0] for which, why in scene.dropped} == {
-            "edge": "is a line",
-            "hollow": "has no fill",
-            "styled": "has no fill",
-            "inherits": "has no fill",
-            "gone": "is not displayed",
-            "unseen": "is not visible",
-            "copy": "is a copy of another element",
-            "words": "is text",
-            "photo": "is an image",
-        }
-        assert scene.notes == ()
-        path.write_text(f"<svg><style>.a {{fill: none}}</style>{body}</svg>")
-        assert "rules of <style> are not read" in load(path).notes[0]
-
-
 class TestText:
     def test_byte_order_mark(self, tmp_path):
         path = tmp_path / "a.wkt"

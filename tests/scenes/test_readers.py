@@ -60,58 +60,6 @@ class TestWkt:
             load(write(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
 
 
-class TestSvg:
-    def areas(self, tmp_path, body: str) -> list[float]:
-        text = f'<svg xmlns="http://www.w3.org/2000/svg">{body}</svg>'
-        scene = load(write(tmp_path / "a.svg", text))
-        assert_sound(scene.polygons)
-        return [p.area for p in scene.polygons]
-
-    @pytest.mark.parametrize(
-        ("shape", "area"),
-        [
-            ('<rect x="1" y="2" width="4" height="3"/>', 12),
-            ('<rect width="40px" height="30" rx="5"/>', 1200 - (4 - np.pi) * 25),
-            ('<circle cx="3" r="2"/>', np.pi * 4),
-            ('<ellipse rx="3" ry="2"/>', np.pi * 6),
-            ('<polygon points="0,0 4,0 4,3"/>', 6),
-            ('<path d="M0 0h10v10h-10z M2 2v4h4v-4z"/>', 84),
-            ('<path d="M0 0h10v10h-10z M2 2h4v4h-4z"/>', 100),
-            ('<path fill-rule="evenodd" d="M0 0h10v10h-10z M2 2h4v4h-4z"/>', 84),
-            ('<path style="fill-rule: evenodd" d="M0 0h8v8h-8z m4 4h8v8h-8z"/>', 64 + 64 - 32),
-            ('<path d="M0 0 C 0 4 4 4 4 0 Z"/>', 9.6),
-            ('<path d="M0 0 Q 2 4 4 0 Z"/>', 16 / 3),
-        ],
-    )
-    def test_shapes(self, tmp_path, shape, area):
-        assert sum(self.areas(tmp_path, shape)) == pytest.approx(area, rel=0.03)
-
-    def test_transforms_nest(self, tmp_path):
-        body = '<g transform="translate(5 0) scale(2)"><g transform="rotate(90)">%s</g></g>'
-        inner = body % '<rect id="r" x="1" width="4" height="3"/>'
-        scene = load(write(tmp_path / "a.svg", f"<svg>{inner}</svg>"))
-        # (1..5, 0..3) turned to (-3..0, 1..5), doubled, moved to (-1..5, 2..10); then y is flipped
-        assert scene.polygons[0].bounds == pytest.approx((-1, -10, 5, -2))
-        assert list(scene.attributes["id"]) == ["r"]
-
-    def test_definitions_are_not_drawn_and_faults_are_named(self, tmp_path):
-        body = '<defs><rect width="9" height="9"/></defs><rect width="2" height="2"/>'
-        body += '<rect id="bad" width="5%" height="2"/><path id="worse" d="M0 0 L 1"/>'
-        scene = load(write(tmp_path / "a.svg", f"<svg>{body}</svg>"))
-        assert [p.area for p in scene.polygons] == [4]
-        assert {which for which, _ in scene.dropped} == {"rect bad", "path worse"}
-
-    def test_errors(self, tmp_path):
-        for text, message in (
-            ("<svg", "cannot be read as SVG"),
-            ("<html/>", "its root is html"),
-            ("<svg/>", "holds no polygon"),
-            ('<svg><g transform="spin(3)"><rect/></g></svg>', r"spin\(3\) is not known"),
-        ):
-            with pytest.raises(SceneError, match=message):
-                load(write(tmp_path / "a.svg", text))
-
-
 PLANAR = {"crs": {"type": "ProjectedCRS", "id": {"authority": "EPSG", "code": 3067}}}
 
 

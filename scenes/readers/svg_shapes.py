@@ -1,0 +1,198 @@
+"""Outlines of SVG's basic shapes and paths, and its lengths and transforms."""
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from fontTools.misc.transform import Identity, Transform  # type: ignore[import-untyped]
+from fontTools.pens.basePen import BasePen  # type: ignore[import-untyped]
+from fontTools.pens.transformPen import TransformPen  # type: ignore[import-untyped]
+from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
+FLIP = Transform(1, 0, 0, -1, 0, 0)
+"""From SVG's axes, with y down, to those of scenes."""
+
+_CHORDS = 8
+"""Chords that replace a curve."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
+_ARGUMENT = re.compile(rf"\s*,?\s*({_NUMBER})(px|deg|rad|grad|turn)?")
+_PIXELS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "pt": 96 / 72, "pc": 16.0}
+_DEGREES = {"rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
+_KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
+
+Viewport = tuple[float, float] | None
+"""Width and height of the area that percentages refer to; None if they are not known."""
+
+
+def tag_of(element: ElementTree.Element) -> str:
+    """Return an element's name without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> float:
+    """Return a length in user units; a percentage is of the viewport's axis, or of its diagonal.
+
+    Raises ValueError for other units, and percentages of an unknown viewport.
+
+    >>> parse_length("1in", None), parse_length("50%", (10, 20), 1)
+    (96.0, 10.0)
+    """
+    match = re.fullmatch(rf"\s*({_NUMBER})\s*([a-z]+|%)?\s*", text)
+    unit = match[2] if match else None
+    if match and (unit is None or unit in _PIXELS):
+        return float(match[1]) * _PIXELS.get(unit or "px", 1.0)
+    if match is None or unit != "%" or viewport is None:
+        raise ValueError(f"length {text.strip()!r} is not a number, in px or another absolute unit")
+    full = math.hypot(*viewport) / math.sqrt(2) if axis is None else viewport[axis]
+    return float(match[1]) / 100 * full
+
+
+def parse_transform(text: str, *, is_css: bool = False) -> Transform:
+    """Return the matrix of a list of transform functions, the last of which is applied first.
+
+    Numbers may be packed as in `matrix(1 0 0 1 5-5)`, and have units. CSS has more functions than
+    the attribute. Raises ValueError for one that is unknown, or three-dimensional.
+
+    >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
+    (5.0, 3.0)
+    """
+    result, end = Identity, 0
+    if text.strip() == "none":
+        return result
+    while text[end:].strip(" \t\r\n,"):
+        match = _FUNCTION.match(text, end)
+        if match is None:
+            raise ValueError(f"transform {text.strip()[:40]!r} is not known")
+        result, end = result.transform(_function_matrix(match[1], match[2], is_css)), match.end()
+    return result
+
+
+def _rotate(angle: float, x: float = 0.0, y: float = 0.0) -> Transform:
+    return Identity.translate(x, y).rotate(math.radians(angle)).translate(-x, -y)
+
+
+_FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., Transform]]] = {
+    "matrix": ((6,), Transform),
+    "translate": ((1, 2), Identity.translate),
+    "scale": ((1, 2), lambda x, y=None: Identity.scale(x, x if y is None else y)),
+    "rotate": ((1, 3), _rotate),
+    "skewX": ((1,), lambda angle: Identity.skew(math.radians(angle), 0.0)),
+    "skewY": ((1,), lambda angle: Identity.skew(0.0, math.radians(angle))),
+}
+_CSS_FUNCTIONS = _FUNCTIONS | {
+    "translateX": ((1,), lambda x: Identity.translate(x, 0.0)),
+    "translateY": ((1,), lambda y: Identity.translate(0.0, y)),
+    "scaleX": ((1,), lambda x: Identity.scale(x, 1.0)),
+    "scaleY": ((1,), lambda y: Identity.scale(1.0, y)),
+}
+"""Transform functions: the numbers of arguments they take, and what they return."""
+
+
+def _function_matrix(name: str, inner: str, is_css: bool) -> Transform:
+    arguments = list(_ARGUMENT.finditer(inner))
+    values = [float(match[1]) * _DEGREES.get(match[2], 1.0) for match in arguments]
+    counts, function = (_CSS_FUNCTIONS if is_css else _FUNCTIONS).get(name, ((), Transform))
+    is_complete = "".join(match[0] for match in arguments).strip() == inner.strip()
+    if not is_complete or len(values) not in counts:
+        raise ValueError(f"transform {name}({inner.strip()}) is not known")
+    return function(*values)
+
+
+def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Transform:
+    """Return a transform about a `transform-origin` such as "50% 20px" or "center"."""
+    words = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
+    if origin.split()[:1] in (["top"], ["bottom"]):
+        words = [*words[1:], "50%"][:1] + words[:1]
+    words += ["50%"] * (2 - len(words))
+    x, y = (parse_length(word, viewport, axis) for axis, word in enumerate(words))
+    return Identity.translate(x, y).transform(matrix).translate(-x, -y)
+
+
+class _Flattener(BasePen):  # type: ignore[misc]
+    """Collects contours as points, curves cut into chords."""
+
+    def __init__(self) -> None:
+        super().__init__(None)
+        self.contours: list[list[tuple[float, float]]] = []
+
+    def _moveTo(self, pt: tuple[float, float]) -> None:  # noqa: N802 - the pen's protocol
+        self.contours.append([pt])
+
+    def _lineTo(self, pt: tuple[float, float]) -> None:  # noqa: N802
+        self.contours[-1].append(pt)
+
+    def _curveToOne(self, pt1: Any, pt2: Any, pt3: Any) -> None:  # noqa: N802
+        t = np.linspace(0, 1, _CHORDS + 1)[1:, None]
+        a, b, c, d = map(np.array, (self.contours[-1][-1], pt1, pt2, pt3))
+        points = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
+        self.contours[-1].extend(map(tuple, points))
+
+
+def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]]:
+    """Return the contours (n, 2) of SVG path data, transformed and without closing points.
+
+    Raises ValueError for a coordinate that is not finite.
+    """
+    pen = _Flattener()
+    if outline:
+        parse_path(outline, TransformPen(pen, matrix))
+    rings = [np.array(contour, dtype=float) for contour in pen.contours]
+    rings = [r[:-1] if len(r) > 1 and (r[0] == r[-1]).all() else r for r in rings]
+    rings = [ring for ring in rings if len(ring) >= 3]
+    if not all(np.isfinite(ring).all() for ring in rings):
+        raise ValueError("it has a NaN or infinite coordinate")
+    return rings
+
+
+def outline_of(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
+    """Return a shape as SVG path data; `style` are its CSS properties, which may be lengths."""
+    kind = tag_of(element)
+    if kind == "path":
+        return element.get("d", "")
+    if kind in ("polygon", "polyline"):
+        points = element.get("points", "").strip()
+        return f"M {points} Z" if points else ""
+
+    def length(key: str, axis: int | None) -> float | None:
+        """Return None for an absent, automatic or negative radius."""
+        text = style.get(key) or element.get(key) or "auto"
+        value = None if text.strip() == "auto" else parse_length(text, viewport, axis)
+        return None if value is not None and value < 0 and key in ("r", "rx", "ry") else value
+
+    if kind == "rect":
+        return _rectangle(length)
+    cx, cy = length("cx", 0) or 0.0, length("cy", 1) or 0.0
+    if kind == "circle":
+        rx = ry = length("r", None) or 0.0
+    else:
+        rx, ry = _radii(length)
+    half = f"a {rx!r} {ry!r} 0 1 1"
+    return f"M {cx - rx!r} {cy!r} {half} {2 * rx!r} 0 {half} {-2 * rx!r} 0 Z" if rx * ry else ""
+
+
+def _radii(length: Callable[[str, int | None], float | None]) -> tuple[float, float]:
+    """Return both radii; one that is not given is equal to the other one."""
+    rx, ry = length("rx", 0), length("ry", 1)
+    return (rx if rx is not None else ry) or 0.0, (ry if ry is not None else rx) or 0.0
+
+
+def _rectangle(length: Callable[[str, int | None], float | None]) -> str:
+    x, y, w, h = (length(k, i % 2) or 0.0 for i, k in enumerate(("x", "y", "width", "height")))
+    if w <= 0 or h <= 0:
+        return ""
+    rx, ry = _radii(length)
+    rx, ry = min(rx, w / 2), min(ry, h / 2)
+    if not rx * ry:
+        return f"M {x!r} {y!r} h {w!r} v {h!r} h {-w!r} Z"
+    across, along, arc = w - 2 * rx, h - 2 * ry, f"a {rx!r} {ry!r} 0 0 1"
+    return (
+        f"M {x + rx!r} {y!r} h {across!r} {arc} {rx!r} {ry!r} v {along!r} {arc} {-rx!r} {ry!r} "
+        f"h {-across!r} {arc} {-rx!r} {-ry!r} v {-along!r} {arc} {rx!r} {-ry!r} Z"
+    )
