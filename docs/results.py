@@ -23,8 +23,8 @@ from harness.frame import View, make_frame
 from harness.profile.words import amount
 from harness.rasterisers.reference import predict
 from harness.stats.intervals import Ratio, of_any_run
-from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 
 REFERENCE = ROOT / "results" / "reference"

@@ -9,7 +9,8 @@ import numpy as np
 
 from harness import rasterisers
 from harness.errors import HarnessError
-from harness.frame import SUBPIXEL, bare_frame
+from harness.frame import bare_frame
+from harness.grid import SUBPIXEL
 from harness.measuring.tasks import choose_timer
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options

@@ -1,12 +1,7 @@
-"""A scene mapped to a viewport: polygons in pixels, y up, on the 1/256 px grid.
-
-GPUs and software rasterisers alike snap window coordinates to a sub-pixel grid, usually of
-1/256 px. Snapping here, before anything is triangulated, makes the geometry that the criteria
-see the geometry that is rasterised, and makes every orientation test on it exact.
-"""
+"""A scene mapped to a viewport: polygons in pixels, y up, on the 1/256 px grid."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -18,11 +13,11 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
+from harness.grid import SUBPIXEL, snap_polygons, to_grid
 from harness.settings import RESOLUTIONS, Fit
-from scenes.scene import Scene, Tiling, Viewing
-
-SUBPIXEL = 256
-"""Sub-pixel positions per pixel and axis."""
+from harness.viewing import Viewing, viewing_of
+from scenes.scene import Scene, Tiling
+from triangulators.polygon_arrays import PolygonArray
 
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
@@ -35,7 +30,7 @@ OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
 
 ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --sizes, --resolution, --rotation, --fit out"
 
-WHOLE = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
+UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 """The window of a frame that nothing cuts."""
 
 
@@ -74,10 +69,7 @@ class Frame:
     width, height : pixels
     scale : pixels per scene unit
     source : (p,) int64, for each polygon its number in the scene
-    points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px
-    offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
-    ring_ends : (r,) int64, where in `points` each ring ends; the first ring of a polygon is its
-        exterior, the others are its holes
+    grid : the p polygons, int32 coordinates in 1/256 px
     dropped, repaired : (polygon number in the scene, reason) of what snapping broke
     scissor : left, bottom, width, height in pixels, all even, of what is drawn; None for all
     tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, over those of
@@ -91,9 +83,7 @@ class Frame:
     scale: float
     view: View
     source: NDArray[np.int64]
-    points: NDArray[np.int32]
-    offsets: NDArray[np.int64]
-    ring_ends: NDArray[np.int64]
+    grid: PolygonArray
     dropped: tuple[tuple[int, str], ...] = ()
     repaired: tuple[tuple[int, str], ...] = ()
     scissor: tuple[int, int, int, int] | None = None
@@ -102,40 +92,40 @@ class Frame:
     viewing: Viewing | None = None
 
     @property
+    def points(self) -> NDArray[np.int32]:
+        """(n, 2) int32, all polygons' vertices one after another, in 1/256 px."""
+        return self.grid.coords
+
+    @property
     def window(self) -> NDArray[np.int64]:
         """First column and row, last column and row of the pixels that are drawn."""
         if self.scissor is None:
-            return WHOLE
+            return UNBOUNDED
         left, bottom, width, height = self.scissor
         return np.array([left, bottom, left + width - 1, bottom + height - 1], np.int64)
 
     @property
     def depths(self) -> NDArray[np.int32] | None:
-        """(n,) depths of the points, 0 to 2**24, where what is hidden is not drawn; else None."""
+        """(n,) depths of the points, 0 to 2**24, or None without a depth test."""
         return None if self.viewing is None else self.viewing.depths
 
     @cached_property
-    def polygons(self) -> tuple[Polygon, ...]:
+    def polygons(self) -> PolygonArray:
         """The p polygons in px; coordinates are multiples of 1/256 px inside the viewport."""
-        ends = self.ring_ends
-        starts = np.concatenate([[0], ends[:-1]])
-        # shapely repeats each ring's first vertex at its end
-        closed = np.insert(np.arange(len(self.points)), ends, starts)
-        rings = np.concatenate([[0], ends + np.arange(1, len(ends) + 1)])
-        owners = np.searchsorted(np.concatenate([[0], ends]), self.offsets)
-        made = shapely.from_ragged_array(
-            shapely.GeometryType.POLYGON, self.points[closed] / SUBPIXEL, (rings, owners)
-        )
-        return tuple(made)
+        return replace(self.grid, coords=self.grid.coords / SUBPIXEL)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what follows from the rest, and is slow to send to another process."""
         return {name: value for name, value in vars(self).items() if name != "polygons"}
 
+    def with_points(self, points: NDArray[np.int32]) -> "Frame":
+        """Return the frame with other (n, 2) points in 1/256 px for the same vertices."""
+        return replace(self, grid=replace(self.grid, coords=points))
+
     def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the (m,) number of the polygon each row of `triangles` (m, 3) belongs to."""
-        first = triangles[:, 0]
-        return (np.searchsorted(self.offsets, first, side="right") - 1).astype(np.int32)
+        first = np.searchsorted(self.grid.vertex_offsets, triangles[:, 0], side="right")
+        return (first - 1).astype(np.int32)
 
     def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
         """Return the rows of `triangles` (m, 3), in the tiles' order, that each call draws."""
@@ -149,9 +139,10 @@ class Frame:
 
         None leaves the polygon out.
         """
+        starts = self.grid.vertex_offsets[:-1]
         parts = [
             part + np.int32(start)
-            for part, start in zip(triangulations, self.offsets[:-1], strict=True)
+            for part, start in zip(triangulations, starts, strict=True)
             if part is not None
         ]
         if not parts:
@@ -159,23 +150,19 @@ class Frame:
         return np.ascontiguousarray(np.concatenate(parts), np.int32)
 
 
-def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
-    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one,
-    none of which has a hole.
+def bare_frame(resolution: int, points: NDArray[np.int32], vertices: int | None = None) -> Frame:
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons without holes of so many vertices.
+
+    vertices : of each polygon; None for one polygon of all points
     """
-    offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
-    return frame_as_it_is(resolution, points, offsets, offsets[1:])
+    grid = PolygonArray.of_single_rings(points, vertices or len(points))
+    return frame_of_grid(resolution, grid)
 
 
-def frame_as_it_is(
-    resolution: int,
-    points: NDArray[np.int32],
-    offsets: NDArray[np.int64],
-    ring_ends: NDArray[np.int64],
-) -> Frame:
+def frame_of_grid(resolution: int, grid: PolygonArray) -> Frame:
     """Return a frame of polygons that are in the viewport and on the grid already."""
-    source = np.arange(len(offsets) - 1, dtype=np.int64)
-    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
+    source = np.arange(len(grid), dtype=np.int64)
+    return Frame(resolution, resolution, 1.0, View(resolution), source, grid)
 
 
 def frame_of(scene: Scene, view: View) -> Frame:
@@ -190,34 +177,37 @@ def frame_of(scene: Scene, view: View) -> Frame:
     if view.fit != own and own in OWN_VIEWS:
         raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[own])}")
     if scene.tiling is not None:
-        return _tiled(scene, scene.tiling, view)
-    if scene.viewing is not None:
-        return _seen(scene, scene.viewing, view)
+        return _frame_of_tiles(scene, scene.tiling, view)
+    viewing = viewing_of(scene)
+    if viewing is not None:
+        return _frame_of_views(scene, viewing, view)
     return make_frame(scene.polygons, view)
 
 
 def view_of(scene: Scene) -> View:
-    """Return how a scene is drawn if nothing else is asked for."""
+    """Return the default view of a scene: its own for tiles and models."""
     if scene.tiling is not None:
         return View(scene.tiling.pixels, fit="tile")
-    return View() if scene.viewing is None else View(scene.viewing.pixels, fit="view")
+    viewing = viewing_of(scene)
+    return View() if viewing is None else View(viewing.pixels, fit="view")
 
 
-def _seen(scene: Scene, viewing: Viewing, view: View) -> Frame:
+def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
     """Lay all views of a model on each other."""
-    frame = frame_as_it_is(viewing.pixels, viewing.points, viewing.offsets, viewing.ring_ends)
-    flat = frame_as_it_is(RESOLUTIONS[1], *on_grid(scene.polygons))
+    frame = frame_of_grid(viewing.pixels, viewing.pieces)
+    flat = frame_of_grid(RESOLUTIONS[1], to_grid(scene.polygons))
     source, tiles = viewing.source, viewing.first
     return replace(frame, view=view, source=source, tiles=tiles, flat=flat, viewing=viewing)
 
 
-def _tiled(scene: Scene, tiling: Tiling, view: View) -> Frame:
+def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
     """Lay all tiles on each other in a viewport that holds their buffers, too."""
-    bounds = shapely.total_bounds(np.array(scene.polygons, dtype=object))
+    polygons = np.array(scene.polygons, dtype=object)
+    bounds = shapely.total_bounds(polygons)
     reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
     margin = -(-math.ceil(reach) // MARGIN_STEP_PX) * MARGIN_STEP_PX
-    moved = shapely.transform(np.array(scene.polygons, dtype=object), lambda xy: xy + margin)
-    frame = _snapped(moved, 1.0, view, tiling.pixels + 2 * margin)
+    moved = shapely.transform(polygons, lambda xy: xy + margin)
+    frame = _snap_to_frame(moved, 1.0, view, tiling.pixels + 2 * margin)
     tiles = np.searchsorted(frame.source, tiling.first)
     return replace(frame, scissor=(margin, margin, tiling.pixels, tiling.pixels), tiles=tiles)
 
@@ -232,47 +222,17 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     """
     if not polygons:
         raise UsageError("the scene has no polygon to draw")
-    return _snapped(*_place(polygons, view), view, view.resolution)
+    return _snap_to_frame(*_fit_to_view(polygons, view), view, view.resolution)
 
 
-def _snapped(placed: Iterable[Polygon], scale: float, view: View, side: int) -> Frame:
+def _snap_to_frame(placed: NDArray[Any], scale: float, view: View, side: int) -> Frame:
     """Snap polygons in pixels of a viewport of `side` px."""
-    kept: list[Polygon] = []
-    source: list[int] = []
-    dropped: list[tuple[int, str]] = []
-    repaired: list[tuple[int, str]] = []
-    for number, polygon in enumerate(placed):
-        pieces, reason = snap(polygon)
-        if reason:
-            (repaired if pieces else dropped).append((number, reason))
-        kept.extend(pieces)
-        source.extend([number] * len(pieces))
-    numbers = np.array(source, np.int64)
-    frame = Frame(side, side, scale, view, numbers, *on_grid(kept))
-    return replace(frame, dropped=tuple(dropped), repaired=tuple(repaired))
+    pieces, source, dropped, repaired = snap_polygons(placed)
+    grid = to_grid(pieces)
+    return Frame(side, side, scale, view, source, grid, dropped=dropped, repaired=repaired)
 
 
-def on_coarser_grid(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
-    """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
-    return ((points + step // 2) // step * step).astype(np.int32)
-
-
-def on_grid(
-    polygons: Sequence[Polygon],
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return `Frame.points`, `Frame.offsets` and `Frame.ring_ends` of polygons in px."""
-    from triangulators.polygon import rings_of  # compiled code, which a plan can do without
-
-    parts = [rings_of(polygon) for polygon in polygons]
-    offsets = np.cumsum([0, *(len(points) for points, _ in parts)], dtype=np.int64)
-    if not parts:
-        return np.empty((0, 2), np.int32), offsets, np.empty(0, np.int64)
-    points = np.rint(np.concatenate([points for points, _ in parts]) * SUBPIXEL).astype(np.int32)
-    ends = [ends + start for (_, ends), start in zip(parts, offsets, strict=False)]
-    return points, offsets, np.concatenate(ends).astype(np.int64)
-
-
-def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], float]:
+def _fit_to_view(polygons: Sequence[Polygon], view: View) -> tuple[NDArray[Any], float]:
     """Rotate, scale and centre; returns the polygons in px and the scale in px per unit."""
     west, south, east, north = shapely.total_bounds(np.array(polygons, dtype=object))
     centre = np.array([(west + east) / 2, (south + north) / 2])
@@ -293,44 +253,4 @@ def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], floa
         raise UsageError("the scene's polygons have no extent")
     scale = (view.resolution - 2 * MARGIN_PX) / extent
     middle = view.resolution / 2
-    return list(shapely.transform(moved, lambda xy: (xy - shift) * scale + middle)), scale
-
-
-def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
-    """Round one polygon in px to the grid; repair it where that breaks it.
-
-    Returns its pieces, and what was done to get them, or why there are none; "" where it is whole.
-    """
-    rounded, lost = _round_rings(polygon)
-    if rounded is not None and rounded.is_valid and rounded.area > 0:
-        reason = f"{lost} vertices coincide on the 1/256 px grid" if lost else ""
-        return [shapely.orient_polygons(rounded)], reason
-    # Rounding made edges cross or touch: let GEOS node it on the same grid.
-    fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
-    pieces = [
-        shapely.orient_polygons(part)
-        for part in shapely.get_parts(fixed)
-        if isinstance(part, Polygon) and part.area > 0
-    ]
-    if not pieces:
-        return [], "thinner than the 1/256 px grid: it vanishes"
-    into = f" into {len(pieces)} pieces" if len(pieces) > 1 else ""
-    return pieces, f"edges cross on the 1/256 px grid; repaired{into}"
-
-
-def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
-    """Round the rings and merge neighbours that coincide.
-
-    Returns the polygon, or None if its exterior collapses, and the number of vertices lost.
-    """
-    before = shapely.get_num_coordinates(polygon)
-    rings = []
-    for position, ring in enumerate([polygon.exterior, *polygon.interiors]):
-        grid = np.rint(shapely.get_coordinates(ring)[:-1] * SUBPIXEL)
-        grid = grid[(grid != np.roll(grid, 1, axis=0)).any(axis=1)]
-        if len(grid) >= 3:
-            rings.append(grid / SUBPIXEL)
-        elif position == 0:
-            return None, before
-    result = Polygon(rings[0], rings[1:])
-    return result, int(before - shapely.get_num_coordinates(result))
+    return shapely.transform(moved, lambda xy: (xy - shift) * scale + middle), scale

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers import spans
 
 Map = NDArray[np.int64]

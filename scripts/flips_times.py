@@ -24,17 +24,17 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.ports import languages
 from tests.ports.languages import HERE, Cases
+from tests.ports.polygons import earcut_rings
 from triangulators import triangulate_many
 from triangulators.dropin import triangulate_float64
-from triangulators.polygon import rings_of
-from triangulators.ragged import ragged
+from triangulators.polygon_arrays import PolygonArray
 
 SCENES = ("city", "glyphs", "counties:level=state", "counties")
 
 
 def in_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) -> None:
     """Print the rows of Python; rings: (points, ring ends) of each polygon."""
-    arrays = ragged(polygons)
+    arrays = PolygonArray.from_shapely(polygons)
     candidates: dict[str, Callable[[], Any]] = {
         "earcut": lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
         "with flips": lambda: [triangulate_float64(*each) for each in rings],
@@ -80,7 +80,7 @@ def main() -> None:
         print("scene,language,candidate,ms")
         for scene in given.scenes.split(","):
             polygons = make_frame(load(scene).polygons, View(1024)).polygons
-            rings = [rings_of(polygon) for polygon in polygons]
+            rings = [earcut_rings(polygon) for polygon in polygons]
             if "Python" in given.languages:
                 in_python(scene, polygons, rings, given.rounds)
             Cases.of(rings).write(folder, [ends for _, ends in rings])

@@ -15,8 +15,8 @@ from harness.measuring.lower_limits import fewest
 from harness.measuring.processes import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import outlines
-from harness.triangulating.frames import triangulate_polygons, warm_up
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from scenes import load
 from tests.paths import ROOT
 from triangulators import certify, names, triangulate, triangulate_many

@@ -186,7 +186,7 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     counts: list[int] = []
     attempt = engine.attempt
 
-    def counted(name: str, batch: engine.Rings, *how: Any) -> None:
+    def counted(name: str, batch: engine.Batch, *how: Any) -> None:
         attempt(name, batch, *how)
         counts.append(int(batch.done.sum()))
 

@@ -102,7 +102,7 @@ class MockRasteriser(Rasteriser):
         corners = frame.points[triangles].astype(np.int64)
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        polygons = len(frame.offsets) - 1
+        polygons = len(frame.grid)
         owner = frame.owner(triangles)
         fragments = np.zeros(polygons, np.int64)
         np.add.at(fragments, owner, doubled)

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from triangulators import criteria as criteria
+    from triangulators.batch import Triangulations as Triangulations
     from triangulators.calling import triangulate as triangulate
     from triangulators.calling import triangulate_with_gap as triangulate_with_gap
     from triangulators.certificate.certify import certify as certify
@@ -35,14 +36,14 @@ if TYPE_CHECKING:
     from triangulators.many import triangulate_many as triangulate_many
     from triangulators.methods.flips import flip as flip
     from triangulators.polygon import vertices as vertices
-    from triangulators.ragged import Ragged as Ragged
-    from triangulators.ragged import Triangulations as Triangulations
+    from triangulators.polygon_arrays import PolygonArray as PolygonArray
     from triangulators.registry import find as find
     from triangulators.registry import full_name as full_name
     from triangulators.registry import names as names
     from triangulators.registry import parse as parse
 
 _NAMES = {
+    "batch": ("Triangulations",),
     "calling": ("triangulate", "triangulate_with_gap"),
     "certificate.certify": ("certify",),
     "checking.evidence": ("Certificate",),
@@ -50,7 +51,7 @@ _NAMES = {
     "many": ("triangulate_many",),
     "methods.flips": ("flip",),
     "polygon": ("vertices",),
-    "ragged": ("Ragged", "Triangulations"),
+    "polygon_arrays": ("PolygonArray",),
     "registry": ("find", "full_name", "names", "parse"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

@@ -11,7 +11,7 @@ from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, load, parse
-from triangulators.starting import insert_dropped_vertices, left_turning
+from triangulators.repair import insert_dropped_vertices, left_turning
 from triangulators.verify import rows_of
 
 

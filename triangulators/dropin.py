@@ -87,26 +87,31 @@ def _improved(
         raise ValueError(f"method {method!r} is not one of flips, refined, optimal")
     if not len(raw) or not np.isfinite(points).all():
         return raw
-    best = _best(points, np.asarray(ring_end_indices, dtype=np.int64), method)
+    best = _best(points, np.append(0, ring_end_indices).astype(np.int64), method)
     return raw if best is None else best.astype(np.uint32).ravel()
 
 
-def _best(points: np.ndarray, ends: np.ndarray, method: str) -> np.ndarray | None:
+def _best(points: np.ndarray, ring_offsets: np.ndarray, method: str) -> np.ndarray | None:
     """Return the triangles (m, 3) of a slower method, or None if the rings are no valid polygon."""
     # What these need takes a second to import, which those who flip need not wait for.
     from triangulators.errors import TriangulationError
     from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import by_full_table
-    from triangulators.polygon import UNSURE, checked_boundary, polygon_of_rings, winding
+    from triangulators.polygon import UNSURE, checked_boundary, winding
+    from triangulators.polygon_arrays import polygon_of_rings
 
     n = len(points)
-    if method == "optimal" and len(ends) == 1 and winding(points[np.arange(-1, n)]) != UNSURE:
+    if (
+        method == "optimal"
+        and len(ring_offsets) == 2
+        and winding(points[np.arange(-1, n)]) != UNSURE
+    ):
         triangles = np.empty((n - 2, 3), dtype=np.int32)
         if by_full_table(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
             return triangles
     find = optimal.triangulate if method == "optimal" else flips.triangulate_refined
     try:
-        outline = checked_boundary(polygon_of_rings(points, ends))
+        outline = checked_boundary(polygon_of_rings(points, ring_offsets))
         return find(outline, criterion="half-perimeter")
     except (TriangulationError, ValueError):  # too few vertices in a ring, for one
         return None

@@ -3,6 +3,7 @@
 import ctypes.util
 import importlib.util
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import shapely
 
 from triangulators.errors import TriangulationError
 from triangulators.geometry.earcut import clip_ears
-from triangulators.polygon import Boundary, polygon_of_rings, sites, wound
+from triangulators.polygon import Boundary, sites, wound
+from triangulators.polygon_arrays import polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
@@ -18,7 +20,8 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 
     It drops collinear vertices, so it may leave T-junctions.
     """
-    return clip_ears(outline.points, outline.ends).reshape(-1, 3)
+    ring_ends = outline.ring_offsets[1:].astype(np.uint32)
+    return clip_ears(outline.points, ring_ends).reshape(-1, 3)
 
 
 def delaunay(outline: Boundary) -> np.ndarray:
@@ -28,7 +31,7 @@ def delaunay(outline: Boundary) -> np.ndarray:
     """
     try:
         pieces = shapely.constrained_delaunay_triangles(
-            polygon_of_rings(outline.points, outline.ends)
+            polygon_of_rings(outline.points, outline.ring_offsets)
         )
     except shapely.GEOSException as error:
         raise TriangulationError(f"delaunay: {error}") from error
@@ -44,8 +47,8 @@ def manifold(outline: Boundary) -> np.ndarray:
     """Return the triangles (m, 3) of manifold3d: ear clipping that tolerates imprecise input."""
     import manifold3d
 
-    corners = wound(outline.points, outline.ends)
-    rings = np.split(outline.points[corners], outline.ends[:-1])
+    corners = wound(outline.points, outline.ring_offsets)
+    rings = np.split(outline.points[corners], outline.ring_offsets[1:-1])
     try:
         triangles = manifold3d.triangulate(rings)
     except RuntimeError as error:
@@ -92,14 +95,12 @@ def sweep(outline: Boundary) -> np.ndarray:
         GLU.gluTessCallback(tessellator, which, function)
     try:
         GLU.gluTessBeginPolygon(tessellator, None)
-        start = 0
-        for end in outline.ends.tolist():
+        for start, end in pairwise(outline.ring_offsets.tolist()):
             GLU.gluTessBeginContour(tessellator)
             for index in range(start, end):
                 x, y = outline.points[index]
                 GLU.gluTessVertex(tessellator, (x, y, 0.0), index)
             GLU.gluTessEndContour(tessellator)
-            start = end
         GLU.gluTessEndPolygon(tessellator)
     finally:
         GLU.gluDeleteTess(tessellator)

@@ -1,6 +1,6 @@
-"""Millions of small polygons at once, over ragged arrays and in parallel."""
+"""Millions of small polygons at once: arrays in, arrays out, and in parallel."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -9,29 +9,22 @@ import numpy as np
 import shapely
 from mapbox_earcut import triangulate_float64
 
+from triangulators.batch import Batch, Triangulations, allocate_batch, rings_at
 from triangulators.calling import triangulate
-from triangulators.criteria import FLIP_TESTS
+from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name, cores
 from triangulators.errors import Skipped, TriangulationError, told_of
 from triangulators.geometry.earcut import far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, improve_many, test_of
-from triangulators.methods.optimal import LIMIT
+from triangulators.methods.optimal import SearchOptions
 from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
 from triangulators.optimum.full_table import SMALL, do_rings
-from triangulators.ragged import (
-    Batch,
-    Ragged,
-    Triangulations,
-    batch_of,
-    polygon_at,
-    polygon_of,
-    ragged,
-)
-from triangulators.registry import parse
+from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.registry import Choice, parse
 
-_CHUNK = 20_000
+_CHUNK_VERTICES = 20_000
 """Vertices whose ears are clipped while those of others are improved. mapbox_earcut holds the
 interpreter's lock; a thread that waits for it waits up to 5 ms, in which some 30,000 are done."""
 _ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
@@ -42,53 +35,55 @@ _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
 """Triangulators that are ear clipping with flips after it, and by which test."""
 
 _FLIPPED = ("refined", "flips")
-"""Those whose flips may lessen any criterion."""
+"""Triangulators whose flips may lessen any criterion."""
 
 
 def triangulate_many(
-    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    polygons: Sequence[shapely.Polygon] | np.ndarray | PolygonArray,
     name: str = "optimal:half-perimeter",
     *,
     check: bool = True,
     threads: int | None = None,
     device: str = CPU,
+    criterion: Criterion | str | Callable[..., float] | None = None,
+    repair: bool = False,
     **parameters: Any,
 ) -> Triangulations:
-    """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
+    """Triangulate many polygons; those that fail are listed in `failed`, not fatal.
 
-    polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
+    polygons: shapely polygons, or a `PolygonArray`. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
     to 192 vertices with few holes or none, exactly and on all threads; also `refined`, `flips`,
-    `earcut-refine` and `ear-clipping`. What is left, and everything under other names, goes one at
-    a time through `triangulate`. Either way a polygon's triangulation costs what that of
+    `earcut-refine` and `ear-clipping`. All others, and everything under other names, go one at a
+    time through `triangulate`. Either way a polygon's triangulation costs what that of
     `triangulate` does.
 
     check: test shapely polygons for validity first. threads: by default one for each core this
     process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
     half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 64 vertices, on
     a grid (1/256 px, whole metres, ...); the results are the same. Compiled code does the others,
-    and all where the device fails, of which one line is logged. parameters: as for `triangulate`.
-    Raises `UnknownName`.
+    and all if the device fails, of which one line is logged. criterion, repair, parameters: as for
+    `triangulate`. Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed
         ((2, 3), {1: 'the polygon is empty'})
     """
-    found = attempt_many(polygons, name, check=check, threads=threads, device=device, **parameters)
-    starts, triangles, done = found.starts, found.triangles, found.compiled
+    steering = {"criterion": criterion, "repair": repair, **parameters}
+    batch = attempt_many(polygons, name, check=check, threads=threads, device=device, **steering)
+    offsets, triangles, done = batch.triangle_offsets, batch.triangles, batch.compiled
     if done.all():
-        return found
+        return batch
     failed: dict[int, str] = {}
     pieces: list[np.ndarray] = []
-    lengths = np.diff(starts)
+    lengths = np.diff(offsets)
     copied = 0
     builtin = parse(name).entry.builtin
     for index in np.flatnonzero(~done).tolist():
-        pieces.append(triangles[starts[copied] : starts[index]])
+        pieces.append(triangles[offsets[copied] : offsets[index]])
         copied = index + 1
-        given = polygon_at(polygons, index) if isinstance(polygons, Ragged) else polygons[index]
         try:
-            pieces.append(triangulate(given, name, **parameters))
+            pieces.append(triangulate(polygons[index], name, **steering))
         except (Exception, SystemExit) as error:
             refused = isinstance(error, (TriangulationError, Skipped))
             if builtin and not refused:
@@ -96,115 +91,125 @@ def triangulate_many(
             failed[index] = str(error) if refused else told_of(error)
             pieces.append(triangles[:0])
         lengths[index] = len(pieces[-1])
-    pieces.append(triangles[starts[copied] :])
-    return Triangulations(np.concatenate(pieces), np.r_[0, np.cumsum(lengths)], failed, done)
+    pieces.append(triangles[offsets[copied] :])
+    return Triangulations(np.concatenate(pieces), offsets_of(lengths), failed, done)
 
 
 def attempt_many(
-    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    polygons: Sequence[shapely.Polygon] | np.ndarray | PolygonArray,
     name: str = "optimal:half-perimeter",
     *,
     check: bool = True,
     threads: int | None = None,
     device: str = CPU,
+    criterion: Criterion | str | Callable[..., float] | None = None,
+    repair: bool = False,
     **parameters: Any,
 ) -> Triangulations:
     """Do the part of `triangulate_many` that a device and compiled code can.
 
-    What is there for the polygons that are not `compiled` is worth nothing. Raises `UnknownName`.
+    Triangles of polygons with `compiled[i] == False` are uninitialised. Raises `UnknownName`.
     """
-    work = batch_of(polygons if isinstance(polygons, Ragged) else ragged(polygons))
-    found = Triangulations(work.triangles, work.starts, compiled=work.done)
+    arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
+    batch = allocate_batch(arrays)
+    result = Triangulations(batch.triangles, batch.triangle_offsets, compiled=batch.done)
     threads = threads or cores()
     choice = parse(name)
     if not choice.entry.builtin:
         choice.entry.load()
     check_name(device)
-    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
-    flips = None if parameters else _FLIPS.get(choice.full_name)
+    options, weights = SearchOptions.split(parameters)
+    cost = None if repair else _plain_cost(choice, criterion, weights)
+    steered = bool(parameters) or criterion is not None or repair
+    flips = None if steered else _FLIPS.get(choice.full_name)
     if cost is None and flips is None:
-        return found
-    sound = np.ones(len(work.done), dtype=np.bool_)
-    if check and not isinstance(polygons, Ragged):
-        sound = shapely.is_valid(np.asarray(polygons, dtype=object))
+        return result
+    valid = np.ones(len(batch.done), dtype=np.bool_)
+    if check and arrays is not polygons:
+        valid = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clipped(work, sound, threads, flips, NO_COST, False)
+        _clip_ears(batch, valid, threads, flips, NO_COST, False)
     elif choice.entry.name in _FLIPPED:
-        _clipped(work, sound, threads, test_of(cost), cost, choice.entry.name == "refined")
+        _clip_ears(batch, valid, threads, test_of(cost), cost, choice.entry.name == "refined")
     else:
-        limit = parameters.get("limit", LIMIT)
         if device != CPU and cost["box"].tolist() in _ON_DEVICE:
-            wanted = sound & (np.diff(work.owners) == 1)
+            wanted = valid & (arrays.ring_counts == 1)
             worst = bool(cost["box"][0] < 0.0)
             from triangulators.gpu import engine  # asked for by name alone
 
-            engine.attempt(device, work, wanted, limit, worst)
-        _compiled(work, cost, sound, threads, limit)
-    return found
+            engine.attempt(device, batch, wanted, options.limit, worst)
+        _optimise(batch, cost, valid, threads, options.limit)
+    return result
 
 
-def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
-    """Do what compiled code can; marks it in `work.done`."""
-    lengths, rings = np.diff(work.begins), np.diff(work.owners)
-    sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
-    by_table = sound & (rings == 1) & ~work.done
-    with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
+def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int) -> None:
+    """Find the optima that compiled code can; marks them in `batch.done`."""
+    vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
+    valid &= (vertices >= 3) & (vertices <= min(limit, SMALL))
+    single = valid & (rings == 1) & ~batch.done
+    with_holes = np.flatnonzero(valid & (rings > 1) & (rings <= MOST_HOLES + 1))
     with ThreadPoolExecutor(threads) as pool:
         running = []
-        for kernel, count, which in (
-            (_do_holes, len(with_holes), with_holes),
-            (do_rings, len(work.done), by_table),
+        for kernel, count, selection in (
+            (_optimise_with_holes, len(with_holes), with_holes),
+            (do_rings, len(batch.done), single),
         ):
             chunks = max(1, min(8 * threads, count // 64))
             bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
             for first, last in pairwise(bounds):
-                running.append(pool.submit(kernel, first, last, work, which, cost["box"]))
+                running.append(pool.submit(kernel, first, last, batch, selection, cost["box"]))
         for task in running:
             task.result()
 
 
-def _do_holes(first: int, last: int, work: Batch, which: np.ndarray, box: np.ndarray) -> None:
-    """Triangulate the polygons which[first:last], which have holes; marks `work.done`.
+def _optimise_with_holes(
+    first: int, last: int, batch: Batch, indices: np.ndarray, box: np.ndarray
+) -> None:
+    """Triangulate the polygons indices[first:last], which have holes; marks `batch.done`.
 
     Called one by one: each takes some fifty microseconds, a call two or three, and a loop in
     compiled code would compile all of `cut_holes` a second time.
     """
-    for index in which[first:last].tolist():
-        own = work.triangles[work.starts[index] : work.starts[index + 1]]
-        work.done[index] = by_cuts(*polygon_of(index, *work[:4]), box, own)
+    offsets = batch.triangle_offsets
+    for index in indices[first:last].tolist():
+        points, rings = rings_at(index, batch.coords, batch.ring_offsets, batch.geom_offsets)
+        triangles = batch.triangles[offsets[index] : offsets[index + 1]]
+        batch.done[index] = by_cuts(points, rings, box, triangles)
 
 
-def _clipped(work: Batch, sound: np.ndarray, threads: int, *how: Any) -> None:
-    """Clip ears in this thread, and let others `improve_many`; marks `work.done`."""
-    counts = np.diff(work.owners)
-    ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
-    begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
-    wanted = (sound & (np.diff(work.begins) >= 3)).tolist()
-    nothing = np.empty(0, dtype=np.uint32)
-    cuts = np.searchsorted(work.begins, np.arange(0, work.begins[-1], _CHUNK))
-    bounds = np.unique(np.append(cuts, len(work.done))).tolist()
+def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
+    """Clip ears in this thread, and let others `improve_many`; marks `batch.done`."""
+    vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
+    first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
+    ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)  # as earcut takes them
+    wanted = (valid & (np.diff(batch.vertex_offsets) >= 3)).tolist()
+    empty = np.empty(0, dtype=np.uint32)
+    marks = np.arange(0, vertex_offsets[-1], _CHUNK_VERTICES)
+    cuts = np.searchsorted(batch.vertex_offsets, marks)
+    bounds = np.unique(np.append(cuts, len(batch.done))).tolist()
     running = []
     with ThreadPoolExecutor(threads) as pool:
         for first, last in pairwise(bounds):
-            start, stop = begins[first], begins[last]
-            filled = np.flatnonzero(np.diff(work.begins[first : last + 1]))
-            local = coordinates[start:stop]
+            start, stop = vertex_offsets[first], vertex_offsets[last]
+            starts = batch.vertex_offsets[first:last] - start
+            counts = np.diff(batch.vertex_offsets[first : last + 1])
+            local, filled = batch.coords[start:stop], np.flatnonzero(counts)
             if len(filled):
-                offsets = far_offsets(local, work.begins[first:last][filled] - start)
-                local = local - np.repeat(offsets, np.diff(work.begins)[first:last][filled], axis=0)
+                far = far_offsets(local, starts[filled])
+                local = local - np.repeat(far, counts[filled], axis=0)
             raw = [
                 triangulate_float64(
-                    local[begins[i] - start : begins[i + 1] - start],
-                    ends[owners[i] : owners[i + 1]],
+                    local[vertex_offsets[i] - start : vertex_offsets[i + 1] - start],
+                    ring_ends[geom_offsets[i] : geom_offsets[i + 1]],
                 )
                 if wanted[i]
-                else nothing
+                else empty
                 for i in range(first, last)
             ]
-            rows = np.r_[0, np.cumsum([len(indices) for indices in raw]) // 3]
+            rows = offsets_of([len(indices) // 3 for indices in raw])
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-            part = (first, last, work, (joined, rows), *how)
-            if last < len(work.done):
+            part = (first, last, batch, (joined, rows), *how)
+            if last < len(batch.done):
                 running.append(pool.submit(improve_many, *part))
             else:  # there is nothing else left for this thread to do
                 improve_many(*part)
@@ -212,13 +217,14 @@ def _clipped(work: Batch, sound: np.ndarray, threads: int, *how: Any) -> None:
             task.result()
 
 
-def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
-    """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
-    wanted = parameters.get("criterion", criterion)
-    known = name in ("optimal", "worst", *_FLIPPED)
-    if not known or wanted is None or parameters.get("repair") or wanted in FLIP_TESTS:
+def _plain_cost(choice: Choice, criterion: Any, weights: dict[str, Any]) -> Cost | None:
+    """Return the cost if compiled code can minimise it for all polygons alike; otherwise None.
+
+    criterion, weights: given apart from the triangulator's name, or None and {}
+    """
+    name = choice.entry.name
+    wanted = choice.criterion if criterion is None else criterion
+    if name not in ("optimal", "worst", *_FLIPPED) or wanted is None or wanted in FLIP_TESTS:
         return None
-    steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
-    found = find_criterion(wanted, **steered)
-    cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
+    cost = plain_cost(find_criterion(wanted, **weights), -1.0 if name == "worst" else 1.0)
     return cost if cost is not None and (cost["is_box"] or name in _FLIPPED) else None

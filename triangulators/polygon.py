@@ -17,6 +17,7 @@ import shapely
 from triangulators.compute.kernels import njit
 from triangulators.errors import InvalidPolygon
 from triangulators.geometry.predicates import FILTER, orient, touching
+from triangulators.polygon_arrays import offsets_of
 
 MOST_SIMPLE = 96  # vertices up to which all pairs of a ring's edges are looked at
 
@@ -26,15 +27,15 @@ UNSURE, LEFT, RIGHT = 0, 1, -1
 class Boundary(NamedTuple):
     """A polygon's boundary, oriented so that the interior lies on the left.
 
-    `points` (n, 2) are `vertices(polygon)` and `ends` (h + 1,) where its rings end; `site` (n,)
-    maps a vertex to the first vertex with the same coordinates, so that rings which touch share a
-    site; `edges` (b, 2) are directed boundary edges between sites, ring after ring: those of
-    length zero are left out, and those on which another ring's vertex lies are split there;
-    `holes` counts interiors.
+    `points` (n, 2) are `vertices(polygon)` and `ring_offsets` (h + 2,) where in them each ring
+    begins, and the end; `site` (n,) maps a vertex to the first vertex with the same coordinates,
+    so that rings which touch share a site; `edges` (b, 2) are directed boundary edges between
+    sites, ring after ring: those of length zero are left out, and those on which another ring's
+    vertex lies are split there; `holes` counts interiors.
     """
 
     points: np.ndarray
-    ends: np.ndarray
+    ring_offsets: np.ndarray
     site: np.ndarray
     edges: np.ndarray
     holes: int
@@ -68,13 +69,12 @@ def check(polygon: shapely.Polygon) -> None:
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
-    """Return (vertices, ring ends): (n, 2) float64 and (h + 1,) uint32, as mapbox_earcut takes."""
+    """Return vertices (n, 2), and where in them each ring begins, and the end, (h + 2,) int64."""
     lengths = shapely.get_num_points(shapely.get_rings(polygon))
     coordinates = shapely.get_coordinates(polygon)
-    ends = np.cumsum(lengths)
     keep = np.ones(len(coordinates), dtype=bool)
-    keep[ends - 1] = False  # shapely repeats a ring's first vertex at its end
-    return coordinates[keep], (ends - np.arange(1, len(ends) + 1)).astype(np.uint32)
+    keep[np.cumsum(lengths) - 1] = False  # shapely repeats a ring's first vertex at its end
+    return coordinates[keep], offsets_of(lengths - 1)
 
 
 def vertices(polygon: shapely.Polygon) -> np.ndarray:
@@ -117,7 +117,7 @@ def _of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
         return None
     n = len(coordinates) - 1
     site, edges = _numbers(n, turning == LEFT)
-    return Boundary(coordinates[:n], np.array((n,), np.uint32), site.copy(), edges.copy(), 0)
+    return Boundary(coordinates[:n], np.array((0, n)), site.copy(), edges.copy(), 0)
 
 
 @njit(nogil=True)
@@ -197,14 +197,6 @@ def _numbers(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
     return site, np.column_stack((ring, np.roll(ring, -1)))
 
 
-def polygon_of_rings(points: np.ndarray, ends: np.ndarray) -> shapely.Polygon:
-    """Return the polygon of rings given as in `rings_of`."""
-    rings = np.split(points, ends[:-1])
-    # Closed here: shapely would take a last vertex that repeats the first for the closing one.
-    closed = [np.concatenate((ring, ring[:1])) for ring in rings]
-    return shapely.Polygon(closed[0], closed[1:])
-
-
 @njit(nogil=True)
 def twice_ring_area(points: np.ndarray) -> float:
     """Return twice the signed area of a ring (n, 2), positive if counter-clockwise."""
@@ -217,20 +209,18 @@ def twice_ring_area(points: np.ndarray) -> float:
 
 
 @njit(nogil=True)
-def wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+def wound(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
     """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
     ring = np.empty(len(points), dtype=np.int32)
-    start = 0
-    for number in range(len(ends)):
-        end = ends[number]
+    for number in range(len(ring_offsets) - 1):
+        start, end = ring_offsets[number], ring_offsets[number + 1]
         left = twice_ring_area(points[start:end]) > 0.0
         for k in range(start, end):
             ring[k] = k if left == (number == 0) else end - 1 - (k - start)
-        start = end
     return ring
 
 
-def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
+def boundary_of_rings(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of rings given as in `rings_of`, the exterior first.
 
     Where rings touch, edges are split at the vertices that lie on them, exactly: as GEOS judges
@@ -239,11 +229,11 @@ def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
     """
     site = sites(points)
     edges = []
-    for ring in np.split(wound(points, ends), ends[:-1]):
+    for ring in np.split(wound(points, ring_offsets), ring_offsets[1:-1]):
         corners = site[ring]
         pairs = np.column_stack((corners, np.roll(corners, -1)))
         edges.append(pairs[pairs[:, 0] != pairs[:, 1]])
-    outline = Boundary(points, ends, site, np.concatenate(edges), len(ends) - 1)
+    outline = Boundary(points, ring_offsets, site, np.concatenate(edges), len(ring_offsets) - 2)
     inside = vertices_on(outline, outline.edges, 0.0) if outline.holes else {}
     if not inside:
         return outline

@@ -7,6 +7,7 @@ after they are split at vertices lying on them are T-junctions: covered, but not
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -14,9 +15,13 @@ from typing import Any
 import numpy as np
 import shapely
 
+from triangulators.batch import rings_at
+from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
+from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.predicates import OUTSIDE, all_left, tolerance, turns
 from triangulators.polygon import Boundary, boundary, boundary_area, vertices_on
+from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 Edge = tuple[int, int]
 
@@ -122,3 +127,41 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
         times = int(balance[index])
         loose[(a, b) if times > 0 else (b, a)] = abs(times)
     return loose
+
+
+def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
+    """Return the polygons whose triangles one quick pass does not confirm; `verify` decides.
+
+    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming.
+    Others may be valid, too, for example those with T-junctions.
+    """
+    if not triangles:
+        return []
+    rows = np.concatenate(list(triangles.values())).astype(np.int32)
+    row_offsets = offsets_of([len(piece) for piece in triangles.values()])
+    arrays = (polygons.coords.astype(np.float64), polygons.ring_offsets, polygons.geom_offsets)
+    return list(_unconfirmed(arrays, np.array(list(triangles)), rows, row_offsets))
+
+
+@njit(nogil=True)
+def _unconfirmed(
+    polygons: tuple[np.ndarray, np.ndarray, np.ndarray],
+    indices: np.ndarray,
+    triangles: np.ndarray,
+    row_offsets: np.ndarray,
+) -> list[int]:
+    """Return those of the polygons `indices` (k,) of which `is_triangulation` is not true.
+
+    polygons: the arrays of a `PolygonArray`; the triangles of polygon indices[i] are the rows from
+    row_offsets[i] to row_offsets[i + 1].
+    """
+    coords, ring_offsets, geom_offsets = polygons
+    unconfirmed = [0 for _ in range(0)]
+    for k in range(len(indices)):
+        points, rings = rings_at(indices[k], coords, ring_offsets, geom_offsets)
+        rows = triangles[row_offsets[k] : row_offsets[k + 1]]
+        corner = rows.reshape(-1)
+        in_range = len(rows) > 0 and rows.min() >= 0 and rows.max() < len(points)
+        if not in_range or not is_triangulation(points, rings, corner, link(corner)):
+            unconfirmed.append(indices[k])
+    return unconfirmed

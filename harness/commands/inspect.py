@@ -138,7 +138,7 @@ def _draw(
 
     from harness.frame import make_frame
     from harness.heatmaps import draw_heatmaps
-    from harness.triangulating.frames import triangulate_polygons
+    from harness.triangulating.triangulate import triangulate_polygons
 
     frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:

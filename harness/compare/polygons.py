@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from harness.compare.matching import Match, latest, match
 from harness.compare.model import FIRST, Comparison
-from harness.frame import SUBPIXEL, Frame, frame_as_it_is
+from harness.frame import Frame, frame_of_grid
+from harness.grid import SUBPIXEL
 from harness.results import drawings
 from harness.results.run_folder import Record, Run, read_arrays
 
@@ -100,14 +101,13 @@ def _grown(
         rows = None if geometry is None else geometry.triangles.get(record["triangulator"])
         if geometry is None or rows is None or place >= len(geometry.source):
             return None
-        first, last = geometry.offsets[place : place + 2].tolist()
+        first, last = geometry.grid.vertex_offsets[place : place + 2].tolist()
         own = rows[(rows >= first).all(axis=1) & (rows < last).all(axis=1)] - np.int32(first)
-        points = geometry.points[first:last]
-        points = points - points.min(axis=0) // QUAD * QUAD
+        grid = geometry.grid.take([place])
+        points = grid.coords - grid.coords.min(axis=0) // QUAD * QUAD
         side_px = int(points.max()) // SUBPIXEL + 4  # with a margin
-        ends = np.array([0, len(points)])
         alone = replace(
-            frame_as_it_is(side_px, points.astype(np.int32), ends, ends[1:]),
+            frame_of_grid(side_px, replace(grid, coords=points.astype(np.int32))),
             source=geometry.source[place : place + 1],
         )
         triangles[f"{side}: {record['triangulator']}"] = own.astype(np.int32)

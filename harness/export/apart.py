@@ -19,9 +19,11 @@ from shapely import Polygon
 import triangulators
 from harness.measuring.serving import TaskFailed
 from harness.triangulating import recipes
-from harness.triangulating.frames import check
+from harness.triangulating.result import check_triangles
 from triangulators import parse
-from triangulators.ragged import Ragged, Triangulations, doubtful, polygon_at, ragged
+from triangulators.batch import Triangulations
+from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.verify import find_unconfirmed
 
 if TYPE_CHECKING:
     from harness.measuring.worker import Worker
@@ -33,7 +35,7 @@ _workers: dict[str, Worker] = {}
 
 
 def triangulate_many(
-    polygons: Sequence[Polygon] | NDArray[Any] | Ragged, name: str, **more: Any
+    polygons: Sequence[Polygon] | NDArray[Any] | PolygonArray, name: str, **more: Any
 ) -> Triangulations:
     """Return what `triangulators.triangulate_many` returns, verified; `more` are its parameters.
 
@@ -47,14 +49,12 @@ def triangulate_many(
     TaskFailed
         if importing it ends the process
     """
-    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
         return _verified(arrays, triangulators.triangulate_many(polygons, name, **more))
     worker = _worker(name)
     worker.call(recipes.parse(name).load)
     task = partial(triangulators.triangulate_many, **more)
-    if isinstance(polygons, Ragged):
-        polygons = [polygon_at(polygons, number) for number in range(len(polygons.polygon_ends))]
     pieces: list[NDArray[np.int32]] = []
     failed: dict[int, str] = {}
     # What is left to do, the next last: a part that crashes is cut in two, down to one polygon.
@@ -62,7 +62,7 @@ def triangulate_many(
     crashes = 0
     while parts:
         first, last = parts.pop()
-        given = np.asarray(polygons[first:last], dtype=object)
+        given = arrays[first:last]
         try:
             done = worker.call(task, given, name)
         except TaskFailed as error:
@@ -86,18 +86,17 @@ def triangulate_many(
 def _stacked(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
-    starts = np.r_[0, np.cumsum([len(piece) for piece in pieces])].astype(np.int64)
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
-    return Triangulations(triangles, starts, failed, compiled)
+    return Triangulations(triangles, offsets_of([len(each) for each in pieces]), failed, compiled)
 
 
-def _verified(arrays: Ragged, done: Triangulations) -> Triangulations:
+def _verified(polygons: PolygonArray, done: Triangulations) -> Triangulations:
     """Return the triangulations, without triangles that are not a triangulation: those failed."""
     pieces = list(done)
     known = {number: piece for number, piece in enumerate(pieces) if number not in done.failed}
     failed = {}
-    for number in doubtful(arrays, known):
-        _, problem = check(polygon_at(arrays, number), pieces[number])
+    for number in find_unconfirmed(polygons, known):
+        _, problem = check_triangles(polygons[number], pieces[number])
         if problem:
             failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)

@@ -27,10 +27,11 @@ from scenes.readers.reader import is_model
 from scenes.registry import split
 from scenes.spec import arguments_for
 from triangulators import TriangulationError, UnknownName, certify, full_name, parse
+from triangulators.batch import Triangulations
 from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
-from triangulators.ragged import Triangulations, ragged
+from triangulators.polygon_arrays import PolygonArray
 
 CHUNK = 20_000
 """Polygons that are in memory at a time."""
@@ -317,25 +318,25 @@ def chosen(triangulator: str | None, criterion: str | None = None) -> str:
 
 def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     begun = time.perf_counter()
-    arrays = ragged(chunk.cleaned.polygons)
-    found = triangulate_many(arrays, how.name, device=how.device, **how.parameters)
+    polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
+    found = triangulate_many(polygons, how.name, device=how.device, **how.parameters)
     report.triangulate_s += time.perf_counter() - begun
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
     report.note("failed", failed)
-    mesh = meshes.flat(arrays, found, chunk.attributes)
+    mesh = meshes.flat(polygons, found, chunk.attributes)
     if parse(how.name).entry.name == "optimal":
         # an optimum by an exact algorithm: compiled code's, or the table's
-        alone = np.diff(arrays.polygon_ends, prepend=0) == 1
-        exact = found.compiled | (alone & (np.diff(mesh.vertex_starts) <= LIMIT))
+        alone = polygons.ring_counts == 1
+        exact = found.compiled | (alone & (np.diff(mesh.vertex_offsets) <= LIMIT))
         exact[list(found.failed)] = False
         report.proven += int(exact.sum())
     if report.certified is not None:
         report.certified.add(chunk.cleaned.polygons, found, report.evidence)
-    gone = np.diff(mesh.triangle_starts) == 0
+    gone = np.diff(mesh.triangle_offsets) == 0
     if how.extrude is not None:
         tops, unusable = _heights(mesh.attributes, how.extrude)
         report.flat += unusable
-        mesh = meshes.extruded(mesh, arrays.ring_ends, tops)
+        mesh = meshes.extruded(mesh, polygons.ring_offsets, tops)
     return meshes.without(mesh, gone)
 
 

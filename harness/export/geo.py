@@ -44,7 +44,7 @@ class GeoJsonWriter:
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
         closed = _closed(mesh, self._about)
-        starts = mesh.triangle_starts.tolist()
+        starts = mesh.triangle_offsets.tolist()
         columns = [str(name) for name in mesh.attributes]
         rows = mesh.attributes.itertuples(index=False, name=None)
         for start, end, row in zip(starts[:-1], starts[1:], rows, strict=True):
@@ -160,5 +160,5 @@ def _wkb(mesh: Mesh, about: About) -> list[bytes]:
     data, size = triangles.view(np.uint8).data, triangles.itemsize
     return [
         struct.pack("<BII", 1, 6 + heights, end - start) + data[start * size : end * size]
-        for start, end in pairwise(mesh.triangle_starts.tolist())
+        for start, end in pairwise(mesh.triangle_offsets.tolist())
     ]

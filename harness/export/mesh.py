@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from triangulators.ragged import Ragged, Triangulations
+from triangulators.batch import Triangulations
+from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)")
 
@@ -18,30 +19,30 @@ class Mesh:
     """Triangles of a batch of polygons.
 
     vertices : (n, 2) or (n, 3) float64; triangles : (m, 3) int64 indices into them;
-    vertex_starts, triangle_starts : (p + 1,), where each polygon's begin;
+    vertex_offsets, triangle_offsets : (p + 1,), where each polygon's begin;
     attributes : one row per polygon (no columns if the source has no attributes).
     """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int64]
-    vertex_starts: NDArray[np.int64]
-    triangle_starts: NDArray[np.int64]
+    vertex_offsets: NDArray[np.int64]
+    triangle_offsets: NDArray[np.int64]
     attributes: pd.DataFrame
 
     @property
     def polygons(self) -> int:
         """How many polygons the mesh holds."""
-        return len(self.vertex_starts) - 1
+        return len(self.vertex_offsets) - 1
 
     @property
     def triangle_owners(self) -> NDArray[np.int64]:
         """(m,), the polygon of each triangle."""
-        return np.repeat(np.arange(self.polygons), np.diff(self.triangle_starts))
+        return np.repeat(np.arange(self.polygons), np.diff(self.triangle_offsets))
 
     @property
     def vertex_owners(self) -> NDArray[np.int64]:
         """(n,), the polygon of each vertex."""
-        return np.repeat(np.arange(self.polygons), np.diff(self.vertex_starts))
+        return np.repeat(np.arange(self.polygons), np.diff(self.vertex_offsets))
 
 
 def with_z(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -51,17 +52,15 @@ def with_z(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([vertices, np.zeros(len(vertices))])
 
 
-def flat(arrays: Ragged, done: Triangulations, attributes: pd.DataFrame | None) -> Mesh:
+def flat(polygons: PolygonArray, done: Triangulations, attributes: pd.DataFrame | None) -> Mesh:
     """The mesh of a batch of polygons; those that failed have vertices but no triangles."""
-    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-    vertex_starts = rings[np.r_[0, arrays.polygon_ends].astype(np.int64)]
-    shift = np.repeat(vertex_starts[:-1], np.diff(done.starts))
+    shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(done.triangle_offsets))
     table = pd.DataFrame(index=range(len(done))) if attributes is None else attributes
     return Mesh(
-        np.ascontiguousarray(arrays.coordinates, dtype=np.float64),
+        np.ascontiguousarray(polygons.coords, dtype=np.float64),
         done.triangles.astype(np.int64) + shift[:, None],
-        vertex_starts,
-        np.asarray(done.starts, dtype=np.int64),
+        polygons.vertex_offsets,
+        np.asarray(done.triangle_offsets, dtype=np.int64),
         table.reset_index(drop=True),
     )
 
@@ -87,7 +86,7 @@ def _leading_number(value: Any) -> float:
     return float(match[1].replace(",", ".")) if match else np.nan
 
 
-def extruded(mesh: Mesh, ring_ends: NDArray[np.int64], tops: NDArray[np.float64]) -> Mesh:
+def extruded(mesh: Mesh, ring_offsets: NDArray[np.int64], tops: NDArray[np.float64]) -> Mesh:
     """Prisms from z = 0 to each polygon's height: closed, with normals outwards.
 
     A polygon of height 0 stays flat, one layer of triangles at z = 0.
@@ -100,9 +99,9 @@ def extruded(mesh: Mesh, ring_ends: NDArray[np.int64], tops: NDArray[np.float64]
     solid = tops > 0
     triangles, owners = mesh.triangles, mesh.triangle_owners
     below = solid[owners]
-    walls, wall_owners = _walls(mesh, ring_ends, n)
+    walls, wall_owners = _walls(mesh, ring_offsets, n)
     # a polygon that could not be triangulated gets no walls either
-    whole = (solid & (np.diff(mesh.triangle_starts) > 0))[wall_owners]
+    whole = (solid & (np.diff(mesh.triangle_offsets) > 0))[wall_owners]
     every = np.concatenate([triangles + n, triangles[below][:, ::-1], walls[whole]])
     owner = np.concatenate([owners, owners[below], wall_owners[whole]])
     order = np.argsort(owner, kind="stable")
@@ -114,23 +113,22 @@ def extruded(mesh: Mesh, ring_ends: NDArray[np.int64], tops: NDArray[np.float64]
     return Mesh(
         np.concatenate([floor, roof])[place],
         moved[every[order]],
-        2 * mesh.vertex_starts,
-        np.r_[0, np.cumsum(counts)].astype(np.int64),
+        2 * mesh.vertex_offsets,
+        offsets_of(counts),
         mesh.attributes,
     )
 
 
 def _walls(
-    mesh: Mesh, ring_ends: NDArray[np.int64], n: int
+    mesh: Mesh, ring_offsets: NDArray[np.int64], n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Two triangles for each edge, floor vertex i to roof vertex n + i, and their polygons.
 
     Rings have the polygon on their left, so these face outwards.
     """
-    ends = np.asarray(ring_ends, dtype=np.int64)
     a = np.arange(n)
     b = a + 1
-    b[ends - 1] = np.r_[0, ends[:-1]]
+    b[ring_offsets[1:] - 1] = ring_offsets[:-1]
     walls = np.stack([np.column_stack([a, b, b + n]), np.column_stack([a, b + n, a + n])], axis=1)
     return walls.reshape(-1, 3), np.repeat(mesh.vertex_owners, 2)
 
@@ -143,7 +141,7 @@ def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
     return Mesh(
         mesh.vertices[keep_vertex],
         renumbered[mesh.triangles[keep_triangle]],
-        np.r_[0, np.cumsum(np.diff(mesh.vertex_starts)[~gone])],
-        np.r_[0, np.cumsum(np.diff(mesh.triangle_starts)[~gone])],
+        offsets_of(np.diff(mesh.vertex_offsets)[~gone]),
+        offsets_of(np.diff(mesh.triangle_offsets)[~gone]),
         mesh.attributes[~gone].reset_index(drop=True),
     )

@@ -76,7 +76,7 @@ class ObjWriter:
         points = with_z(mesh.vertices).tolist()
         self._stream.write("".join([f"v {x!r} {y!r} {z!r}\n" for x, y, z in points]))
         faces = (mesh.triangles + 1 + self._vertices).tolist()
-        starts = mesh.triangle_starts.tolist()
+        starts = mesh.triangle_offsets.tolist()
         lines = []
         for number, (start, end) in enumerate(pairwise(starts)):
             lines.append(f"g feature_{self._features + number}\n")
@@ -97,8 +97,8 @@ class ObjWriter:
 class NpzWriter:
     """Arrays, for p polygons, n vertices and m triangles in all:
 
-    vertices (n, 2 or 3) float64; triangles (m, 3) int64, indices into them; vertex_starts and
-    triangle_starts (p + 1,) int64, where each polygon's begin; attribute_NAME (p,) for each
+    vertices (n, 2 or 3) float64; triangles (m, 3) int64, indices into them; vertex_offsets and
+    triangle_offsets (p + 1,) int64, where each polygon's begin; attribute_NAME (p,) for each
     attribute, text unless it is a number or a truth value; triangulator, units, credit.
     """
 
@@ -116,8 +116,8 @@ class NpzWriter:
         skip = int(bool(self._spools))  # a batch begins where the last one ends
         self._spool("vertices", mesh.vertices)
         self._spool("triangles", mesh.triangles + vertices)
-        self._spool("vertex_starts", mesh.vertex_starts[skip:] + vertices)
-        self._spool("triangle_starts", mesh.triangle_starts[skip:] + triangles)
+        self._spool("vertex_offsets", mesh.vertex_offsets[skip:] + vertices)
+        self._spool("triangle_offsets", mesh.triangle_offsets[skip:] + triangles)
         self._tables.append(mesh.attributes)
         self._totals += np.array([len(mesh.vertices), len(mesh.triangles)], dtype=np.int64)
 

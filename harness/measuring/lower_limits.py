@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from harness.frame import Frame
@@ -19,8 +18,8 @@ from harness.measuring.processes import Bench, result_of
 from harness.measuring.worker import TaskFailed
 from harness.metrics.registry import LEAST, OUTLINE
 from harness.rasterisers.reference import outlines, quads_of
-from harness.triangulating.frames import triangulate_polygons, warm_up
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons, warm_up
 
 FEWEST = parse("optimal:exact-quads")
 
@@ -74,18 +73,17 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
 
     It is infinite for those that a tile's edge cuts.
     """
-    cubes = np.diff(frame.offsets).astype(np.float64) ** 3
-    polygons = np.asarray(frame.polygons)
-    low, high = shapely.bounds(polygons)[:, 1::2].T
-    simple = cubes / 6 * (1 + (high - low) / 2) * ROW_S
-    holes = shapely.get_num_interior_rings(polygons) > 0
+    cubes = frame.grid.vertex_counts.astype(np.float64) ** 3
+    low, high = frame.polygons.bounds()
+    simple = cubes / 6 * (1 + (high - low)[:, 1] / 2) * ROW_S
+    holes = frame.grid.ring_counts > 1
     seconds: NDArray[np.float64] = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
     if frame.scissor is None:
         return seconds
     # what is fewest before a polygon is cut need not be after
     left, bottom, width, height = frame.scissor
-    tile = shapely.box(left, bottom, left + width, bottom + height)
-    return np.where(shapely.covers(tile, polygons), seconds, np.inf)
+    inside = (low >= (left, bottom)) & (high <= (left + width, bottom + height))
+    return np.where(inside.all(axis=1), seconds, np.inf)
 
 
 def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
@@ -103,7 +101,7 @@ def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     if not len(chosen):
         return least
     warm_up(FEWEST)
-    result = triangulate_polygons(FEWEST, [frame.polygons[k] for k in chosen.tolist()], database)
+    result = triangulate_polygons(FEWEST, frame.polygons.take(chosen), database)
     parts: list[NDArray[np.int32] | None] = [None] * len(least)
     gaps = iter(result.gaps)
     for place, part in zip(chosen.tolist(), result.parts, strict=True):

@@ -30,8 +30,9 @@ from harness.errors import UsageError
 from harness.machine.environment import source_hash
 from harness.machine.git import checked_out, find_commit, project_folder
 from harness.measuring.serving import TaskFailed
-from harness.triangulating.frames import FrameTriangulation, check, small_polygons
 from harness.triangulating.recipes import Recipe
+from harness.triangulating.result import FrameTriangulation, check_triangles
+from harness.triangulating.triangulate import small_polygons
 from triangulators.errors import shortened
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
@@ -164,7 +165,7 @@ def triangulate_elsewhere(
         part, junctions, problem = None, 0, ""
         if kind == "triangles":
             part = np.asarray(value)
-            junctions, problem = check(polygon, part)
+            junctions, problem = check_triangles(polygon, part)
         elif kind == "skipped":
             result.skipped.append((len(result.parts), shortened(value)))
         else:

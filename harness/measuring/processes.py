@@ -23,13 +23,10 @@ from harness.measuring.worker import Limits, OpenWorker, TaskFailed, TaskTimedOu
 from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.settings import TimingSettings
-from harness.triangulating.frames import (
-    FrameTriangulation,
-    time_in_rounds,
-    triangulate_polygons,
-    warm_up,
-)
 from harness.triangulating.recipes import Recipe
+from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.rounds import time_in_rounds
+from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from triangulators.compute.compiled_files import is_kept
 from triangulators.devices import cores
 

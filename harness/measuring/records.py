@@ -20,8 +20,8 @@ from harness.results import drawings
 from harness.results.run_folder import Record, Store
 from harness.settings import TimingSettings
 from harness.stats.run_quality import undisturbed
-from harness.triangulating.frames import FrameTriangulation
 from harness.triangulating.recipes import OTHER
+from harness.triangulating.result import FrameTriangulation
 
 SHORT_DRAW_S = 20e-6
 """A draw shorter than this is mostly the cost of asking for it."""

@@ -28,6 +28,7 @@ from harness.progress import Reporter, let_go_of_terminal
 from harness.results.run_folder import FACTS, Record, Store, read_counted, read_run
 from harness.stats.run_quality import default_path, judge, reference_draws
 from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
+from harness.viewing import viewing_of
 from scenes import Scene
 from scenes.spec import label as scene_label
 
@@ -123,7 +124,7 @@ def run(
             )
         if how.split is None:
             plan = _in_its_view(plan, scene)
-        if scene.viewing is None and any(each.base == ORIGINAL for each in plan.triangulators):
+        if viewing_of(scene) is None and any(each.base == ORIGINAL for each in plan.triangulators):
             raise UsageError(
                 f"{ORIGINAL} is the triangulation that a model came with: give --scene "
                 "model.glb:views=24, or leave it out"
@@ -143,7 +144,7 @@ def _in_its_view(plan: Plan, scene: Scene) -> Plan:
         return plan
     if plan.views not in ((own,), (View(),)):
         raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own.fit]))
-    if scene.viewing is not None:
+    if viewing_of(scene) is not None:
         first = Recipe(ORIGINAL)
         plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))
     return replace(plan, views=(own,))
@@ -168,7 +169,7 @@ def _measure(
     plan = replace(plan, triangulators=tuple(every))
     usable = find_backends(plan, bench, reporter)
     broken |= find_broken(set(plan.triangulators) - known, bench)
-    base = how.base or (ORIGINAL if scene.viewing is not None and not how.split else None)
+    base = how.base or (ORIGINAL if viewing_of(scene) is not None and not how.split else None)
     facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
         facts["beside"] = {"base": beside.name, "commit": beside.commit, "twice": beside.twice}

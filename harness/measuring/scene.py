@@ -16,8 +16,9 @@ from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.results.run_folder import Record
-from harness.triangulating.frames import FrameTriangulation, carry_over, in_views, original
+from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
+from harness.triangulating.result import FrameTriangulation
 from scenes import Scene
 
 DONE = ("ok", "skipped")
@@ -209,10 +210,10 @@ class SceneRun:
         before_turning = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
-                return original(frame)
+                return original_triangulation(frame)
             faces = frame.flat.polygons
             done = self.bench.triangulate(before_turning, faces, tick)
-            return in_views(frame, done, recipe)
+            return carry_to_views(frame, done, recipe)
         if not recipe.upright:
             return self.bench.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))

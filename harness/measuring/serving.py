@@ -227,8 +227,8 @@ def _preload() -> None:
     warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
     from harness.measuring import tasks  # noqa: F401 - for the workers
     from harness.settings import DEFAULT_TRIANGULATORS
-    from harness.triangulating.frames import warm_up
     from harness.triangulating.recipes import parse
+    from harness.triangulating.triangulate import warm_up
     from triangulators import many  # noqa: F401 - for the workers
     from triangulators.compute.storing import NotKept, only_kept
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from harness import rasterisers
-from harness.frame import SUBPIXEL, Frame, bare_frame
+from harness.frame import Frame, bare_frame
+from harness.grid import SUBPIXEL
 from harness.measuring.timing import (
     EMPTY,
     REFERENCE,

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.models.flat_faces import THIN, Faces, Floats, Ints
+from harness.models.flat_faces import THIN, Faces, Ints
 from triangulators import UnknownName, criteria
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
@@ -16,7 +16,7 @@ from triangulators.geometry.flips import convex, run
 from triangulators.geometry.half_edges import link
 from triangulators.many import attempt_many
 from triangulators.methods.flips import cheaper
-from triangulators.ragged import Ragged
+from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _ROUNDING = 1e-6
 """Share of a face's cost that may come from rounding its points: no gain."""
@@ -25,7 +25,7 @@ _ROUNDING = 1e-6
 WORK = (1.0, 10.0, 20.0, 45.0)
 """Nanoseconds of the cube of a vertex that the optimum takes, by the number of holes (measured)."""
 
-MOST_WORK = 1e9
+MAX_WORK = 1e9
 """Of these, how many are spent on a part; faces beyond that get flips. No clock is asked, so that
 the same model gets the same diagonals on every machine."""
 
@@ -89,15 +89,16 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     sizes = np.diff(faces.starts)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     clean = _affordable(outlines(faces))
-    found = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
-    done = found.compiled
-    counts = np.diff(found.starts)
-    number = np.repeat(np.arange(len(done)), counts)
-    kept = done[number]  # the other rows of `found` hold anything
-    first = _begins(clean.polygons)[number[kept]]
-    own = clean.vertices[found.triangles[kept] + first[:, None]]
-    begins = np.r_[0, np.cumsum(counts[done])]
-    _take(faces.points, faces.starts, clean.face[done], (own, begins), result, left)
+    optima = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
+    done = optima.compiled
+    counts = np.diff(optima.triangle_offsets)
+    polygon = np.repeat(np.arange(len(done)), counts)
+    compiled = done[polygon]  # the other rows of `optima` are uninitialised
+    first = clean.polygons.vertex_offsets[polygon[compiled]]
+    rows = clean.vertices[optima.triangles[compiled] + first[:, None]]
+    _take(
+        faces.points, faces.starts, clean.face[done], (rows, offsets_of(counts[done])), result, left
+    )
     rest = np.repeat(left, sizes)
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
@@ -154,24 +155,24 @@ class Outlines(NamedTuple):
     """
 
     face: Ints
-    polygons: Ragged
+    polygons: PolygonArray
     vertices: Ints
+
+    def take(self, flags: NDArray[np.bool_]) -> "Outlines":
+        """Return the outlines that (c,) flags mark."""
+        vertices = self.vertices[np.repeat(flags, self.polygons.vertex_counts)]
+        return Outlines(self.face[flags], self.polygons.take(flags), vertices)
 
 
 def _affordable(clean: Outlines) -> Outlines:
-    """Return as many of the outlines as `MOST_WORK` allows, those that are quickest first."""
-    rings = np.diff(clean.polygons.polygon_ends, prepend=0)
-    sizes = np.diff(_begins(clean.polygons))
-    factors = np.append(WORK, 0.0)[np.minimum(rings - 1, len(WORK))]
+    """Return as many of the outlines as `MAX_WORK` allows, those that are quickest first."""
+    sizes = clean.polygons.vertex_counts
+    factors = np.append(WORK, 0.0)[np.minimum(clean.polygons.ring_counts - 1, len(WORK))]
     work = factors * sizes.astype(np.float64) ** 3
     quickest = np.argsort(work, kind="stable")
-    kept = np.zeros(len(work), np.bool_)
-    kept[quickest[np.cumsum(work[quickest]) <= MOST_WORK]] = True
-    own = np.repeat(kept, sizes)
-    coordinates, ring_ends, _ = (np.asarray(each) for each in clean.polygons)
-    lengths = np.diff(ring_ends, prepend=0)[np.repeat(kept, rings)]
-    polygons = Ragged(coordinates[own], np.cumsum(lengths), np.cumsum(rings[kept]))
-    return Outlines(clean.face[kept], polygons, clean.vertices[own])
+    affordable = np.zeros(len(work), np.bool_)
+    affordable[quickest[np.cumsum(work[quickest]) <= MAX_WORK]] = True
+    return clean.take(affordable)
 
 
 def outlines(faces: Faces) -> Outlines:
@@ -187,21 +188,17 @@ def outlines(faces: Faces) -> Outlines:
     owner[corner] = np.repeat(np.arange(len(faces.starts) - 1), 3 * np.diff(faces.starts))
     sound = np.bincount(owner[leaving != 1], minlength=len(faces.starts) - 1) == 0
     begins = np.searchsorted(owner, np.arange(len(faces.starts)))
-    vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
-    face = np.flatnonzero(sound)
-    valid = shapely.is_valid(shapes(faces.points[vertices], ring_ends, polygon_ends))
-    if not valid.all():
-        sound[face[~valid]] = False
-        vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
-    polygons = Ragged(faces.points[vertices], ring_ends, polygon_ends)
-    return Outlines(np.flatnonzero(sound), polygons, vertices)
+    vertices, *offsets = _rings(faces.points, following, begins, sound)
+    polygons = PolygonArray(faces.points[vertices], *offsets)
+    valid = shapely.is_valid(polygons.geometries)
+    return Outlines(np.flatnonzero(sound), polygons, vertices).take(valid)
 
 
 @njit(nogil=True)
 def _rings(
     points: np.ndarray, following: np.ndarray, begins: np.ndarray, sound: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the vertices of sound faces ring by ring, where rings end, and where faces do.
+    """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
 
     following: the next vertex of the outline; begins: (f + 1,) where each face's vertices begin.
     `following` permutes a face's vertices, so they fall into rings. The one outside, which turns
@@ -209,7 +206,8 @@ def _rings(
     A face of which none or several turn left is no longer sound.
     """
     vertices = np.empty(len(points), dtype=np.int64)
-    ring_ends, polygon_ends = np.empty(len(points), np.int64), np.empty(len(begins) - 1, np.int64)
+    ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)
+    geom_offsets = np.zeros(len(begins), dtype=np.int64)
     seen = np.zeros(len(points), dtype=np.bool_)
     size, rings, polygons = 0, 0, 0
     for face in range(len(sound)):
@@ -238,28 +236,8 @@ def _rings(
                 vertices[size] = at
                 size += 1
                 at = following[at]
-            ring_ends[rings] = size
             rings += 1
-        polygon_ends[polygons] = rings
+            ring_offsets[rings] = size
         polygons += 1
-    return vertices[:size], ring_ends[:rings], polygon_ends[:polygons]
-
-
-def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.object_]:
-    """(c,) polygons, valid or not, of vertices (n, 2), where rings end, and where polygons do."""
-    if len(polygon_ends) == 0:
-        return np.empty(0, dtype=object)
-    starts = np.r_[0, ring_ends[:-1]]
-    closed = np.insert(points, ring_ends, points[starts], axis=0)
-    offsets = np.r_[0, ring_ends + np.arange(1, len(ring_ends) + 1)]
-    return np.asarray(
-        shapely.from_ragged_array(
-            shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
-        )
-    )
-
-
-def _begins(polygons: Ragged) -> Ints:
-    """(c + 1,) where each polygon's coordinates begin."""
-    begins = np.r_[0, np.r_[0, polygons.ring_ends][polygons.polygon_ends]]
-    return np.asarray(begins, dtype=np.int64)
+        geom_offsets[polygons] = rings
+    return vertices[:size], ring_offsets[: rings + 1], geom_offsets[: polygons + 1]

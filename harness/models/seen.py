@@ -6,7 +6,7 @@ draws the same faces, whatever the grid of 1/256 px makes of a face that is seen
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,75 +15,84 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.frame import SUBPIXEL
-from harness.models.diagonals import outlines, shapes
+from harness.grid import SUBPIXEL
+from harness.models.diagonals import outlines
 from harness.models.flat_faces import Floats, Ints, Part, flat_faces
 from harness.models.in_place import opened
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
 from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
-from scenes.scene import Scene, SceneError, Viewing
+from harness.viewing import ModelScene, Rows, Viewing
+from scenes.scene import Scene, SceneError
 from scenes.spec import arguments_for, parsed
+from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 
 @dataclass(frozen=True)
 class Flat:
-    """Faces in which there is a choice, and what is left.
+    """The flat faces of a part in which there is a choice, and the triangles in none.
 
-    Those whose outline is no polygon, for it touches itself or has vertices within, come last.
-
-    polygons : of the others, in px of which 1/256 is a step of the face's coordinates
-    bound : (k, 2) points of each that is none, as `Faces` has them
+    faces : (f) outlines in the plane of each face, whole numbers; those that are no valid polygon,
+        because they touch themselves or have vertices within, come last, with one ring of all their
+        vertices
+    count : how many faces are polygons
+    vertices : (n,) the vertex of the part that each vertex of `faces` is
     given : for each face its triangles in the model, (m, 3) rows of its vertices
     slots : (t,) which triangles of the part these are, face after face
-    vertices : (n,) which vertex of the part each vertex of a face is
-    begins : (f + 1,) where in `vertices` each face begins
-    rings : (r,) vertices of each ring; rings_of : (f,) rings of each face, 1 where it is no polygon
-    loose : (u,) which triangles of the part are in none of the faces
+    loose : (u,) triangles of the part that are in no face
     """
 
-    polygons: list[shapely.Polygon]
-    bound: list[Floats]
-    given: list[NDArray[np.int32]]
-    slots: Ints
+    faces: PolygonArray
+    count: int
     vertices: Ints
-    begins: Ints
-    rings: Ints
-    rings_of: Ints
+    given: list[Rows]
+    slots: Ints
     loose: Ints
+
+    @property
+    def polygons(self) -> list[shapely.Polygon]:
+        """The faces that are polygons, in px of which 1/256 is a step of their coordinates."""
+        polygons = self.faces[: self.count]
+        return list(replace(polygons, coords=polygons.coords / SUBPIXEL))
+
+    @property
+    def bound(self) -> list[tuple[Floats, Rows]]:
+        """Points (k, 2) and triangles of each face that is no polygon."""
+        numbers = range(self.count, len(self.faces))
+        return [(self.faces.rings_of(k)[0], self.given[k]) for k in numbers]
 
 
 def flat_of(part: Part) -> Flat:
     """Return the faces of a part; polygons are those with a valid outline through all vertices."""
-    count = len(part.mesh.triangles)
+    size = len(part.mesh.triangles)
+    none = np.empty(0, np.int64)
     if part.left:
-        none = np.empty(0, np.int64)
-        return Flat([], [], [], none, none, np.zeros(1, np.int64), none, none, np.arange(count))
+        no_faces = PolygonArray.from_shapely([])
+        return Flat(no_faces, 0, none, [], none, np.arange(size))
     faces, _ = flat_faces(part.mesh)
-    found = outlines(faces)
-    coordinates, ring_ends, polygon_ends = found.polygons
-    begins = np.r_[0, np.r_[0, ring_ends][polygon_ends]].astype(np.int64)
-    others = np.setdiff1d(np.arange(len(faces.starts) - 1), found.face).tolist()
-    spans = [slice(*faces.starts[face : face + 2]) for face in [*found.face.tolist(), *others]]
-    within = [np.unique(faces.triangles[span]) for span in spans[len(found.face) :]]
-    sizes = np.array([len(each) for each in within], np.int64)
-    vertices = np.concatenate([found.vertices, *within]).astype(np.int64)
-    begins = np.concatenate([begins, begins[-1] + np.cumsum(sizes)])
-    place = np.zeros(len(faces.points), np.int64)
-    place[vertices] = np.arange(len(vertices)) - np.repeat(begins[:-1], np.diff(begins))
-    slots = np.concatenate([np.empty(0, np.int64), *(faces.slots[span] for span in spans)])
-    alone = np.ones(count, np.bool_)
-    alone[slots] = False
+    clean = outlines(faces)
+    others = np.setdiff1d(np.arange(len(faces.starts) - 1), clean.face)
+    spans = [slice(*faces.starts[k : k + 2]) for k in np.append(clean.face, others).tolist()]
+    within = [np.unique(faces.triangles[span]) for span in spans[len(clean.face) :]]
+    vertices = np.concatenate([clean.vertices, *within]).astype(np.int64)
+    bound_offsets = offsets_of([len(each) for each in within])
+    bound = PolygonArray(
+        faces.points[np.concatenate([none, *within])], bound_offsets, np.arange(len(bound_offsets))
+    )
+    outlined = PolygonArray.concatenate([clean.polygons, bound])
+    position = np.zeros(len(faces.points), np.int64)  # of a vertex of `faces` in its face
+    first = np.repeat(outlined.vertex_offsets[:-1], outlined.vertex_counts)
+    position[vertices] = np.arange(len(vertices)) - first
+    slots = np.concatenate([none, *(faces.slots[span] for span in spans)])
+    loose = np.ones(size, np.bool_)
+    loose[slots] = False
     return Flat(
-        polygons=list(shapes(coordinates / SUBPIXEL, ring_ends, polygon_ends)),
-        bound=[faces.points[each] for each in within],
-        given=[place[faces.triangles[span]].astype(np.int32) for span in spans],
-        slots=slots,
+        faces=outlined,
+        count=len(clean.face),
         vertices=faces.vertices[vertices],
-        begins=begins,
-        rings=np.concatenate([np.diff(ring_ends, prepend=0), sizes]).astype(np.int64),
-        rings_of=np.concatenate([np.diff(polygon_ends, prepend=0), sizes > 0]).astype(np.int64),
-        loose=np.flatnonzero(alone),
+        given=[position[faces.triangles[span]].astype(np.int32) for span in spans],
+        slots=slots,
+        loose=np.flatnonzero(loose),
     )
 
 
@@ -133,37 +142,35 @@ def read(
     except UsageError as error:
         raise SceneError(str(error)) from error
     polygons: list[shapely.Polygon] = []
-    given: list[NDArray[np.int32]] = []
-    bound: list[tuple[Floats, NDArray[np.int32]]] = []
+    given: list[Rows] = []
+    bound: list[tuple[Floats, Rows]] = []
     things = []
     for part in (part for parts in groups for part in parts):
         flat = flat_of(part)
         numbers = (len(polygons), len(bound))
         things += [_thing(part, flat, numbers, matrix) for matrix in part.placements]
-        count = len(flat.polygons)
         polygons += flat.polygons
-        given += flat.given[:count]
-        bound += zip(flat.bound, flat.given[count:], strict=True)
+        given += flat.given[: flat.count]
+        bound += flat.bound
     ball = ball_of([thing.corners.reshape(-1, 3) for thing in things])
     if ball is None:
         raise SceneError(f"{path} shows nothing: no triangle of it has an extent")
     shown: list[_Pieces] = []
-    rest: dict[int, NDArray[np.int32]] = {}
+    rest: dict[int, Rows] = {}
     first = [0]
     vertices = 0
     for direction in directions()[:views]:
         last = first[-1]
         for each in _pieces(things, ball, direction, distance, pixels, len(polygons)):
-            last += len(each.sizes)
+            last += len(each.outlines)
             rest |= zip(range(last - len(each.given), last), each.given, strict=True)
-            vertices += len(each.points)
+            vertices += len(each.depths)
             shown.append(each)
         first.append(last)
         if vertices > MOST or last > MOST_PIECES:
             most = f"{MOST:,} vertices or {MOST_PIECES:,} faces"
             raise SceneError(f"more than {most} in all views: give fewer views=")
-    sizes = np.concatenate([each.sizes for each in shown])
-    return Scene(
+    return ModelScene(
         name=Path(path).stem,
         polygons=polygons,
         units="units",
@@ -174,10 +181,8 @@ def read(
         viewing=Viewing(
             pixels=pixels,
             names=tuple(" ".join(map(str, way)) for way in ways()[:views].tolist()),
-            points=np.concatenate([each.points for each in shown]),
+            pieces=PolygonArray.concatenate([each.outlines for each in shown]),
             depths=None if depth == "none" else np.concatenate([each.depths for each in shown]),
-            offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-            ring_ends=np.cumsum(np.concatenate([each.rings for each in shown])).astype(np.int64),
             source=np.concatenate([each.sources for each in shown]),
             first=np.array(first, np.int64),
             given=tuple(given),
@@ -223,8 +228,10 @@ def _thing(part: Part, flat: Flat, first: tuple[int, int], matrix: Floats) -> _T
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror image, whose triangles turn the other way
         fronts = -fronts
-    begins = np.cumsum([0, *(len(rows) for rows in flat.given)])[:-1]
-    of_faces = np.add.reduceat(fronts[flat.slots], begins) if len(begins) else np.empty((0, 3))
+    first_slots = offsets_of([len(rows) for rows in flat.given])[:-1]
+    of_faces = np.empty((0, 3))
+    if len(first_slots):
+        of_faces = np.add.reduceat(fronts[flat.slots], first_slots)
     return _Thing(part, flat, first, points, corners, fronts, of_faces)
 
 
@@ -232,7 +239,7 @@ def _note(things: list[_Thing], faces: int, views: int) -> str:
     flat = bound = whole = 0.0
     for each in things:
         area = np.nan_to_num(np.linalg.norm(each.triangle_fronts, axis=1))
-        count = sum(len(rows) for rows in each.flat.given[: len(each.flat.polygons)])
+        count = sum(len(rows) for rows in each.flat.given[: each.flat.count])
         flat += float(area[each.flat.slots[:count]].sum())
         bound += float(area[each.flat.slots[count:]].sum())
         whole += float(area.sum())
@@ -253,19 +260,16 @@ def _note(things: list[_Thing], faces: int, views: int) -> str:
 class _Pieces(NamedTuple):
     """Pieces of a view.
 
-    points, depths : (n, 2) and (n,) of their vertices
-    sizes, sources : (p,) how many vertices each has, and its `Viewing.source`
-    rings : how many each ring has; ranks : of the triangles, as `Viewing` has them
-    given : triangles of the last of them, which are no polygons
+    outlines : of the p pieces as they are seen, in 1/256 px; depths : (n,) of their vertices
+    sources : (p,) as in `Viewing`; ranks : of the triangles, as in `Viewing`
+    given : triangles of the last pieces, which are no polygons
     """
 
-    points: NDArray[np.int32]
+    outlines: PolygonArray
     depths: NDArray[np.int32]
-    sizes: Ints
-    rings: Ints
     sources: Ints
     ranks: Ints
-    given: list[NDArray[np.int32]]
+    given: list[Rows]
 
 
 def _pieces(
@@ -289,19 +293,16 @@ def _pieces(
         deep = far * (away - near) / (away * (far - near)) * DEEPEST
         deep = np.nan_to_num(np.rint(deep)).astype(np.int32)
         turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
-        first = thing.points[flat.vertices[flat.begins[:-1]]]
+        first = thing.points[flat.vertices[flat.faces.vertex_offsets[:-1]]]
         front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
-        own = flat.vertices[np.repeat(front, np.diff(flat.begins))]
-        of_polygons = np.flatnonzero(front[: len(flat.polygons)])
-        bound = np.flatnonzero(front[len(flat.polygons) :])
+        of_polygons = np.flatnonzero(front[: flat.count])
+        bound = np.flatnonzero(front[flat.count :])
         yield _Pieces(
-            points=grid[own],
-            depths=deep[own],
-            sizes=np.diff(flat.begins)[front],
-            rings=flat.rings[np.repeat(front, flat.rings_of)],
+            outlines=replace(flat.faces, coords=grid[flat.vertices]).take(front),
+            depths=deep[flat.vertices[np.repeat(front, flat.faces.vertex_counts)]],
             sources=np.r_[thing.first[0] + of_polygons, rest + 1 + thing.first[1] + bound],
             ranks=base + flat.slots[np.repeat(front, [len(rows) for rows in flat.given])],
-            given=[flat.given[len(flat.polygons) + face] for face in bound.tolist()],
+            given=[flat.given[flat.count + face] for face in bound.tolist()],
         )
         loose = flat.loose[turned[flat.loose]]
         used, corner = np.unique(thing.part.mesh.triangles[loose], return_inverse=True)
@@ -311,8 +312,10 @@ def _pieces(
         ranks.append(base + loose)
         count, base = count + len(used), base + len(thing.corners)
     if count:
-        size, number = np.array([count]), np.array([rest])
-        corners = np.concatenate(points), np.concatenate(depths)
         yield _Pieces(
-            *corners, size, size, number, np.concatenate(ranks), [np.concatenate(triangles)]
+            outlines=PolygonArray.of_single_rings(np.concatenate(points), count),
+            depths=np.concatenate(depths),
+            sources=np.array([rest]),
+            ranks=np.concatenate(ranks),
+            given=[np.concatenate(triangles)],
         )

@@ -113,7 +113,7 @@ def _views(run: Run) -> Iterator[Content]:
             **asdict(view),
             "scene": records[drawn[0]]["scene"],
             "points": encoded(kept.points.astype("<i4")),
-            "sizes": np.diff(kept.offsets).tolist(),
+            "sizes": kept.grid.vertex_counts.tolist(),
             "cases": {name: _case(records[name], kept) for name in drawn},
         }
 

@@ -14,7 +14,7 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
-from harness.frame import SUBPIXEL
+from harness.grid import SUBPIXEL
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
@@ -87,8 +87,8 @@ KEPT, TOLD = tuple(_Record.model_fields), tuple(_Counters.model_fields)
 def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
     """Return what the page counts of each polygon, as the CPU reference counts (m, 3) `rows`."""
     predicted = predict(kept.points, rows)
-    owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
-    size = len(kept.offsets) - 1
+    owner = np.searchsorted(kept.grid.vertex_offsets, rows[:, 0], side="right") - 1
+    size = len(kept.grid)
     return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from harness.errors import UsageError
-from harness.frame import SUBPIXEL
+from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import browser
 from harness.results.run_folder import file_stem

@@ -94,12 +94,12 @@ def terms_of(
     except SceneError:
         return None
     frame = make_frame(polygons, View(RESOLUTION))
-    sizes = np.diff(frame.offsets)
+    sizes = frame.grid.vertex_counts
     # A triangle has one triangulation.
     chosen = evenly(
         [n for n in np.argsort(sizes, kind="stable").tolist() if sizes[n] > 3], POLYGONS
     )
-    shown = [frame.polygons[number] for number in chosen]
+    shown = frame.polygons.take(chosen)
     found, kept = {}, np.ones(len(shown), np.bool_)
     for name in triangulators:
         made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL
+from harness.grid import SUBPIXEL
 from harness.profile.design import Draw
 from harness.rasterisers import reference
 

@@ -28,7 +28,8 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
+from harness.frame import Frame, bare_frame
+from harness.grid import SUBPIXEL, coarsen
 from harness.profile import placing
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
@@ -119,7 +120,7 @@ def snapped(draw: Draw, step: int) -> Draw:
 
     So devices draw it whose grid is coarser than ours.
     """
-    points = on_coarser_grid(draw.frame.points, step)
+    points = coarsen(draw.frame.points, step)
     return draw if step == 1 else replace(draw, frame=bare_frame(SIDE, points))
 
 

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import stdtrit
 
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
+from harness.grid import SUBPIXEL
 from harness.profile.counted import TERMS, Design
 from triangulators.criteria import CALIBRATED, predict
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL
+from harness.grid import SUBPIXEL
 
 Points = NDArray[np.int64]
 Triangles = NDArray[np.int32]

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
@@ -24,8 +23,9 @@ from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
 from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
-from harness.triangulating.frames import time_in_rounds, triangulate_polygons
 from harness.triangulating.recipes import Recipe
+from harness.triangulating.rounds import time_in_rounds
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import Scene
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     for (name, each), taken in zip(made.items(), seconds, strict=True):
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
         costs[name] = _cost(frame, frame.join(parts), taken, law)
-    boxes = shapely.bounds(frame.polygons)[done]
-    middle = float(np.median((boxes[:, 2:] - boxes[:, :2]).max(axis=1)))
+    low, high = frame.polygons.bounds()
+    middle = float(np.median((high - low)[done].max(axis=1)))
     kept = int(done.sum())
     return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
 

@@ -29,7 +29,7 @@ from scenes.spec import install
 
 if TYPE_CHECKING:
     from harness.frame import Frame
-    from scenes.scene import Viewing
+    from harness.viewing import Viewing
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
@@ -284,7 +284,7 @@ class OnCpu(Rasteriser):
 
 def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sum (m,) values, one a triangle, to (p,), one a polygon of the frame."""
-    totals = np.zeros(len(frame.offsets) - 1, np.int64)
+    totals = np.zeros(len(frame.grid), np.int64)
     np.add.at(totals, frame.owner(triangles), values)
     return totals
 
@@ -296,7 +296,7 @@ def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Trian
 
     A triangle touches at most the quads of its bounding box.
     """
-    from harness.frame import SUBPIXEL
+    from harness.grid import SUBPIXEL
 
     corners = frame.points[triangles].astype(np.int64)
     sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
@@ -346,9 +346,9 @@ def _positions(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.i
     ordered = np.argsort(owner, kind="stable")
     number = np.empty(len(array), np.int64)
     number[ordered] = np.arange(len(array)) - np.searchsorted(owner[ordered], owner[ordered])
-    starts = viewing.rank_starts
-    last = np.diff(starts)[owner] - 1
-    return np.asarray(viewing.ranks[starts[owner] + np.minimum(number, last)])
+    offsets = viewing.rank_offsets
+    last = np.diff(offsets)[owner] - 1
+    return np.asarray(viewing.ranks[offsets[owner] + np.minimum(number, last)])
 
 
 def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers import context
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Sample, Triangles, batches
 from harness.rasterisers.context import Context
@@ -43,7 +44,7 @@ class BoundingBox(GLRasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        totals = np.zeros((len(frame.offsets) - 1, len(self.counters)), np.int64)
+        totals = np.zeros((len(frame.grid), len(self.counters)), np.int64)
         for part in batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
             counts.bind_to_storage_buffer(4)

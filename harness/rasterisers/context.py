@@ -218,10 +218,10 @@ class Context:
 
         Polygons are (n,) uint, the polygon number of each point; triangles (3 m,) int.
         """
-        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
+        numbers = np.arange(len(frame.grid), dtype=np.uint32)
         return (
             self.buffer(np.ascontiguousarray(frame.points, np.int32)),
-            self.buffer(np.repeat(numbers, np.diff(frame.offsets))),
+            self.buffer(np.repeat(numbers, frame.grid.vertex_counts)),
             self.buffer(triangles),
         )
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers import context, devices
 from harness.rasterisers.base import (
     Counters,
@@ -130,7 +131,7 @@ class OpenGL(GLRasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        totals = np.zeros((len(frame.offsets) - 1, len(SHADED)), np.int64)
+        totals = np.zeros((len(frame.grid), len(SHADED)), np.int64)
         passed = 0
         for part in batches(frame, triangles):
             totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
@@ -164,7 +165,7 @@ class OpenGL(GLRasteriser):
         The first covered lane of each quad counts the quad. On renderers whose lanes cannot detect
         helper lanes, a buffer stores the last triangle of each quad.
         """
-        shape = (len(mesh.frame.offsets) - 1, len(SHADED))
+        shape = (len(mesh.frame.grid), len(SHADED))
         counts = self.context.buffer(np.zeros(shape, np.uint32))
         counts.bind_to_storage_buffer(0)
         # llvmpipe discards the triangles collected for a tile, including their storage writes,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers import devices, osmesa
 from harness.rasterisers.base import (
     Counters,
@@ -193,7 +194,7 @@ class Solid:
 
 def extrude(frame: Frame, triangles: Triangles) -> Solid:
     """Extrude each polygon to a different height; the roof's triangles keep their order."""
-    owner = np.repeat(np.arange(len(frame.offsets) - 1), np.diff(frame.offsets)).astype(np.int32)
+    owner = np.repeat(np.arange(len(frame.grid)), frame.grid.vertex_counts).astype(np.int32)
     heights = (LOWEST + (TALLEST - LOWEST) * ((owner * GOLDEN) % 1.0)) * frame.width
     plan = frame.points / SUBPIXEL
     roof = np.column_stack([plan, heights])
@@ -203,7 +204,7 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
 
     # Walls have separate vertices, which have the wall's colour instead of the roof's.
     following = np.arange(1, len(plan) + 1)
-    following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
+    following[frame.grid.ring_offsets[1:] - 1] = frame.grid.ring_offsets[:-1]
     top = len(plan) + np.arange(len(plan))
     bottom = len(plan) + top
     walls = np.concatenate(
@@ -226,7 +227,7 @@ def projected(frame: Frame, triangles: Triangles) -> Solid:
     if not len(used):
         used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # pyrender rejects empty meshes
     points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
-    owner = np.searchsorted(frame.offsets, used, side="right").astype(np.int32) - 1
+    owner = np.searchsorted(frame.grid.vertex_offsets, used, side="right").astype(np.int32) - 1
     paint = colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
     return Solid(
         points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)

@@ -12,7 +12,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL, WHOLE, Frame
+from harness.frame import UNBOUNDED, Frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers import spans
 from harness.rasterisers.base import (
     Counters,
@@ -33,7 +34,7 @@ COUNTED = (*SHADED, "blocks", "bbox_tests")
 
 
 def predict(
-    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
+    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
     """Return the counters of each triangle, computed from coordinates; every value is (m,).
 
@@ -160,7 +161,7 @@ TILES = (16, 32, 64)
 
 
 def predict_tiles(
-    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
+    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
     """Return the number of tiles in the window that each triangle is binned into, (m,) a name.
 

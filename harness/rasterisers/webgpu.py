@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser
-from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
+from harness.frame import Frame, bare_frame
+from harness.grid import SUBPIXEL, coarsen
 from harness.rasterisers import devices
 from harness.rasterisers.base import (
     Counters,
@@ -146,7 +147,7 @@ class WebGPU(Rasteriser):
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
         for step in STEPS:
-            points = on_coarser_grid(corners.astype(np.int32), step)
+            points = coarsen(corners.astype(np.int32), step)
             frame = bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
             expected = predict(points, rows)
@@ -156,7 +157,7 @@ class WebGPU(Rasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         frame = self._on_grid(frame)
-        polygons = len(frame.offsets) - 1
+        polygons = len(frame.grid)
         totals = np.zeros((polygons, 3), np.int64)
         for part in batches(frame, triangles, MAX_LANES):
             totals += self._tally_once(frame, part).reshape(polygons, 3)
@@ -169,7 +170,7 @@ class WebGPU(Rasteriser):
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self.buffer(rows, "VERTEX")
-        counts = self.buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE|COPY_SRC")
+        counts = self.buffer(np.zeros(3 * (len(frame.grid)), np.uint32), "STORAGE|COPY_SRC")
         size = self.buffer(_size(frame), "UNIFORM")
         encoder = self.gpu.create_command_encoder()
         render = begin_pass(encoder, self.target(frame))
@@ -182,14 +183,14 @@ class WebGPU(Rasteriser):
         render.end()
         self.gpu.queue.submit([encoder.finish()])
         totals = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
-        return totals[: 3 * (len(frame.offsets) - 1)]
+        return totals[: 3 * len(frame.grid)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _Timed(self, self._on_grid(frame), triangles, options.work)
 
     def _on_grid(self, frame: Frame) -> Frame:
         """Return the frame on the device's grid, on which drawing and counting agree."""
-        return replace(frame, points=on_coarser_grid(frame.points, self._step))
+        return frame.with_points(coarsen(frame.points, self._step))
 
     def target(self, frame: Frame) -> Any:
         """Return a view of a texture to draw into; the last one is reused if it fits.
@@ -272,12 +273,12 @@ class _Timed(Drawing):
     """One triangulation in buffers of the device, for repeated drawing."""
 
     def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
-        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
+        numbers = np.arange(len(frame.grid), dtype=np.uint32)
         view = np.zeros(4, np.float32)
         view[:2] = _size(frame)
         view.view(np.uint32)[2] = work
         self._points = owner.buffer(frame.points.astype(np.int32), "VERTEX")
-        self._polygons = owner.buffer(np.repeat(numbers, np.diff(frame.offsets)), "VERTEX")
+        self._polygons = owner.buffer(np.repeat(numbers, frame.grid.vertex_counts), "VERTEX")
         self._indices = owner.buffer(triangles.astype(np.uint32), "INDEX")
         self._view = owner.buffer(view, "UNIFORM")
         self._pipeline = owner.draw

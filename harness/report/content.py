@@ -34,6 +34,7 @@ from harness.study.subjects import MEASURES
 from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
+from triangulators.polygon_arrays import ranges
 
 MOST_MARKS = 6_000
 """Marks of one chart: a polygon under one triangulator each."""
@@ -140,7 +141,7 @@ class _Polygons:
         chosen = self._chosen[key] = choose(polygons, self._most)
         view = {"polygons": polygons, "chosen": chosen.tolist(), "predicted": {}, "drawing": None}
         kept = drawings.read(self.run, view_of(record))
-        if kept is not None and len(kept.offsets) == polygons + 1:
+        if kept is not None and len(kept.grid) == polygons:
             share = len(chosen) / max(1, polygons)
             triangles = sum(len(rows) for rows in kept.triangles.values())
             if triangles * share <= MOST_TRIANGLES / (1 + len(self.views)):
@@ -264,9 +265,9 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
     triangles : triangulator -> {"counts", "rows"}: triangles of each polygon, and base64 of
         uint32 indices into that polygon's own points
     """
-    starts, stops = geometry.offsets[:-1][chosen], geometry.offsets[1:][chosen]
-    sizes = stops - starts
-    take = _spans(starts, sizes)
+    offsets = geometry.grid.vertex_offsets
+    starts, sizes = offsets[chosen], geometry.grid.vertex_counts[chosen]
+    take = ranges(starts, sizes)
     packed = {
         "points": encoded(geometry.points[take].astype("<i4")),
         "sizes": sizes.tolist(),
@@ -274,21 +275,15 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
         "triangles": {},
     }
     for name, triangles in geometry.triangles.items():
-        owner = np.searchsorted(geometry.offsets, triangles[:, 0], side="right") - 1
+        owner = np.searchsorted(offsets, triangles[:, 0], side="right") - 1
         first = np.searchsorted(owner, chosen, side="left")
         counts = np.searchsorted(owner, chosen, side="right") - first
-        rows = triangles[_spans(first, counts)] - np.repeat(starts, counts)[:, None]
+        rows = triangles[ranges(first, counts)] - np.repeat(starts, counts)[:, None]
         packed["triangles"][name] = {
             "counts": counts.tolist(),
             "rows": encoded(rows.astype("<u4")),
         }
     return packed
-
-
-def _spans(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
-    before = np.cumsum(lengths) - lengths
-    return np.asarray(np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths))
 
 
 Row = tuple[str, str, str]

@@ -9,30 +9,33 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame, View
 from harness.results.run_folder import Record, Run, Store, read_arrays
+from triangulators.polygon_arrays import PolygonArray
 
 FOLDER = "frames"
 
 _TRIANGLES = "triangles "
 
 _COLUMNS = ("points", "offsets", "source", "ring_ends")
+"""Arrays of a file: see docs/reference/files.md."""
 
 
 @dataclass(frozen=True)
 class Geometry:
     """A frame's polygons and what the triangulators made of them, as read back.
 
-    points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px, y up
-    offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
+    grid : the p polygons, int32 coordinates in 1/256 px, y up
     source : (p,) int64, for each polygon its number in the scene
-    ring_ends : (r,) int64, where in `points` each ring ends
     triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
     """
 
-    points: NDArray[np.int32]
-    offsets: NDArray[np.int64]
+    grid: PolygonArray
     source: NDArray[np.int64]
-    ring_ends: NDArray[np.int64]
     triangles: dict[str, NDArray[np.int32]]
+
+    @property
+    def points(self) -> NDArray[np.int32]:
+        """(n, 2) int32, all polygons' vertices one after another."""
+        return self.grid.coords
 
 
 def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
@@ -43,7 +46,8 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
     before = read(Run(store.path, {}, []), frame.view)
     if before is not None and np.array_equal(before.points, frame.points):
         triangles = {**before.triangles, **triangles}
-    columns: dict[str, NDArray[Any]] = {name: getattr(frame, name) for name in _COLUMNS}
+    arrays = (frame.points, frame.grid.vertex_offsets, frame.source, frame.grid.ring_offsets[1:])
+    columns: dict[str, NDArray[Any]] = dict(zip(_COLUMNS, arrays, strict=True))
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
     store.write_arrays(name_of(frame.view), columns | named, FOLDER)
 
@@ -58,7 +62,10 @@ def read(run: Run, view: View) -> Geometry | None:
         for name, rows in arrays.items()
         if name.startswith(_TRIANGLES)
     }
-    return Geometry(**{name: arrays[name] for name in _COLUMNS}, triangles=triangles)
+    points, offsets, source, ring_ends = (arrays[name] for name in _COLUMNS)
+    ring_offsets = np.append(0, ring_ends).astype(np.int64)
+    grid = PolygonArray(points, ring_offsets, np.searchsorted(ring_offsets, offsets))
+    return Geometry(grid, source, triangles)
 
 
 def view_of(record: Record) -> View:

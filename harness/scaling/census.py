@@ -15,7 +15,8 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.export.apart import triangulate_many
-from harness.frame import MARGIN_STEP_PX, SUBPIXEL, WHOLE, snap
+from harness.frame import MARGIN_STEP_PX, UNBOUNDED
+from harness.grid import SUBPIXEL, snap_polygons
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import AT_A_TIME, Done, Part, Work
 from harness.scaling.sums import (
@@ -32,7 +33,7 @@ from scenes.cleaning.notes import NoteCounter
 from scenes.files import Chunk, read_chunks
 from scenes.slices import Chosen, Slices, Tile, cut, cut_tiles, read_tiles
 from scenes.tiles.read import rounding
-from triangulators.ragged import Ragged, ragged
+from triangulators.polygon_arrays import PolygonArray
 
 PERIOD_PX = 4
 """Moving a polygon by so many pixels changes no counter: blocks of 2x2 and 4x4 stay the same."""
@@ -186,7 +187,7 @@ class _Found:
         batch: Sequence[_Some],
         units_per_pixel: float,
         margin: int | None = None,
-        window: NDArray[np.int64] = WHOLE,
+        window: NDArray[np.int64] = UNBOUNDED,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Triangulate a batch of p polygons by each triangulator, and add them to their groups.
 
@@ -197,7 +198,7 @@ class _Found:
         labels = [label for some in batch for label in some.labels]
         times = np.repeat([some.times for some in batch], sizes)
         pieces, owners = on_pixels(given, units_per_pixel, margin)
-        arrays = ragged(pieces)
+        arrays = PolygonArray.from_shapely(pieces)
         drawn = np.isin(np.arange(len(given)), owners)
         left = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
@@ -248,30 +249,16 @@ def on_pixels(
     Returns the pieces (p,), in px, and for each the number of its polygon; those that vanish on the
     grid have none. The place on the grid of pixels, modulo `PERIOD_PX`, is that of the coordinates.
     """
-    # Near the origin doubles hold 1/256 px exactly, as the reference's integers do; what the grid
-    # leaves valid, which is nearly all, is snapped at once, and the rest mended one by one.
+    # near the origin doubles hold 1/256 px exactly, as the reference's integers do
     scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
     corner = shapely.bounds(scaled)[:, :2]
     shift = PERIOD_PX * np.floor(corner / PERIOD_PX)
     if margin is not None:
         shift[:] = -margin
     counts = shapely.get_num_coordinates(scaled)
-    offsets = np.repeat(shift, counts, axis=0)
-    near = shapely.set_coordinates(scaled, shapely.get_coordinates(scaled) - offsets)
-    grid = shapely.transform(near, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
-    good = shapely.is_valid(grid) & (shapely.area(grid) > 0)
-    plain = shapely.remove_repeated_points(grid[good])
-    good[good] = shapely.get_num_coordinates(plain) == counts[good]
-    pieces: list[Any] = []
-    source: list[int] = []
-    for number in np.flatnonzero(~good).tolist():
-        found, _ = snap(near[number])
-        pieces += found
-        source += [number] * len(found)
-    made = np.array([*grid[good], *pieces], dtype=object)
-    owners = np.r_[np.flatnonzero(good), np.array(source, dtype=np.int64)].astype(np.int64)
-    order = np.argsort(owners, kind="stable")
-    return shapely.orient_polygons(made[order]), owners[order]
+    moved = shapely.get_coordinates(scaled) - np.repeat(shift, counts, axis=0)
+    snapped = snap_polygons(shapely.set_coordinates(scaled, moved))
+    return snapped.pieces, snapped.source
 
 
 def _added_up(
@@ -303,7 +290,7 @@ def gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _measured(
-    arrays: Ragged,
+    polygons: PolygonArray,
     owners: NDArray[np.int64],
     count: int,
     name: str,
@@ -312,20 +299,19 @@ def _measured(
 ) -> tuple[NDArray[np.float64], dict[int, str]]:
     """Triangulate polygons by one triangulator, and count them.
 
-    arrays, owners : p polygons on the grid of pixels, and which of `count` ones each is of
+    polygons, owners : p polygons on the grid of pixels, and which of `count` ones each is of
     window : what is drawn, as `Frame.window` is
 
     Returns (count, len(MEASURES)) sums, and why which of them could not be done.
     """
-    found = triangulate_many(arrays, name, check=False, threads=threads)
-    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-    begins = rings[np.r_[0, arrays.polygon_ends].astype(np.int64)]
-    sizes = np.diff(found.starts)
-    triangles = found.triangles + np.repeat(begins[:-1], sizes)[:, None].astype(np.int32)
-    points = np.rint(arrays.coordinates * SUBPIXEL).astype(np.int32)
+    found = triangulate_many(polygons, name, check=False, threads=threads)
+    sizes = np.diff(found.triangle_offsets)
+    first = polygons.vertex_offsets[:-1].astype(np.int32)
+    triangles = found.triangles + np.repeat(first, sizes)[:, None]
+    points = np.rint(polygons.coords * SUBPIXEL).astype(np.int32)
     each = predict(points, np.ascontiguousarray(triangles, np.int32), window)
     columns: dict[str, NDArray[Any]] = {**each, "triangles": np.ones(len(triangles))}
-    corners = arrays.coordinates[triangles]
+    corners = polygons.coords[triangles]
     width, height = np.ptp(corners, axis=1).T
     (u, v) = (corners[:, k] - corners[:, 0] for k in (1, 2))
     area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2

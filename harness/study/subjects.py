@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.frame import SUBPIXEL, View
+from harness.frame import View
+from harness.grid import SUBPIXEL
 from harness.metrics.registry import predictions
 from harness.rasterisers.reference import Reference, predict
 from harness.results import drawings
@@ -63,7 +64,7 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
             f"{design.most_vertices} vertices; a study needs some with many triangulations: "
             "give another scene or file"
         )
-    whole = replace(scene, tiling=None, viewing=None, dropped=[], repaired=[], attributes=None)
+    whole = replace(scene, tiling=None, dropped=[], repaired=[], attributes=None)
     return [
         (number, replace(whole, polygons=[scene.polygons[number]]))
         for number in evenly(fit, design.polygons)
@@ -118,12 +119,11 @@ MEASURES = Reference.counters
 
 def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
     """Return each triangulation's criteria and counts, of polygons at steps through all sizes."""
-    sizes = np.diff(kept.offsets)
-    rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
-    simple = np.diff(np.concatenate([[0], rings])) == 1
+    sizes = kept.grid.vertex_counts
+    simple = kept.grid.ring_counts == 1
     rows = []
     for k in evenly(_fit(sizes, simple, MOST_VERTICES), POLYGONS):
-        points = kept.points[kept.offsets[k] : kept.offsets[k + 1]]
+        points, _ = kept.grid.rings_of(k)
         for name, triangles in _triangulations(Polygon(points / SUBPIXEL)):
             counts = predict(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)

@@ -19,15 +19,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from platformdirs import user_cache_path
-from shapely import Polygon
 
 import triangulators
 from harness.errors import UsageError
 from harness.machine import system
 from harness.machine.environment import processor, source_hash
-from triangulators.polygon import rings_of
+from triangulators.polygon_arrays import PolygonArray
 
 SCHEMA = 1
 
@@ -192,17 +191,17 @@ class ModelDatabase:
 def key(
     triangulator: str,
     parameters: dict[str, Any],
-    coordinates: NDArray[np.float64],
-    ring_ends: Sequence[int],
+    coords: NDArray[np.float64],
+    ring_offsets: ArrayLike,
 ) -> bytes:
     """The key of a triangulation: a hash of the polygon, the triangulator and all its versions.
 
-    coordinates: (n, 2), rings one after another and not closed; ring_ends: where each ends.
+    coords (n, 2), ring_offsets (h + 2,): its rings, as `PolygonArray.rings_of` returns them
     """
     about = [SCHEMA, triangulator, sorted(parameters.items()), triangulators_version()]
     digest = hashlib.blake2b(json.dumps(about).encode(), digest_size=20)
-    digest.update(np.asarray(ring_ends, dtype="<i8").tobytes())
-    digest.update(np.ascontiguousarray(coordinates, dtype="<f8").tobytes())
+    digest.update(np.asarray(ring_offsets, dtype="<i8")[1:].tobytes())
+    digest.update(np.ascontiguousarray(coords, dtype="<f8").tobytes())
     return digest.digest()
 
 
@@ -279,14 +278,14 @@ class Lookup:
         if self._database is not None:
             self._database.close()
 
-    def find(self, polygons: Sequence[Polygon]) -> list[Timed | None]:
-        """Return for each polygon what is known of it."""
+    def find(self, polygons: PolygonArray) -> list[Timed | None]:
+        """Return the cached triangles of each polygon, or None."""
         if self._database is None:
             return [None] * len(polygons)
-        self._keys = []
-        for polygon in polygons:
-            points, ends = rings_of(polygon)
-            self._keys.append(key(self._name, self._parameters, points, ends.tolist()))
+        self._keys = [
+            key(self._name, self._parameters, *polygons.rings_of(index))
+            for index in range(len(polygons))
+        ]
         found = self._database.find(self._keys)
         return [found.get(key) for key in self._keys]
 

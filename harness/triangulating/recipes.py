@@ -25,7 +25,7 @@ from harness.errors import UsageError, did_you_mean
 from harness.machine.user_modules import allow_user_module
 from triangulators import criteria, registry
 from triangulators.errors import UnknownName, in_short
-from triangulators.ragged import Ragged
+from triangulators.polygon_arrays import PolygonArray
 
 NUMBER, UPRIGHT = "#", "@0"
 OTHER = "BASE "
@@ -111,34 +111,35 @@ class Recipe:
                 f"triangulator '{self}' cannot be loaded: {in_short(error)}"
             ) from error
 
-    def attempt(self, arrays: Ragged) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
+    def attempt(
+        self, polygons: PolygonArray
+    ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
         """Return triangles (m, 3) of each polygon of a batch, and which (p,) are any good.
 
         On one thread. The others are left to `triangulate`, and all of them for third parties.
         """
-        count = len(arrays.polygon_ends)
         if not self.builtin:
-            return [], np.zeros(count, np.bool_)
+            return [], np.zeros(len(polygons), np.bool_)
         from triangulators.many import attempt_many  # where it is run
 
-        found = attempt_many(arrays, self.base, threads=1, **self._arguments)
-        return found, found.compiled
+        batch = attempt_many(polygons, self.base, threads=1, **self._arguments)
+        return batch, batch.compiled
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
         """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""
         return self.triangulate_with_gap(polygon)[0]
 
-    def gap_of_kept(self, polygon: Polygon) -> float | None:
-        """Return the gap that triangles of the model database have: only what is proven is kept.
+    def gap_of_cached(self, vertices: int) -> float | None:
+        """Return the gap of cached triangles of a polygon: only proven optima are cached.
 
-        Of polygons that are too large to be proven as they are triangulated, all are kept.
+        Of polygons that are too large for a proof by `optimal`, all are cached.
         """
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
             return None
         from triangulators.methods.optimal import LIMIT  # where it is run
 
-        return 0.0 if len(triangulators.vertices(polygon)) <= LIMIT else math.inf
+        return 0.0 if vertices <= LIMIT else math.inf
 
     def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
         """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""

@@ -28,7 +28,6 @@ import argparse
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,8 @@ from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.errors import NothingMeasured
-from harness.frame import Frame, View, make_frame, on_coarser_grid
+from harness.frame import Frame, View, make_frame
+from harness.grid import coarsen
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import EMPTY, REFERENCE
@@ -276,10 +276,7 @@ def law_of(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
     """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
     each = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
-    moved = [
-        (replace(frame, points=on_coarser_grid(frame.points, step)), *more)
-        for frame, *more in draws
-    ]
+    moved = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
     rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in moved])
     return np.asarray(rows @ np.array([each[name] for name in TERMS]))
 

@@ -2,7 +2,6 @@
 
 import json
 import time
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from pyarrow import parquet
 
 from scenes import load
 from tests.paths import python
-from triangulators.ragged import ragged
+from triangulators.polygon_arrays import PolygonArray
 
 MEMORY_MIB = 2048
 TILES = 10
@@ -54,14 +53,9 @@ def million(hundred_thousand, tmp_path_factory) -> Path:
 
 def earcut_alone(polygons: np.ndarray) -> float:
     """Seconds of mapbox_earcut in a loop, over arrays that are ready for it."""
-    arrays = ragged(polygons)
-    rings = np.r_[0, arrays.ring_ends]
-    owners = np.r_[0, arrays.polygon_ends]
-    pieces = []
-    for first, last in pairwise(owners):
-        start = rings[first]
-        ends = (rings[first + 1 : last + 1] - start).astype(np.uint32)
-        pieces.append((arrays.coordinates[start : rings[last]], ends))
+    arrays = PolygonArray.from_shapely(polygons)
+    rings = (arrays.rings_of(index) for index in range(len(arrays)))
+    pieces = [(points, offsets[1:].astype(np.uint32)) for points, offsets in rings]
     begun = time.perf_counter()
     for coordinates, ends in pieces:
         triangulate_float64(coordinates, ends)

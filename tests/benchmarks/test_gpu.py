@@ -8,16 +8,16 @@ are counted.
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from scenes import load
-from triangulators import Ragged, triangulate_many
+from triangulators import PolygonArray, triangulate_many
 from triangulators.devices import is_software
 from triangulators.gpu import engine
-from triangulators.ragged import ragged
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 
@@ -33,19 +33,10 @@ def software() -> bool:
 
 
 @pytest.fixture(scope="module")
-def footprints(software: bool) -> Ragged:
-    arrays = ragged(load("city", buildings=100_000).polygons)
-    points = np.round((arrays.coordinates + 6000) * 256) / 256
-    return repeated(Ragged(points, *arrays[1:]), 1 if software else 10)
-
-
-def repeated(arrays: Ragged, times: int) -> Ragged:
-    def ends(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values + k * values[-1] for k in range(times)])
-
-    return Ragged(
-        np.tile(arrays.coordinates, (times, 1)), ends(arrays.ring_ends), ends(arrays.polygon_ends)
-    )
+def footprints(software: bool) -> PolygonArray:
+    arrays = PolygonArray.from_shapely(load("city", buildings=100_000).polygons)
+    snapped = replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
+    return PolygonArray.concatenate([snapped] * (1 if software else 10))
 
 
 def least(call: Callable[[], Any], rounds: int) -> float:
@@ -58,7 +49,7 @@ def least(call: Callable[[], Any], rounds: int) -> float:
     return min(times)
 
 
-def both(benchmark: Any, arrays: Ragged, rounds: int) -> tuple[float, float]:
+def both(benchmark: Any, arrays: PolygonArray, rounds: int) -> tuple[float, float]:
     """Return the least seconds on the device and on the CPU; the results must be the same."""
 
     def on(device: str) -> Any:
@@ -75,7 +66,7 @@ def both(benchmark: Any, arrays: Ragged, rounds: int) -> tuple[float, float]:
 
 
 def test_footprints(benchmark, footprints):
-    count = len(footprints.polygon_ends)
+    count = len(footprints)
     device_s, cpu_s = both(benchmark, footprints, 3)
     million = device_s * 1e6 / count
     benchmark.extra_info.update(

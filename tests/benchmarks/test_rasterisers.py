@@ -12,7 +12,8 @@ import shapely
 from shapely import Polygon
 
 import scenes
-from harness.frame import SUBPIXEL, Frame, View, bare_frame, make_frame, on_grid
+from harness.frame import Frame, View, bare_frame, make_frame
+from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Triangles, find_device, get
@@ -63,7 +64,7 @@ def on_pixel_centres(size: int) -> Frame:
         if polygon.is_valid and polygon.area > 0:
             polygons.append(shapely.orient_polygons(polygon))
     numbers = np.arange(len(polygons))
-    return Frame(size, size, 1.0, View(size), numbers, *on_grid(polygons))
+    return Frame(size, size, 1.0, View(size), numbers, to_grid(polygons))
 
 
 DEVICES = [

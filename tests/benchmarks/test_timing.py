@@ -16,8 +16,8 @@ from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.stats.intervals import Ratio, paired_ratio
-from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 
 COMPARISONS_SAME = 200

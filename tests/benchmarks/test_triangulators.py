@@ -5,6 +5,7 @@ Run with `python -m pytest tests/benchmarks/test_triangulators.py --benchmark-en
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mapbox_earcut
@@ -17,9 +18,8 @@ from scenes import load
 from tests.paths import python
 from tests.triangulators.cases import convex, glyphs, shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
-from triangulators import Ragged, triangulate, triangulate_many, vertices
+from triangulators import PolygonArray, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
-from triangulators.ragged import ragged
 
 
 def compare(
@@ -87,17 +87,13 @@ def test_smooth_outline_10000_against_delaunay(benchmark, criterion):
     assert ratio <= 30.0
 
 
-def earcut_loop(arrays: Ragged) -> list[np.ndarray]:
+def earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
     """Call mapbox_earcut for one polygon after the other."""
-    coordinates, ring_ends = arrays.coordinates, arrays.ring_ends
     result = []
-    first = 0
-    for last in arrays.polygon_ends.tolist():
-        start = int(ring_ends[first - 1]) if first else 0
-        ends = ring_ends[first:last]
-        piece = coordinates[start : int(ends[-1])]
-        result.append(mapbox_earcut.triangulate_float64(piece, (ends - start).astype(np.uint32)))
-        first = last
+    for index in range(len(polygons)):
+        points, ring_offsets = polygons.rings_of(index)
+        ends = ring_offsets[1:].astype(np.uint32)
+        result.append(mapbox_earcut.triangulate_float64(points, ends))
     return result
 
 
@@ -106,9 +102,8 @@ def earcut_loop(arrays: Ragged) -> list[np.ndarray]:
     [("optimal:half-perimeter", 0.7), ("optimal:overdraw", 1.3), ("refined:half-perimeter", 1.3)],
 )
 def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, most):
-    arrays = ragged(load("city", buildings=100_000).polygons)
-    pixels = np.round((arrays.coordinates + 6000) * 256) / 256
-    snapped_arrays = Ragged(pixels, arrays.ring_ends, arrays.polygon_ends)
+    arrays = PolygonArray.from_shapely(load("city", buildings=100_000).polygons)
+    snapped_arrays = replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
     ratio = compare(
         benchmark,
         lambda: triangulate_many(snapped_arrays, name),

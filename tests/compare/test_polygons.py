@@ -114,7 +114,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     second = grown(1)
     assert (second.polygon, second.metric, second.base, second.head) == (8, "quads", 1, 2)
     assert second.frame.source.tolist() == [8]
-    assert second.frame.offsets.tolist() == [0, 3]
+    assert second.frame.grid.vertex_counts.tolist() == [3]
     moved = points[3:] - second.frame.points
     assert (moved % polygons.QUAD == 0).all()
     assert len(np.unique(moved, axis=0)) == 1

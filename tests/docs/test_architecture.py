@@ -146,7 +146,7 @@ def test_checker_and_search_share_definitions_alone():
     Where no library finds a triangulation, a start is made of the checker's edges, and verified.
     """
     shared = {"evidence", "units", "claims"}
-    more = {"certify": {"checker"}, "starting": {"edges"}}
+    more = {"certify": {"checker"}, "initial": {"edges"}}
     for file in sources():
         if "checking" in file.parts:
             continue

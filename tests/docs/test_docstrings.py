@@ -24,6 +24,7 @@ WITH_EXAMPLES = [
     "triangulators",
     *("triangulators.many", "triangulators.certificate.certify"),
     *("triangulators.criteria", "triangulators.dropin", "triangulators.polygon"),
+    "triangulators.polygon_arrays",
     *("triangulators.registry", "triangulators.verify"),
 ]
 """Modules that other code calls, function by function; other scenes are reached by `load`."""

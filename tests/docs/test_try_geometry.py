@@ -11,7 +11,8 @@ import pytest
 import shapely
 from shapely import Polygon, box
 
-from harness.frame import SUBPIXEL, View, make_frame
+from harness.frame import View, make_frame
+from harness.grid import SUBPIXEL
 from harness.rasterisers.reference import predict
 from scenes import load
 from tests.conftest import geojson

@@ -5,6 +5,7 @@ vertices or no grid.
 """
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,7 @@ import pytest
 from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.test_gpu import NAME, WORST, assert_same
-from triangulators import Ragged
-from triangulators.ragged import ragged
+from triangulators.polygon_arrays import PolygonArray
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 VIEWS = (View(256), View(1024, 30.0), View(4096))
@@ -36,8 +36,8 @@ def test_scenes_in_pixels(scene, name, done, tell):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_footprints_of_a_city(seed, done, times, tell):
-    city = ragged(load("city", buildings=times(100_000), seed=seed).polygons)
-    points = np.round((city.coordinates + MIDDLE_M) * 256) / 256
-    assert_same(Ragged(points, city.ring_ends, city.polygon_ends), NAME, DEVICE)
+    city = PolygonArray.from_shapely(load("city", buildings=times(100_000), seed=seed).polygons)
+    points = np.round((city.coords + MIDDLE_M) * 256) / 256
+    assert_same(replace(city, coords=points), NAME, DEVICE)
     assert sum(done) > 0
-    tell({"polygons": len(city.polygon_ends), "of which the device did": sum(done)})
+    tell({"polygons": len(city), "of which the device did": sum(done)})

@@ -13,14 +13,13 @@ from tests.conftest import exit_code, write_geojson
 from tests.paths import ROOT
 from tests.ports import languages
 from tests.ports.languages import Cases, in_python, read
-from tests.ports.polygons import Rings, is_as_before, random_polygons
+from tests.ports.polygons import Rings, earcut_rings, is_as_before, random_polygons
 from tests.triangulators.cases import convex, shared_rings, smooth, star, touching_polygons
 from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
 from triangulators.criteria import FLIP_TESTS, find
 from triangulators.dropin import triangulate_float64
 from triangulators.optimum.full_table import by_full_table
-from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
 CRITERIA = ("half-perimeter", "overdraw")
@@ -62,7 +61,7 @@ def test_the_optimum_is_one_by_every_way(kind, seed, times, tell, tmp_path):
             points, single = vertices(polygon), triangulate(polygon, name)
             ways = {"single": single, "batch": many[number], "file": files[number]}
             if criterion == "half-perimeter":
-                flat = triangulate_float64(*rings_of(polygon), method="optimal")
+                flat = triangulate_float64(*earcut_rings(polygon), method="optimal")
                 ways["drop-in"] = flat.reshape(-1, 3).astype(np.int32)
             least = total(points, single)
             for way, triangles in ways.items():
@@ -91,12 +90,12 @@ def test_large_rings_are_as_the_table_over_all_pairs(n, make):
 def rings_of_scene(name: str) -> list[Rings]:
     """Return a scene's polygons: as they are, snapped to pixels, and in a tile's whole numbers."""
     polygons = load(name).polygons
-    pixels = [rings_of(each) for each in make_frame(polygons, View(1024)).polygons]
+    pixels = [earcut_rings(each) for each in make_frame(polygons, View(1024)).polygons]
     tile = [
         (np.rint((xy - xy.min(axis=0)) * (4096.0 / max(np.ptp(xy, axis=0).max(), 1.0))), ends)
         for xy, ends in pixels
     ]
-    return [*map(rings_of, polygons), *pixels, *tile]
+    return [*map(earcut_rings, polygons), *pixels, *tile]
 
 
 def rings_of_file(name: str) -> list[Rings]:

@@ -11,7 +11,7 @@ from harness.errors import UsageError
 from harness.export import apart
 from harness.measuring.worker import TaskFailed
 from tests.conftest import write_geojson
-from triangulators.ragged import ragged
+from triangulators.polygon_arrays import PolygonArray
 
 SIZES = (1.0, 2.0, 30.0, 3.0, 4.0, 40.0, 5.0)
 CRASHING = [2, 5]
@@ -21,7 +21,9 @@ def squares() -> list[Polygon]:
     return [box(10 * place, 0, 10 * place + size, size) for place, size in enumerate(SIZES)]
 
 
-@pytest.mark.parametrize("given", [squares, lambda: ragged(squares())], ids=["polygons", "arrays"])
+@pytest.mark.parametrize(
+    "given", [squares, lambda: PolygonArray.from_shapely(squares())], ids=["polygons", "arrays"]
+)
 def test_a_crash_costs_its_own_polygon(given):
     found = apart.triangulate_many(given(), "tests.broken:dies_at_large")
     right = triangulators.triangulate_many(squares(), "ear-clipping")

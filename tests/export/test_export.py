@@ -189,9 +189,9 @@ def test_npz_has_plain_arrays(tmp_path, houses, chunk):
         a, b, c = (vertices[triangles[:, k]] for k in range(3))
         areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
         assert (areas > 0).all()  # counter-clockwise
-        starts = data["triangle_starts"]
+        starts = data["triangle_offsets"]
         assert np.add.reduceat(areas, starts[:-1]) == pytest.approx(HOUSE_AREAS)
-        assert data["vertex_starts"].tolist() == [0, 4, 12, 15]
+        assert data["vertex_offsets"].tolist() == [0, 4, 12, 15]
         assert data["attribute_name"].tolist() == ["a", "b ü", ""]
         assert data["attribute_height"][:2].tolist() == [3.5, 12.0]
         assert data["triangulator"] == "optimal:half-perimeter"

@@ -1,7 +1,6 @@
 """Frames: inside the viewport, on the grid, and nothing lost silently."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,8 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.frame import MARGIN_PX, SUBPIXEL, View, bare_frame, make_frame, on_grid
+from harness.frame import MARGIN_PX, View, frame_of_grid, make_frame
+from harness.grid import SUBPIXEL, to_grid
 from triangulators import vertices
 
 L_SHAPE = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)])
@@ -33,7 +33,7 @@ def test_every_vertex_is_on_the_grid_and_inside_the_viewport(polygons, resolutio
     assert (frame.points >= 0).all()
     assert (frame.points <= resolution * SUBPIXEL).all()
     for number, polygon in enumerate(frame.polygons):
-        part = frame.points[frame.offsets[number] : frame.offsets[number + 1]]
+        part, _ = frame.grid.rings_of(number)
         assert (vertices(polygon) * SUBPIXEL == part).all()
         assert polygon.is_valid
         assert polygon.area > 0
@@ -124,8 +124,7 @@ def on_the_grid(draw: st.DrawFn) -> Polygon:
 
 @given(st.lists(on_the_grid(), min_size=1, max_size=4))
 def test_a_frame_of_arrays_holds_whole_polygons_in_a_worker_too(polygons):
-    points, offsets, ring_ends = on_grid(polygons)
-    frame = replace(bare_frame(512, points), offsets=offsets, ring_ends=ring_ends)
+    frame = frame_of_grid(512, to_grid(polygons))
     assert list(frame.polygons) == polygons
     sent = pickle.loads(pickle.dumps(frame))
     assert "polygons" not in vars(sent)
@@ -134,6 +133,6 @@ def test_a_frame_of_arrays_holds_whole_polygons_in_a_worker_too(polygons):
 
 def test_a_frame_knows_where_its_rings_end():
     frame = make_frame([L_SHAPE, COURTYARD], View(512, 30))
-    assert frame.offsets.tolist() == [0, 6, 14]
-    assert frame.ring_ends.tolist() == [6, 10, 14]
+    assert frame.grid.ring_offsets.tolist() == [0, 6, 10, 14]
+    assert frame.grid.geom_offsets.tolist() == [0, 1, 3]
     assert [len(polygon.interiors) for polygon in frame.polygons] == [0, 1]

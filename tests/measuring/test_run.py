@@ -32,7 +32,7 @@ from harness.triangulating.recipes import Recipe, parse_all
 from tests.conftest import write_geojson
 from tests.inline import Inline
 from tests.mock import MockRasteriser
-from triangulators import Ragged
+from triangulators import PolygonArray
 
 MOCK = "tests.mock:MockRasteriser"
 FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
@@ -87,9 +87,9 @@ def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
     assert columns["fragments"].sum() == records["delaunay"]["counters"]["fragments"]
 
 
-def nothing_at_once(_recipe: Recipe, arrays: Ragged) -> tuple[list[object], np.ndarray]:
+def nothing_at_once(_recipe: Recipe, polygons: PolygonArray) -> tuple[list[object], np.ndarray]:
     """Leave every polygon of a batch to single calls."""
-    return [], np.zeros(len(arrays.polygon_ends), np.bool_)
+    return [], np.zeros(len(polygons), np.bool_)
 
 
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,9 @@ from harness.rasterisers.reference import Reference, outlines, quads_of
 from harness.results.run_folder import read_arrays, read_run
 from harness.results.schema import wrong_field
 from harness.settings import MODEL_TRIANGULATORS
-from harness.triangulating.frames import original, triangulate_polygons
+from harness.triangulating.carrying import original_triangulation
 from harness.triangulating.recipes import parse, parse_all
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import Scene, load
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import FAST, measure
@@ -94,7 +95,7 @@ def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
     scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
     frame = frame_of(scene, view_of(scene))
-    parts = original(frame).parts
+    parts = original_triangulation(frame).parts
     assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
     assert np.array_equal(limits(frame, parts), quads_of(frame, parts))
     assert (quads_of(frame, parts) > outlines(frame, parts)).all()

@@ -16,13 +16,10 @@ from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import submission
 from harness.rasterisers.reference import predict
-from harness.triangulating.frames import (
-    FrameTriangulation,
-    in_views,
-    original,
-    triangulate_polygons,
-)
+from harness.triangulating.carrying import carry_to_views, original_triangulation
 from harness.triangulating.recipes import parse
+from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
@@ -52,7 +49,7 @@ def test_counters_of_what_is_no_face_are_those_that_check_tells(tmp_path):
     drawn = [views.Drawn(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (told,) = views.look(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
-    rows = frame.join(original(frame).parts)
+    rows = frame.join(original_triangulation(frame).parts)
     counted = predict(frame.points, rows)
     assert counted["helper_lanes"].sum() == told.before[0] > 0
     assert counted["quads"].sum() == told.before[1]
@@ -75,9 +72,9 @@ def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
     scene = read(str(path), pixels=256)
     frame, recipe = framed(scene), parse("optimal:edge-length")
     assert bool(scene.viewing.bound) == (pieces is perforated)
-    done = in_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
+    done = carry_to_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
     for parts, lanes, quads in (
-        (original(frame).parts, *told.before),
+        (original_triangulation(frame).parts, *told.before),
         (done.parts, *told.after),
     ):
         counted = predict(frame.points, frame.join(parts))
@@ -86,7 +83,9 @@ def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
     assert told.after[0] < 0.95 * told.before[0]
     unproven = np.isinf(done.gaps)
     assert (unproven == (scene.viewing.source > len(scene.polygons))).all()
-    others = in_views(frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan"))
+    others = carry_to_views(
+        frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan")
+    )
     for piece, rows in scene.viewing.rest.items():
         assert np.array_equal(others.parts[piece], rows)
 
@@ -124,7 +123,7 @@ def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file
 def test_pieces_are_the_faces_that_turn_their_front_to_the_camera(plate_file):
     scene = read(plate_file, views=4, pixels=512)
     frame, viewing = framed(scene), scene.viewing
-    rows = frame.join(original(frame).parts)
+    rows = frame.join(original_triangulation(frame).parts)
     a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turned >= 0).all()
@@ -171,11 +170,10 @@ def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
     assert viewing.rest
     for piece, rows in viewing.rest.items():
         assert viewing.source[piece] == 1
-        first, last = viewing.offsets[piece : piece + 2]
-        assert sorted(np.unique(rows)) == list(range(last - first))
+        assert sorted(np.unique(rows)) == list(range(viewing.pieces.vertex_counts[piece]))
     frame = framed(scene)
     flat = FrameTriangulation(parts=[None], skipped=[(0, "why")], t_junctions=[0])
-    done = in_views(frame, flat, parse("original"))
+    done = carry_to_views(frame, flat, parse("original"))
     faces = [piece for piece in range(len(viewing.source)) if piece not in viewing.rest]
     assert done.skipped == [(piece, "why") for piece in faces]
     assert [done.parts[piece] is None for piece in faces] == [True] * len(faces)
@@ -189,7 +187,7 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
-    rows = submission(frame, frame.join(original(frame).parts), Options())
+    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
     for span in frame.draws(rows):
         own = rows[span]
         if len(own) == 0:
@@ -210,7 +208,7 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     for height in (0, 5, 2):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path)))
-    rows = submission(frame, frame.join(original(frame).parts), Options())
+    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
     seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
     assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 
@@ -222,7 +220,7 @@ def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
     frame = framed(read(built(builder, tmp_path), views=8))
     one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
     flat = FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")])
-    done = in_views(frame, flat, parse("original"))
+    done = carry_to_views(frame, flat, parse("original"))
     shown = [part is not None for part in done.parts]
     assert done.gaps == [0.25] * sum(shown)
     assert sum(shown) == len(shown) / 2 > 0
@@ -242,9 +240,9 @@ def test_views_are_the_same_on_every_machine(tmp_path):
     viewing = read(built(builder, tmp_path), pixels=1024, distance=3.0, depth="file").viewing
     assert viewing.names[:2] == ("1 2 3", "1 -2 -3")
     places = [[232560, 171758], [176178, 171758], [9733, 82428], [204036, 135947]]
-    assert viewing.points[:4].tolist() == places
+    assert viewing.pieces.coords[:4].tolist() == places
     assert viewing.depths[:4].tolist() == [13044988, 13044988, 9267751, 11530761]
-    whole = viewing.points.astype("<i4").tobytes() + viewing.depths.astype("<i4").tobytes()
+    whole = viewing.pieces.coords.astype("<i4").tobytes() + viewing.depths.astype("<i4").tobytes()
     assert hashlib.sha256(whole).hexdigest()[:16] == "31d800fb31ff19a0"
 
 

@@ -12,7 +12,7 @@ from harness.models.in_place import opened, retriangulate
 from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
-from harness.triangulating.frames import original
+from harness.triangulating.carrying import original_triangulation
 from tests.conftest import ends_well
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
@@ -130,7 +130,7 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
     for path in (before, after):
         scene = read(str(path), pixels=pixels)
         frame = frame_of(scene, view_of(scene))
-        found = original(frame)
+        found = original_triangulation(frame)
         totals = {name: each.sum() for name, each in found.predicted.items()}
         counted = predict(frame.points, frame.join(found.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))

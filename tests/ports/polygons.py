@@ -11,6 +11,13 @@ from triangulators.polygon import rings_of
 
 Rings = tuple[np.ndarray, np.ndarray]
 
+
+def earcut_rings(polygon: shapely.Polygon) -> Rings:
+    """Return vertices (n, 2) and where each ring ends, uint32, as mapbox_earcut takes them."""
+    points, ring_offsets = rings_of(polygon)
+    return points, ring_offsets[1:].astype(np.uint32)
+
+
 _LARGE = 2**25
 
 
@@ -22,7 +29,7 @@ def random_polygons(seed: int, count: int) -> Iterator[Rings]:
         for shape in (_cells, _star, _pieces):
             for polygon in shape(rng):
                 if made < count and polygon.area > 0.0:
-                    yield _placed(rng, *rings_of(polygon))
+                    yield _placed(rng, *earcut_rings(polygon))
                     made += 1
 
 

@@ -17,10 +17,9 @@ from tests.docs.blocks import blocks
 from tests.paths import ROOT
 from tests.ports import languages, vectors
 from tests.ports.languages import Cases, in_python, read
-from tests.ports.polygons import is_as_before, random_polygons
+from tests.ports.polygons import earcut_rings, is_as_before, random_polygons
 from tests.triangulators.cases import shared_rings
 from triangulators.criteria import FLIP_TESTS
-from triangulators.polygon import rings_of
 
 RANDOM = 3000
 PORT = ROOT / "ports" / "javascript"
@@ -33,7 +32,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion
 def cases():
     polygons = list(random_polygons(5, RANDOM))
     for scene in ("city", "cad", "stress", "paper"):
-        polygons += [rings_of(each) for each in load(scene).polygons[:100]]
+        polygons += [earcut_rings(each) for each in load(scene).polygons[:100]]
     for name in ("earcut_fixtures.json", "poly2tri_testbed.json"):
         for _, rings in shared_rings(name):
             points = np.concatenate([ring.reshape(-1, 2) for ring in rings])

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.frame import SUBPIXEL, WHOLE
+from harness.frame import UNBOUNDED
+from harness.grid import SUBPIXEL
 from harness.profile import design, placing
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import ASPECTS, Draw
@@ -44,7 +45,7 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
     for draw, _ in counted[::9]:
         if draw.kind != "twice":
             covered, helpers = np.zeros((2, SIDE, SIDE), np.int64)
-            spans.shade(draw.frame.points, draw.triangles, covered, helpers, WHOLE)
+            spans.shade(draw.frame.points, draw.triangles, covered, helpers, UNBOUNDED)
             assert covered.max() <= 1, draw.name
 
 

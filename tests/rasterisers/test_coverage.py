@@ -8,8 +8,8 @@ from shapely import Polygon, make_valid
 
 from harness.frame import View, make_frame
 from harness.rasterisers import Options
-from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.paths import shared_data
 

@@ -5,7 +5,8 @@ import pytest
 from PIL import Image
 from shapely import Polygon
 
-from harness.frame import SUBPIXEL, View, bare_frame, make_frame
+from harness.frame import View, bare_frame, make_frame
+from harness.grid import SUBPIXEL
 from harness.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
 from harness.rasterisers import Options
 from tests.rasterisers.conftest import loose_triangles, random_triangles

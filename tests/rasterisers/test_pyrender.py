@@ -1,6 +1,7 @@
 """Roofs through pyrender, in a process of its own."""
 
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, submission
 from harness.rasterisers.pyrender import extrude
 from harness.rasterisers.reference import Reference
-from harness.triangulating.frames import original
+from harness.triangulating.carrying import original_triangulation
 from tests.models.various import solid
 from tests.rasterisers import pictures
 from triangulators import triangulate
@@ -80,7 +81,7 @@ def test_walls_stand_under_the_rings(frame):
     assert len(solid.faces) == len(triangles) + 2 * number
     assert np.array_equal(solid.faces[: len(triangles)], triangles)
     heights = solid.positions[:number, 2]
-    for start, stop in zip(frame.offsets, frame.offsets[1:], strict=False):
+    for start, stop in pairwise(frame.grid.vertex_offsets):
         assert heights[start] > 0
         assert (heights[start:stop] == heights[start]).all()
     corners = solid.positions[solid.faces[len(triangles) :]]
@@ -115,7 +116,7 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
         found[depth] = frame_of(scene, view_of(scene))
     frame = found["file"]
     device = find_device("pyrender", "llvmpipe")
-    rows = submission(frame, frame.join(original(frame).parts), Options())
+    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
             worker.call(pictures.image, "pyrender", device, found["none"], rows, Options())

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.frame import WHOLE
+from harness.frame import UNBOUNDED
 from harness.rasterisers import Options, find_device, get, spans
 from harness.rasterisers.reference import TILES, colours, count_tiles, predict
 from tests.rasterisers import pictures
@@ -112,7 +112,7 @@ of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
 def test_tiles_are_those_whose_interior_meets_the_triangle(corners):
     """Tiles of 16 units in a field of 64; the exact count is checked by clipping."""
     points = np.array(corners, np.int32)
-    by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16, WHOLE)[0]
+    by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16, UNBOUNDED)[0]
     triangle = Polygon(corners)
     if triangle.area == 0:
         assert (by_box, exact) == (0, 0)
@@ -134,7 +134,7 @@ def test_mean_number_of_squares_follows_half_perimeter_and_area(side):
         moves = rng.integers(128 * 256, 256 * 256, (4000, 1, 2))
         points = (shape + moves).reshape(-1, 2).astype(np.int32)
         triangles = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
-        squares = count_tiles(points, triangles, side * 256, WHOLE)[:, 1]
+        squares = count_tiles(points, triangles, side * 256, UNBOUNDED)[:, 1]
         area = abs(int(ax * by - ay * bx)) / 2 / 256**2
         half_perimeter = np.ptp(shape, axis=0).sum() / 256
         mean = 1 + half_perimeter / side + area / side**2

@@ -14,9 +14,10 @@ from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import disagreements
-from harness.triangulating.frames import in_views, original, triangulate_polygons
+from harness.triangulating.carrying import carry_to_views, original_triangulation
 from harness.triangulating.recipes import parse
-from scenes.scene import Viewing
+from harness.triangulating.triangulate import triangulate_polygons
+from harness.viewing import Viewing
 from tests.models.various import solid
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import require_reference_counts, seconds, worker_on
@@ -32,10 +33,10 @@ def framed(path: str, **how: Any) -> Frame:
 def triangulations(frame: Frame, *names: str) -> list[np.ndarray]:
     """Return the model's own, and those of its faces by name."""
     assert frame.flat is not None
-    parts = [original(frame).parts]
+    parts = [original_triangulation(frame).parts]
     for name in names:
         flat = triangulate_polygons(parse(name), frame.flat.polygons)
-        parts.append(in_views(frame, flat, parse("original")).parts)
+        parts.append(carry_to_views(frame, flat, parse("original")).parts)
     return [frame.join(each) for each in parts]
 
 
@@ -118,10 +119,8 @@ def sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
     viewing = Viewing(
         pixels=16,
         names=("",),
-        points=frame.points,
+        pieces=frame.grid,
         depths=np.repeat(np.array(depths, np.int32), 4),
-        offsets=frame.offsets,
-        ring_ends=frame.ring_ends,
         source=np.arange(count),
         first=np.array([0, count]),
         given=(rows,) * count,
@@ -173,7 +172,7 @@ def partly_hidden() -> tuple[Frame, np.ndarray]:
     frame, rows = sheets([5000, 9000])
     points = frame.points.copy()
     points[:4] = np.clip(points[:4] + 512, 0, 3840)
-    return replace(frame, points=points), rows
+    return frame.with_points(points), rows
 
 
 def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import on_coarser_grid
+from harness.grid import coarsen
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
 from harness.rasterisers.reference import SHADED, disagreements
@@ -95,7 +95,7 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
     tally = opened._tally_once
 
     def coarse(frame: Any, part: Any) -> Any:
-        return tally(replace(frame, points=on_coarser_grid(frame.points, 16)), part)
+        return tally(frame.with_points(coarsen(frame.points, 16)), part)
 
     opened._tally_once = coarse
     try:
@@ -111,7 +111,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
     step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
     assert step == 16
-    on_it = replace(frame, points=on_coarser_grid(frame.points, 16))
+    on_it = frame.with_points(coarsen(frame.points, 16))
     assert disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
     assert np.array_equal(picture, pictures.image_of(reference, on_it, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
@@ -119,7 +119,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
 
 def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
     frame, triangles = random_triangles(seed=6, size=250, number=150, grid=1)
-    moved = replace(frame, points=on_coarser_grid(frame.points, 16))
+    moved = frame.with_points(coarsen(frame.points, 16))
     with worker_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
         assert (details["step"], details["subpixel_bits"]) == (16, 4)

@@ -19,8 +19,9 @@ from harness.rasterisers.reference import predict
 from harness.report.page import write_report
 from harness.results import drawings
 from harness.results.run_folder import Store, read_run
-from harness.triangulating.frames import predict_polygons, triangulate_polygons
 from harness.triangulating.recipes import parse, parse_all
+from harness.triangulating.result import predict_polygons
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
 from tests.inline import Inline

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import shapely
 
-from harness.frame import SUBPIXEL, bare_frame, on_grid
+from harness.grid import SUBPIXEL, to_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
 from harness.scaling.census import Census, gains, on_pixels
@@ -42,8 +42,7 @@ def counted_one_by_one(footprints, name):
     found = []
     for footprint in footprints:
         rounded = shapely.transform(footprint, on_the_grid)
-        points, _, _ = on_grid([rounded])
-        each = predict(bare_frame(8, points).points, triangulate(rounded, name))
+        each = predict(to_grid([rounded]).coords, triangulate(rounded, name))
         found.append([each[measure].sum() for measure in COUNTED])
     return np.array(found)
 

@@ -41,7 +41,7 @@ def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footpr
     areas = shapely.area(shapely.from_wkb(tables["geometry"].to_numpy()))
     assert areas == pytest.approx(shapely.area(footprints))
     counts = shapely.get_num_geometries(shapely.from_wkb(tables["geometry"].to_numpy()))
-    assert counts.tolist() == np.diff(found.starts).tolist()
+    assert counts.tolist() == np.diff(found.triangle_offsets).tolist()
 
 
 def test_all_parts_have_one_schema_and_the_sources_types(parts, tmp_path):

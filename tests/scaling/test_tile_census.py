@@ -17,15 +17,16 @@ from pmtiles.tile import (
 )
 from pmtiles.writer import write
 
-from harness.frame import SUBPIXEL, frame_of, view_of
+from harness.frame import frame_of, view_of
+from harness.grid import SUBPIXEL
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
 from harness.scaling.census import TileCensus
 from harness.scaling.crew import Crew
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.sums import Counted
-from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
 from scenes.slices import MOST_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened

@@ -28,7 +28,8 @@ from pmtiles.tile import (
 from pmtiles.writer import write
 
 from harness.errors import UsageError
-from harness.frame import SUBPIXEL, View, frame_of, view_of
+from harness.frame import View, frame_of, view_of
+from harness.grid import SUBPIXEL
 from scenes import SceneError, load
 from scenes.scene import Note
 from scenes.slices import Chosen, cut_tiles, read_tiles

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.frame import SUBPIXEL, View, make_frame
+from harness.frame import View, make_frame
+from harness.grid import SUBPIXEL
 from harness.metrics.per_polygon import spearman
 from harness.rasterisers.reference import predict
 from harness.report import matrix

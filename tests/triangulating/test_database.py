@@ -21,7 +21,7 @@ def path(tmp_path) -> Path:
 
 
 def key(number: int) -> bytes:
-    return model.key("delaunay", {}, np.array([[number, 0.0], [1, 0], [0, 1]]), [3])
+    return model.key("delaunay", {}, np.array([[number, 0.0], [1, 0], [0, 1]]), [0, 3])
 
 
 def test_what_was_put_is_there_for_the_next(path):
@@ -58,16 +58,16 @@ def test_a_database_that_others_may_write_is_named(path, mode, lines):
 )
 def test_keys_differ_where_content_does(points, index, name):
     vertices = np.array(points)
-    base = model.key("optimal:overdraw", {}, vertices, [len(vertices)])
+    base = model.key("optimal:overdraw", {}, vertices, [0, len(vertices)])
     moved = vertices.copy()
     moved[index % len(moved), 0] = np.nextafter(moved[index % len(moved), 0], np.inf)
     others = [
-        model.key("optimal:half-perimeter", {}, vertices, [len(vertices)]),
-        model.key("optimal:overdraw", {name: 1}, vertices, [len(vertices)]),
-        model.key("optimal:overdraw", {}, moved, [len(vertices)]),
-        model.key("optimal:overdraw", {}, vertices, [1, len(vertices)]),
+        model.key("optimal:half-perimeter", {}, vertices, [0, len(vertices)]),
+        model.key("optimal:overdraw", {name: 1}, vertices, [0, len(vertices)]),
+        model.key("optimal:overdraw", {}, moved, [0, len(vertices)]),
+        model.key("optimal:overdraw", {}, vertices, [0, 1, len(vertices)]),
     ]
-    assert base == model.key("optimal:overdraw", {}, vertices.copy(), [len(vertices)])
+    assert base == model.key("optimal:overdraw", {}, vertices.copy(), [0, len(vertices)])
     assert len({base, *others}) == 5
 
 

@@ -9,10 +9,11 @@ import pytest
 from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
 from harness.triangulating import database as store
-from harness.triangulating import frames
+from harness.triangulating import triangulate
 from harness.triangulating.database import KEEP_S, Lookup, ModelDatabase
-from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.recipes import Recipe, parse
+from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.conftest import ends_well
 from tests.harness.test_cli import MOCK
@@ -47,15 +48,15 @@ def all_kept(monkeypatch):
 def computed(monkeypatch) -> list[str]:
     """Names of the triangulators that were called, one a polygon; warming up is not counted."""
     calls: list[str] = []
-    triangulate = Recipe.triangulate_with_gap
+    single = Recipe.triangulate_with_gap
 
     def counted(recipe, polygon):
         calls.append(str(recipe))
-        return triangulate(recipe, polygon)
+        return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", counted)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
-    monkeypatch.setattr(frames, "warm_up", lambda _: None)
+    monkeypatch.setattr(triangulate, "warm_up", lambda _: None)
     return calls
 
 
@@ -99,7 +100,7 @@ def test_each_number_is_kept_by_itself(database, base):
 def clock(monkeypatch) -> Clock:
     """A clock that only `spend` moves, in place of the one that triangulators are timed by."""
     found = Clock()
-    monkeypatch.setattr(frames, "cpu_clock", found)
+    monkeypatch.setattr(triangulate, "cpu_clock", found)
     return found
 
 
@@ -108,11 +109,11 @@ def test_what_is_computed_as_quickly_as_read_is_not_kept(
     database, monkeypatch, clock, seconds, kept
 ):
     small = make_frame(load("city:buildings=4").polygons, View(512)).polygons
-    triangulate = Recipe.triangulate_with_gap
+    single = Recipe.triangulate_with_gap
 
     def timed(recipe, polygon):
         clock.spend(seconds)
-        return triangulate(recipe, polygon)
+        return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
@@ -261,7 +262,7 @@ def test_times_are_those_of_the_triangulator_alone(monkeypatch, clock):
         clock.spend(1e-3)
         raise RuntimeError
 
-    monkeypatch.setattr(frames, "_warm", set())
+    monkeypatch.setattr(triangulate, "_warm", set())
     monkeypatch.setattr(Recipe, "triangulate", slow_at_first)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", slow_at_first)
     found = cut("delaunay", POLYGONS, 0)
@@ -281,7 +282,7 @@ def test_what_a_batch_does_at_once_is_timed_as_one(monkeypatch, clock):
         raise AssertionError
 
     expected = cut("optimal:half-perimeter", small)
-    frames.warm_up(parse("optimal:half-perimeter"))
+    triangulate.warm_up(parse("optimal:half-perimeter"))
     monkeypatch.setattr(Recipe, "attempt", timed)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", spent)
     found = cut("optimal:half-perimeter", small)

@@ -1,23 +1,29 @@
 """How many polygons an optimum is proven for, as they are computed and as they are read."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
+import shapely
 from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring import records
 from harness.measuring.processes import FEWEST_ROUNDS, MOST_ROUNDS, Bench
+from harness.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating import database as store
-from harness.triangulating import frames
-from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
-from harness.triangulating.recipes import Recipe, parse
+from harness.triangulating import rounds
+from harness.triangulating.recipes import Recipe, parse, parse_all
+from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import triangulate_polygons
+from scenes import load
 from tests.inline import Inline
 from tests.measuring.test_run import nothing_at_once
 from tests.mock import Clock
 from triangulators.certificate import proof
 from triangulators.methods import optimal
+from triangulators.polygon_arrays import PolygonArray
 
 
 def ring(n: int, radius: float, seed: int) -> np.ndarray:
@@ -103,13 +109,13 @@ def calls(monkeypatch):
         result.seconds += len(found)
         return dict.fromkeys(range(len(polygons)))
 
-    monkeypatch.setattr(frames, "_batch", batch)
-    monkeypatch.setattr(frames, "warm_up", lambda *_: None)
+    monkeypatch.setattr(rounds, "run_batch", batch)
+    monkeypatch.setattr(rounds, "warm_up", lambda *_: None)
     return found
 
 
 def test_each_round_has_every_triangulator_once_in_changing_order(calls):
-    samples = frames.time_in_rounds(RECIPES, POLYGONS, 12, seed=0)
+    samples = rounds.time_in_rounds(RECIPES, POLYGONS, 12, seed=0)
     pairs = [tuple(calls[2 * k : 2 * k + 2]) for k in range(12)]
     assert all(sorted(pair) == ["ear-clipping", "fan"] for pair in pairs)
     assert len(set(pairs)) == 2
@@ -128,11 +134,11 @@ def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
         clock.spend(0.5)
         raise ValueError
 
-    monkeypatch.setattr(frames, "cpu_clock", clock)
-    monkeypatch.setattr(frames, "warm_up", lambda *_: None)
-    monkeypatch.setattr(frames, "_batch", lambda recipe, polygons, result: {0: None})
+    monkeypatch.setattr(rounds, "cpu_clock", clock)
+    monkeypatch.setattr(rounds, "warm_up", lambda *_: None)
+    monkeypatch.setattr(rounds, "run_batch", lambda recipe, polygons, result: {0: None})
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
-    assert frames.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
+    assert rounds.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
     assert seen[:2] == POLYGONS[1:]
 
 
@@ -147,3 +153,25 @@ def test_a_budget_gives_the_rounds_and_leaves_out_what_is_too_slow(seconds, roun
     assert {recipe: len(samples) for recipe, samples in found.items()} == (
         dict.fromkeys(RECIPES, rounds) if rounds else {}
     )
+
+
+def test_polygons_of_a_view_are_converted_twice_however_many_triangulators(monkeypatch):
+    """From shapely for the frame, and to shapely for those that work one by one."""
+    conversions = []
+    from_shapely, to_shapely = PolygonArray.from_shapely, shapely.from_ragged_array
+
+    def count(name, convert):
+        return lambda *given: (conversions.append(name), convert(*given))[1]
+
+    scene = load("city:buildings=20").polygons
+    recipes = parse_all([*DEFAULT_TRIANGULATORS, "flips:l1", "random#1", "greedy"])
+    rounds.warm_up(*recipes)
+    monkeypatch.setattr(PolygonArray, "from_shapely", count("arrays", from_shapely))
+    monkeypatch.setattr(shapely, "from_ragged_array", count("shapely", to_shapely))
+    polygons = pickle.loads(pickle.dumps(make_frame(scene, View(256)))).polygons
+    sent = pickle.dumps(polygons)
+    for recipe in recipes:  # as a worker gets them
+        result = triangulate_polygons(recipe, pickle.loads(sent))
+        assert result.drawn.any()
+    rounds.time_in_rounds(recipes, pickle.loads(sent), 2, seed=0)
+    assert conversions == ["arrays", "shapely"]

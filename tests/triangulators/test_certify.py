@@ -46,8 +46,8 @@ from triangulators.criteria.cost import (
     cost_of,
     with_fields,
 )
+from triangulators.initial import best_initial
 from triangulators.polygon import boundary, boundary_area
-from triangulators.starting import best_start
 from triangulators.verify import verify
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
@@ -126,7 +126,7 @@ def test_the_table_and_the_program_agree_without_holes():
         name = (*WHOLE, *ROUNDED)[number % 5]
         outline = boundary(polygon)
         cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
-        proof = prove(outline, best_start(outline, cost), cost)
+        proof = prove(outline, best_initial(outline, cost), cost)
         best = triangulate(polygon, "optimal", criterion=name)
         total = criteria.find(name).total
         assert total(outline.points, proof.triangles) == pytest.approx(

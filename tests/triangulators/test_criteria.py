@@ -30,9 +30,10 @@ from triangulators import (
     triangulate,
     vertices,
 )
-from triangulators.criteria import predict
+from triangulators.criteria import predict, predict_many
 from triangulators.criteria.features import exact_quads
 from triangulators.methods.exhaustive import enumerate_triangulations
+from triangulators.polygon_arrays import offsets_of
 
 numbers = st.integers(-500, 500).map(lambda value: value / 4)
 corners = st.tuples(*[st.tuples(numbers, numbers)] * 3)
@@ -254,3 +255,19 @@ def test_too_many_vertices_are_skipped_with_the_reason():
     with pytest.raises(Skipped, match=r"exact-quads of 600 vertices: up to 500 are done"):
         triangulate(polygon, "optimal:exact-quads")
     assert len(triangulate(star(60), "optimal:exact-quads")) == 58
+
+
+def test_predictions_of_many_polygons_are_those_of_each_one():
+    polygons = make_frame(load("city:buildings=40").polygons, View(256)).polygons
+    parts = [triangulate(polygon, "ear-clipping") for polygon in polygons]
+    parts[3] = parts[3][:0]
+    columns = predict_many(
+        polygons.coords,
+        polygons.vertex_offsets,
+        np.concatenate(parts),
+        offsets_of([len(part) for part in parts]),
+    )
+    for k, part in enumerate(parts):
+        single = predict(polygons.rings_of(k)[0], part)
+        assert {name: column[k] for name, column in columns.items()} == single
+    assert columns["area"][3] == columns["beauty"][3] == 0.0

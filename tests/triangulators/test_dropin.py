@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
 from triangulators import dropin, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
 from triangulators.geometry.earcut import far_offsets
-from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
 METHODS = ("flips", "refined", "optimal")
@@ -22,7 +22,7 @@ def outlines():
 
 def test_the_usual_method_flips_earcuts_own_triangles():
     for polygon in outlines():
-        points, ends = rings_of(polygon)
+        points, ends = earcut_rings(polygon)
         found = dropin.triangulate_float64(points, ends)
         assert found.dtype == np.uint32
         raw = mapbox_earcut.triangulate_float64(points, ends)
@@ -33,7 +33,7 @@ def test_the_usual_method_flips_earcuts_own_triangles():
 
 def test_an_unknown_method_is_named():
     with pytest.raises(ValueError, match="'best' is not one of flips, refined, optimal"):
-        dropin.triangulate_float64(*rings_of(star(9)), method="best")
+        dropin.triangulate_float64(*earcut_rings(star(9)), method="best")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -42,7 +42,7 @@ def test_holes_are_never_worse_than_earcut(method):
     better = 0
     for _ in range(30):
         polygon = with_hole(rng, 14, 6)
-        points, ends = rings_of(polygon)
+        points, ends = earcut_rings(polygon)
         found = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
         costs = [predict(points, triangles)["half_perimeter"] for triangles in (found, raw)]
@@ -54,7 +54,7 @@ def test_holes_are_never_worse_than_earcut(method):
 
 def test_float32():
     polygon = star(50)
-    points, ends = rings_of(polygon)
+    points, ends = earcut_rings(polygon)
     single = dropin.triangulate_float32(points.astype(np.float32), ends)
     assert np.array_equal(single, dropin.triangulate_float64(points, ends))
     assert single.dtype == np.uint32
@@ -97,7 +97,7 @@ def test_whole_numbers(kind):
     raw = getattr(mapbox_earcut, f"triangulate_{kind.__name__}")
     better = 0
     for polygon in (star(50), with_hole(np.random.default_rng(4), 14, 6)):
-        points, ends = rings_of(polygon)
+        points, ends = earcut_rings(polygon)
         points = np.round(points * 1000).astype(kind)
         found = whole(points, ends)
         assert found.dtype == np.uint32
@@ -114,7 +114,7 @@ def test_whole_numbers(kind):
 
 
 def test_whole_numbers_far_from_zero_are_exact_and_beyond_doubles_earcuts_own():
-    points, ends = rings_of(star(50))
+    points, ends = earcut_rings(star(50))
     near = np.round(points * 1000).astype(np.int64)
     far = near + 2**60
     assert np.array_equal(dropin.triangulate_int64(far, ends), dropin.triangulate_int64(near, ends))

@@ -13,11 +13,11 @@ from triangulators import criteria, triangulate, vertices
 from triangulators.criteria import FEATURES
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.geometry.predicates import grid_unit
+from triangulators.initial import cycle_of
 from triangulators.optimum import full_table, visible_lists
 from triangulators.optimum.full_table import by_full_table
 from triangulators.optimum.visible_lists import INT32_LIMIT, by_lists, weights_of_pairs
 from triangulators.polygon import boundary
-from triangulators.starting import cycle_of
 from triangulators.verify import verify
 
 H = np.array([1.0, 0.0, 0.0])

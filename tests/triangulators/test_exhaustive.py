@@ -17,10 +17,10 @@ from tests.triangulators.cases import (
 )
 from triangulators import Skipped, triangulate
 from triangulators.criteria import predict
+from triangulators.initial import cycle_of
 from triangulators.methods.counting import count_of_cycle, count_triangulations
 from triangulators.methods.exhaustive import Recursion, enumerate_triangulations
 from triangulators.polygon import boundary
-from triangulators.starting import cycle_of
 from triangulators.verify import verify
 
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import python
+from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
 from tests.triangulators.test_geometry import exact_sign
 from tests.triangulators.test_optimal import squared_height
 from triangulators import UnknownName, criteria, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import CRITERIA, predict
-from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
 WAYS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
@@ -179,7 +179,7 @@ def test_a_batch_gives_what_one_at_a_time_gives(name):
     changed = 0
     for polygon, triangles in zip(polygons, result, strict=True):
         assert np.array_equal(triangles, triangulate(polygon, name))
-        raw = mapbox_earcut.triangulate_float64(*rings_of(polygon)).reshape(-1, 3)
+        raw = mapbox_earcut.triangulate_float64(*earcut_rings(polygon)).reshape(-1, 3)
         changed += not np.array_equal(raw, triangles)
     assert changed > 20
 

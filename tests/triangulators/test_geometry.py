@@ -14,6 +14,7 @@ from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import orient, twice_area
 from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import visible_sites
+from triangulators.initial import cycle_of, initial_triangulations
 from triangulators.polygon import (
     LEFT,
     MOST_SIMPLE,
@@ -25,7 +26,6 @@ from triangulators.polygon import (
     rings_of,
     winding,
 )
-from triangulators.starting import cycle_of, starts
 from triangulators.verify import verify
 
 doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
@@ -93,7 +93,7 @@ def test_visible_pairs_are_the_diagonals():
         pairs = np.sort(ring.cycle[np.column_stack((tails, ring.target))], axis=1)
         assert {tuple(pair) for pair in pairs.tolist()} == diagonals(polygon), polygon.wkt
         outline = boundary(polygon)
-        start = starts(outline)[0]
+        start = initial_triangulations(outline)[0]
         everywhere = visible_sites(outline.points, start, twins_of(start))
         assert {tuple(pair) for pair in everywhere.tolist()} == diagonals(polygon)
 
@@ -102,7 +102,7 @@ def test_visible_pairs_are_the_diagonals():
 def test_unfolding_and_folding_back_changes_nothing(depth_first):
     polygon = star(60)
     outline = boundary(polygon)
-    triangles = np.ascontiguousarray(starts(outline)[0])
+    triangles = np.ascontiguousarray(initial_triangulations(outline)[0])
     twin = twins_of(triangles)
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)

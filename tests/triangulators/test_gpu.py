@@ -15,7 +15,7 @@ from tests.triangulators.cases import convex, hard_polygons, random_simple, shar
 from triangulators import UnknownName, triangulate_many, vertices
 from triangulators.gpu import engine
 from triangulators.gpu.rings import KINDS, MOST, ON_CPU, Rings, prepare
-from triangulators.ragged import ragged
+from triangulators.polygon_arrays import PolygonArray
 from triangulators.verify import verify
 
 NAME = "optimal:half-perimeter"
@@ -34,7 +34,7 @@ def assert_same(polygons, name=NAME, on="llvmpipe", **parameters):
         triangulate_many(polygons, name, device=device, **parameters) for device in (on, "cpu")
     )
     assert found.failed == expected.failed
-    assert np.array_equal(found.starts, expected.starts)
+    assert np.array_equal(found.triangle_offsets, expected.triangle_offsets)
     for number, (ours, theirs) in enumerate(zip(found, expected, strict=True)):
         assert np.array_equal(ours, theirs), number
     return found
@@ -105,10 +105,9 @@ def test_spans_on_both_sides_of_what_32_bits_orient(corners, done):
 
 
 def prepared(polygons):
-    arrays = ragged(polygons)
-    begins = np.r_[0, arrays.ring_ends]
-    rings = Rings.of(begins)
-    prepare(arrays.coordinates, np.ones(len(polygons), bool), MOST, rings)
+    arrays = PolygonArray.from_shapely(polygons)
+    rings = Rings.of(arrays.vertex_offsets)
+    prepare(arrays.coords, np.ones(len(polygons), bool), MOST, rings)
     return rings
 
 
@@ -139,7 +138,7 @@ def test_what_is_not_for_a_device(done):
     assert done == [1]
     # Arrays are taken to be valid.
     rings = [p for p in polygons if not p.is_empty]
-    assert_same(ragged(rings))
+    assert_same(PolygonArray.from_shapely(rings))
     assert done[1] == 1
     for number in (0, 1, 2, 3, 6, 7):
         assert verify(polygons[number], found[number]).conforming
@@ -165,8 +164,8 @@ def test_other_criteria_never_come_near_a_device(done):
 def test_several_chunks_and_any_number_of_threads(done, monkeypatch):
     monkeypatch.setattr(engine, "chunk_bounds", partial(engine.chunk_bounds, corners=1000))
     shapes = [star(n, seed=n) for n in (5, 9, 30, 3, 40)]
-    arrays = ragged([star(60), *shapes * 60, star(50), *shapes])
-    assert len(engine.chunk_bounds(np.r_[0, arrays.ring_ends])) - 1 >= 5
+    arrays = PolygonArray.from_shapely([star(60), *shapes * 60, star(50), *shapes])
+    assert len(engine.chunk_bounds(arrays.vertex_offsets)) - 1 >= 5
     expected = triangulate_many(arrays, device="cpu")
     for threads in (1, 3):
         found = triangulate_many(arrays, device="llvmpipe", threads=threads)
@@ -175,10 +174,10 @@ def test_several_chunks_and_any_number_of_threads(done, monkeypatch):
 
 
 def test_chunks_hold_every_polygon_once():
-    begins = np.cumsum([0, 5, 0, 0, 7, 30, 3, 0, 4, 0])
-    assert engine.chunk_bounds(begins, corners=100) == [0, 9]
-    assert engine.chunk_bounds(begins, corners=12) == [0, 4, 5, 8, 9]
-    assert engine.chunk_bounds(begins, corners=1)[-1] == 9
+    offsets = np.cumsum([0, 5, 0, 0, 7, 30, 3, 0, 4, 0])
+    assert engine.chunk_bounds(offsets, corners=100) == [0, 9]
+    assert engine.chunk_bounds(offsets, corners=12) == [0, 4, 5, 8, 9]
+    assert engine.chunk_bounds(offsets, corners=1)[-1] == 9
 
 
 def test_callers_in_several_threads_share_the_device():

@@ -36,7 +36,7 @@ def found_with_one_line(expected, caplog, *words):
     found = triangulate_many(POLYGONS, device="llvmpipe")
     assert found.failed == {}
     assert np.array_equal(found.triangles, expected.triangles)
-    assert np.array_equal(found.starts, expected.starts)
+    assert np.array_equal(found.triangle_offsets, expected.triangle_offsets)
     (line,) = [record.message for record in caplog.records]
     assert line.startswith("llvmpipe")
     assert "\n" not in line
@@ -96,7 +96,7 @@ def test_what_was_done_before_the_device_failed_is_kept(monkeypatch, expected, c
         done.extend(batch.done.tolist())
 
     monkeypatch.setattr(engine, "attempt", kept)
-    monkeypatch.setattr(engine, "chunk_bounds", lambda begins: [0, 2, 4, len(begins) - 1])
+    monkeypatch.setattr(engine, "chunk_bounds", lambda offsets: [0, 2, 4, len(offsets) - 1])
     fails_after(monkeypatch, Storage, "read_into", 1, RuntimeError("gone"))
     found_with_one_line(expected, caplog, "gone")
     assert done == [True] * 2 + [False] * (len(POLYGONS) - 2)

@@ -12,10 +12,10 @@ from tests.triangulators.cases import shared, touching_polygons, with_hole
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, find, predict
 from triangulators.criteria.cost import cost_of, total_cost
+from triangulators.initial import best_initial
 from triangulators.optimum import best_way
 from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import boundary
-from triangulators.starting import best_start
 from triangulators.verify import verify
 
 
@@ -38,7 +38,7 @@ def test_the_local_search_comes_close_to_the_true_optimum():
     for _ in range(40):
         polygon = with_hole(rng, int(rng.integers(6, 26)), int(rng.integers(3, 14)))
         outline = boundary(polygon)
-        start = best_start(outline, cost)
+        start = best_initial(outline, cost)
         found = search_cuts(outline.points, start, cost)
         assert verify(polygon, found).conforming
         exact = total_cost(outline.points, triangulate(polygon, "optimal:half-perimeter"), cost)
@@ -68,7 +68,7 @@ def test_the_local_search_goes_on_after_a_gain(monkeypatch):
         outline = boundary(with_hole(rng, 20, 9))
         if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
             continue  # rings that touch may leave nothing to cut
-        best_way.search_cuts(outline.points, best_start(outline, cost), cost)
+        best_way.search_cuts(outline.points, best_initial(outline, cost), cost)
         improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
         gains += len(improved)
         last = improved[-1] if len(improved) else 0

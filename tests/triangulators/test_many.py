@@ -1,16 +1,18 @@
 """Batches, which give what single calls and the drop-in give."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 
+from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
-from triangulators import Ragged, UnknownName, triangulate, triangulate_many, vertices
+from triangulators import PolygonArray, UnknownName, triangulate, triangulate_many, vertices
 from triangulators import many as batch
 from triangulators.criteria import find
 from triangulators.dropin import triangulate_float64
-from triangulators.polygon import rings_of
-from triangulators.ragged import polygon_at, ragged
 from triangulators.verify import verify
 
 
@@ -28,15 +30,42 @@ def test_other_triangulators_and_criteria_go_one_at_a_time():
             assert np.array_equal(triangles, triangulate(polygon, name))
 
 
-def test_ragged_arrays_and_polygons_are_the_same():
+def test_polygon_arrays_are_sequences_of_polygons():
+    polygons = [*mixture(20), shapely.Polygon()]
+    arrays = PolygonArray.from_shapely(polygons)
+    assert all(a.equals_exact(b, 0.0) for a, b in zip(polygons, arrays, strict=True))
+    indices = [7, 2, -1, 7]
+    taken = arrays.take(np.arange(len(polygons))[indices])
+    assert [taken[k].wkb for k in range(4)] == [arrays[k].wkb for k in indices]
+    odd = arrays[1:-1:2]
+    assert [each.wkb for each in odd] == [each.wkb for each in polygons[1:-1:2]]
+    joined = PolygonArray.concatenate([odd, arrays[:0], taken])
+    assert [each.wkb for each in joined] == [each.wkb for each in [*odd, *taken]]
+    points, ring_offsets = arrays.rings_of(22)
+    assert ring_offsets.tolist() == [
+        0,
+        *np.cumsum(shapely.get_num_points(shapely.get_rings(polygons[22])) - 1),
+    ]
+    assert np.array_equal(points, vertices(polygons[22]))
+    low, high = odd.bounds()
+    assert np.array_equal(np.hstack([low, high]), shapely.bounds(odd.geometries))
+
+
+def test_a_process_that_is_sent_the_same_polygons_again_converts_them_once():
+    squares = PolygonArray.of_single_rings(np.arange(16.0).reshape(8, 2), 4)
+    others = replace(squares, coords=squares.coords + 1.0)
+    first = pickle.loads(pickle.dumps(squares))
+    assert pickle.loads(pickle.dumps(squares)) is first
+    assert np.array_equal(pickle.loads(pickle.dumps(others)).coords, others.coords)
+    assert np.array_equal(pickle.loads(pickle.dumps(squares)).coords, squares.coords)
+
+
+def test_arrays_and_shapely_polygons_have_the_same_triangulations():
     polygons = mixture(30)
-    arrays = ragged(polygons)
-    assert isinstance(arrays, Ragged)
-    for index, polygon in enumerate(polygons):
-        assert polygon_at(arrays, index).equals_exact(polygon, 0.0)
+    arrays = PolygonArray.from_shapely(polygons)
     by_arrays, by_polygons = triangulate_many(arrays), triangulate_many(polygons)
     assert np.array_equal(by_arrays.triangles, by_polygons.triangles)
-    assert np.array_equal(by_arrays.starts, by_polygons.starts)
+    assert np.array_equal(by_arrays.triangle_offsets, by_polygons.triangle_offsets)
 
 
 def test_a_bad_polygon_is_named_and_the_rest_done():
@@ -130,7 +159,9 @@ def test_single_batch_and_drop_in_cost_the_same(scale, name):
         assert total(points, many[number]) == pytest.approx(least, rel=1e-12), polygon.wkt
         if name == "optimal:half-perimeter":
             dropped = (
-                triangulate_float64(*rings_of(polygon), "optimal").reshape(-1, 3).astype(np.int32)
+                triangulate_float64(*earcut_rings(polygon), "optimal")
+                .reshape(-1, 3)
+                .astype(np.int32)
             )
             assert verify(polygon, dropped).conforming
             assert total(points, dropped) == pytest.approx(least, rel=1e-12), polygon.wkt

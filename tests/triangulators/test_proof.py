@@ -17,8 +17,8 @@ from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _numbers, prove
 from triangulators.checking.units import costs_of, exact_total, units_for, weights_of
 from triangulators.criteria.cost import cost_of
+from triangulators.initial import best_initial
 from triangulators.polygon import boundary
-from triangulators.starting import best_start
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
 
@@ -43,7 +43,7 @@ def ring(monkeypatch, seed: int):
 
     monkeypatch.setattr(proof, "exclude", none)
     outline, cost = posed(annulus(12, seed))
-    return outline, best_start(outline, cost), cost
+    return outline, best_initial(outline, cost), cost
 
 
 def rooms(outline, start) -> int:
@@ -85,7 +85,7 @@ def test_a_programs_bound_is_that_of_its_solution(at_a_corner):
     polygon = with_holes(np.random.default_rng(3), 16, 2)
     outline = boundary(polygon)
     cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     c = candidates_of(outline, start, 10**6)
     weights = costs_of(outline.points, c.triangles, cost)
     program = Program(c, weights, np.ones(len(weights), np.bool_), _numbers(c, start))
@@ -102,7 +102,7 @@ def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name):
     """Where costs are no numbers of units, seven triangles of the optimum lose less than seven."""
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     found = prove(outline, start, cost)
     units = units_for(outline, found.triangles, cost)
     weights = weights_of(outline.points, found.triangles, cost, units)
@@ -125,7 +125,7 @@ def test_units_that_are_too_coarse_prove_nothing(exponent, proven):
     small = affinity.scale(affinity.rotate(SQUARE, 10), size, size, origin=(0, 0))
     outline = boundary(small)
     cost = cost_of(criteria.find("overdraw"), small.area, outline.expected_triangles)
-    found = prove(outline, best_start(outline, cost), cost)
+    found = prove(outline, best_initial(outline, cost), cost)
     assert (found.gap == 0.0) == proven
 
 
@@ -133,7 +133,7 @@ def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monk
     """The candidate of number 0, too."""
     outline = boundary(shapely.box(0, 0, 9, 9))
     cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     units = units_for(outline, start, cost)
     candidates = candidates_of(outline, start, 10)
     triangles = candidates.triangles
@@ -158,7 +158,7 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
     """The start's add up to 2^16 to 2^17; what is not allowed weighs twice the start more."""
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find("edge-length"), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     c = candidates_of(outline, start, 10**6)
     weights, numbers = size * costs_of(outline.points, c.triangles, cost), _numbers(c, start)
     allowed = np.arange(len(weights)) % 3 > 0

@@ -21,8 +21,8 @@ from triangulators.checking.units import units_for, weights_of
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_sites
+from triangulators.initial import best_initial
 from triangulators.polygon import boundary, boundary_area
-from triangulators.starting import best_start
 
 
 def posed(polygon, name="half-perimeter"):
@@ -34,7 +34,7 @@ def posed(polygon, name="half-perimeter"):
 def proven(polygon, name="half-perimeter"):
     """Return the cost of the optimum that is found, and the proof; it must be proven."""
     outline, cost = posed(polygon, name)
-    found = prove(outline, best_start(outline, cost), cost)
+    found = prove(outline, best_initial(outline, cost), cost)
     found = prove(outline, found.triangles, cost)  # evidence about what was found
     certificate = certificate_of(outline, found.triangles, cost, found.evidence())
     assert certificate.proven, polygon.wkt
@@ -154,7 +154,7 @@ def test_what_is_excluded_does_not_depend_on_a_polygons_size():
     for size in (1.0, 2.0**-20):
         polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
         outline, cost = posed(polygon)
-        start = best_start(outline, cost)
+        start = best_initial(outline, cost)
         units = units_for(outline, start, cost)
         c = candidates_of(outline, start, proof.MOST)
         found.append(exclude(c, weights_of(c.points, c.triangles, cost, units), cost, units)[0])
@@ -164,7 +164,7 @@ def test_what_is_excluded_does_not_depend_on_a_polygons_size():
 
 def test_a_lift_is_not_made_worse():
     outline, cost = posed(annulus(14, 3), "overdraw")
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     units = units_for(outline, start, cost)
     c = candidates_of(outline, start, proof.MOST)
     weights = weights_of(c.points, c.triangles, cost, units)
@@ -222,7 +222,7 @@ def sites_in_many_boxes():
 
 def edges_of_both(polygon):
     outline, cost = posed(polygon)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     seen = set(map(tuple, visible_sites(outline.points, start, twins_of(start)).tolist()))
     sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
     own = diagonals_of(outline)
@@ -253,7 +253,7 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
 def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
-    start = best_start(outline, cost)
+    start = best_initial(outline, cost)
     evidence = proof.prove(outline, start, cost).evidence()
     bound = checker.lower_bound(outline, start, cost, evidence)
     monkeypatch.setattr(checker, "_FEW", 0)

@@ -7,9 +7,9 @@ import shapely
 from scenes import load
 from triangulators import triangulate
 from triangulators.polygon import boundary
-from triangulators.ragged import doubtful, ragged
-from triangulators.starting import insert_dropped_vertices
-from triangulators.verify import rows_of, verify
+from triangulators.polygon_arrays import PolygonArray
+from triangulators.repair import insert_dropped_vertices
+from triangulators.verify import find_unconfirmed, rows_of, verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
 
@@ -87,10 +87,10 @@ def test_many_at_once_are_judged_as_one_by_one():
         for polygon in polygons
         for part in damaged(triangulate(polygon, "ear-clipping"))
     ]
-    arrays = ragged([polygon for polygon, _ in cases])
-    doubted = doubtful(arrays, {k: part for k, (_, part) in enumerate(cases)})
+    arrays = PolygonArray.from_shapely([polygon for polygon, _ in cases])
+    unconfirmed = find_unconfirmed(arrays, {k: part for k, (_, part) in enumerate(cases)})
     wrong = [k for k, case in enumerate(cases) if not verify(*case).conforming]
-    assert doubted == wrong
+    assert unconfirmed == wrong
     assert len(wrong) == 5 * len(polygons)
-    assert doubtful(arrays, {}) == []
-    assert doubtful(arrays, {0: cases[0][1], 1: cases[1][1]}) == [1]
+    assert find_unconfirmed(arrays, {}) == []
+    assert find_unconfirmed(arrays, {0: cases[0][1], 1: cases[1][1]}) == [1]

@@ -7,6 +7,7 @@ triangles, so a cost that sums over triangles is a weight on each, and what foll
 polygon.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +73,7 @@ def _ring_samples(outline: Boundary) -> np.ndarray:
     or not at all; that one of four sites which is not a corner tells.
     """
     samples = np.zeros((outline.holes, 4), dtype=np.int32)
-    for number, (begin, end) in enumerate(zip(outline.ends, outline.ends[1:], strict=False)):
+    for number, (begin, end) in enumerate(pairwise(outline.ring_offsets[1:])):
         ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
         samples[number] = ring + ring[-1:] * (4 - len(ring))
     return samples

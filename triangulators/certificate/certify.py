@@ -18,10 +18,10 @@ from triangulators.criteria.cost import Cost, cost_of, require_number
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_pairs
+from triangulators.initial import ring_triangulation
 from triangulators.optimum.best_way import optimum
 from triangulators.optimum.visible_lists import far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
-from triangulators.starting import ring_triangulation
 from triangulators.verify import verify_boundary
 
 TABLE = 2000  # vertices up to which a polygon without holes is proven by the table

@@ -50,7 +50,7 @@ def edges_of(outline: Boundary) -> Edges:
     ways[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     keys = pairs[:, 0] * n + pairs[:, 1]
     order = np.argsort(keys)
-    rings = np.split(outline.site, outline.ends[:-1])
+    rings = np.split(outline.site, outline.ring_offsets[1:-1])
     holes = np.full((len(rings) - 1, 4), -1, dtype=np.int32)
     for row, ring in zip(holes, rings[1:], strict=True):
         few = np.unique(ring)[:4]

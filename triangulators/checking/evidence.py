@@ -72,11 +72,11 @@ def as_claim(
     Coordinates are doubles; everything that is compared is a whole number. Without evidence the
     claim is not proven, and `potentials` is None.
     """
-    points, ends = rings_of(polygon)
+    points, ring_offsets = rings_of(polygon)
     claim: dict[str, Any] = {
         "format": FORMAT,
         "criterion": criterion,
-        "rings": [ring.tolist() for ring in np.split(points, ends[:-1])],
+        "rings": [ring.tolist() for ring in np.split(points, ring_offsets[1:-1])],
         "triangles": np.asarray(triangles).tolist(),
         "cost": certificate.cost,
         "lower_bound": certificate.lower_bound if certificate.evidence else None,

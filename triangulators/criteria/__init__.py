@@ -319,11 +319,29 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
     from triangulators.criteria.features import feature_sums
 
-    sums = feature_sums(points, triangles)
-    found = {name: float(sums[FEATURES.index(name)]) for name in FEATURES_KEPT}
+    sums = feature_sums(points, triangles)[None]
+    return {name: float(column[0]) for name, column in _criterion_sums(sums).items()}
+
+
+def predict_many(
+    coords: np.ndarray,
+    vertex_offsets: np.ndarray,
+    triangles: np.ndarray,
+    triangle_offsets: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return what `predict` does for each of p polygons, as columns (p,); arrays as in a batch."""
+    from triangulators.criteria.features import feature_sums_of_many
+
+    sums = feature_sums_of_many(coords, vertex_offsets, triangles, triangle_offsets)
+    return _criterion_sums(sums)
+
+
+def _criterion_sums(sums: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns (p,) of `predict` from sums of `FEATURES` (p, k)."""
+    columns = {name: sums[:, FEATURES.index(name)] for name in FEATURES_KEPT}
     for criterion in predicted():
-        found[criterion.column] = float(np.dot(criterion.weights, sums))
-    return found
+        columns[criterion.column] = sums @ np.array(criterion.weights)
+    return columns
 
 
 def read_weights(criterion: str, text: str, names: tuple[str, ...]) -> dict[str, float]:

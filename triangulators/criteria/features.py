@@ -207,6 +207,26 @@ def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return sums
 
 
+@njit
+def feature_sums_of_many(
+    coords: np.ndarray,
+    vertex_offsets: np.ndarray,
+    triangles: np.ndarray,
+    triangle_offsets: np.ndarray,
+) -> np.ndarray:
+    """Return (p, k) sums of each feature over the triangles of each of p polygons.
+
+    coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
+    as indices into the vertices of each polygon, summed in their order, as `feature_sums` does.
+    """
+    sums = np.empty((len(vertex_offsets) - 1, COUNT))
+    for polygon in range(len(sums)):
+        points = coords[vertex_offsets[polygon] : vertex_offsets[polygon + 1]]
+        rows = triangles[triangle_offsets[polygon] : triangle_offsets[polygon + 1]]
+        sums[polygon] = feature_sums(points, rows)
+    return sums
+
+
 _UNIT, _HALF = 256, 128
 
 

@@ -73,22 +73,20 @@ def twins_of(triangles: np.ndarray) -> np.ndarray:
 
 @njit(nogil=True)
 def is_triangulation(
-    points: np.ndarray, ends: np.ndarray, corner: np.ndarray, twin: np.ndarray
+    points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, twin: np.ndarray
 ) -> bool:
     """Whether triangles all turn left and what they do not share is the rings' edges, once each.
 
-    points (n, 2): rings, in whichever direction, which end at `ends`; corner, twin: (3 m,), as
+    points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), as
     `link` has them. n + 2 h - 2 triangles that turn left, whose edges are the boundary's or lie
     between two of them, add up to the boundary as a chain, and so cover what it encloses once.
     """
     n = len(points)
-    if len(corner) != 3 * (n + 2 * (len(ends) - 1) - 2):
+    if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):
         return False
     following = np.arange(1, n + 1)
-    start = 0
-    for end in ends:
-        following[end - 1] = start
-        start = end
+    for ring in range(len(ring_offsets) - 1):
+        following[ring_offsets[ring + 1] - 1] = ring_offsets[ring]
     edges = 0
     for row in range(0, len(corner), 3):
         a, b, c = corner[row], corner[row + 1], corner[row + 2]

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from triangulators.batch import Batch
 from triangulators.devices import LLVMPIPE, matches
 from triangulators.gpu.rings import KINDS, MOST, ON_CPU, SIZES, Rings, place, prepare
-from triangulators.ragged import Batch
 
 VERSION = 430
 """Of OpenGL: the first with compute shaders and storage buffers."""
@@ -257,16 +257,16 @@ class Engine:
 
     def do(self, batch: Batch, wanted: np.ndarray, most: int, worst: bool) -> int:
         """Do a batch, chunk after chunk; return how many results were wrong."""
-        rings = Rings.of(batch.begins)
-        prepare(batch.coordinates, wanted, min(most, MOST), rings)
+        rings = Rings.of(batch.vertex_offsets)
+        prepare(batch.coords, wanted, min(most, MOST), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
         wrong = 0
-        for first, last in pairwise(chunk_bounds(batch.begins)):
+        for first, last in pairwise(chunk_bounds(batch.vertex_offsets)):
             which = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
             if len(which):
                 self._compute_chunk(rings, first, last, worst, bases)
                 place(which, bases, worst, rings, batch)
-                found = bases[rings.begins[which]] != NONE
+                found = bases[rings.vertex_offsets[which]] != NONE
                 wrong += int(np.count_nonzero(found & ~batch.done[which]))
         return wrong
 
@@ -274,7 +274,7 @@ class Engine:
         self, rings: Rings, first: int, last: int, worst: bool, bases: np.ndarray
     ) -> None:
         """Fill the part of bases (n,) of polygons first..last - 1, a workgroup a ring."""
-        own = slice(rings.begins[first], rings.begins[last])
+        own = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
         self._corners.write(rings.corners[own])
         self._bases.reserve(bases[own].nbytes)
         for kind in range(KINDS):
@@ -298,16 +298,16 @@ class Engine:
 def jobs_of(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     """Return (k, 4) int32: first corner in the chunk, corners, w + h and 0 of rings of a kind."""
     which = first + np.flatnonzero(rings.kind[first:last] == kind)
-    begin = rings.begins[which]
+    begin = rings.vertex_offsets[which]
     jobs = np.zeros((len(which), 4), dtype=np.int32)
-    jobs[:, 0] = begin - rings.begins[first]
-    jobs[:, 1] = rings.begins[which + 1] - begin
+    jobs[:, 0] = begin - rings.vertex_offsets[first]
+    jobs[:, 1] = rings.vertex_offsets[which + 1] - begin
     jobs[:, 2] = rings.longest[which]
     return jobs
 
 
-def chunk_bounds(begins: np.ndarray, corners: int = CHUNK) -> list[int]:
+def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
     """Return where to cut polygons into chunks of about `corners` corners, one polygon at least."""
-    marks = np.arange(0, int(begins[-1]), corners)
-    cuts = np.searchsorted(begins, marks, side="left")
-    return [int(cut) for cut in np.unique(np.r_[cuts, len(begins) - 1])]
+    marks = np.arange(0, int(vertex_offsets[-1]), corners)
+    cuts = np.searchsorted(vertex_offsets, marks, side="left")
+    return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

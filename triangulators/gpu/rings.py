@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from triangulators.batch import Batch
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import box_of, grid_unit
 from triangulators.optimum.full_table import SPAN
 from triangulators.polygon import twice_ring_area
-from triangulators.ragged import Batch
 
 SIZES = (16, 32, 64)
 """Corners up to which a ring has a program of its own, with a table that size."""
@@ -38,25 +38,25 @@ _INT32_LIMIT = 1 << 30
 class Rings(NamedTuple):
     """The rings of p polygons, prepared; n corners in all.
 
-    begins (p + 1,): where each begins in corners (n, 2) int32, which are those of the ring in
-    counter-clockwise order, in units of its grid, from its box's lower left. kind (p,) int8:
+    vertex_offsets (p + 1,): where each ring begins in corners (n, 2) int32, which are its vertices
+    in counter-clockwise order, in units of its grid, from its box's lower left. kind (p,) int8:
     ON_CPU, or by size and span; longest (p,) int32: w + h of the box; turned (p,): whether the
     order is that of the input reversed.
     """
 
-    begins: np.ndarray
+    vertex_offsets: np.ndarray
     corners: np.ndarray
     kind: np.ndarray
     longest: np.ndarray
     turned: np.ndarray
 
     @classmethod
-    def of(cls, begins: np.ndarray) -> "Rings":
+    def of(cls, vertex_offsets: np.ndarray) -> "Rings":
         """Return room for rings, of which none is prepared."""
-        count = len(begins) - 1
+        count = len(vertex_offsets) - 1
         return cls(
-            begins,
-            np.zeros((int(begins[-1]), 2), dtype=np.int32),
+            vertex_offsets,
+            np.zeros((int(vertex_offsets[-1]), 2), dtype=np.int32),
             np.full(count, ON_CPU, dtype=np.int8),
             np.zeros(count, dtype=np.int32),
             np.zeros(count, dtype=np.bool_),
@@ -64,15 +64,15 @@ class Rings(NamedTuple):
 
 
 @njit(nogil=True)
-def prepare(coordinates: np.ndarray, wanted: np.ndarray, most: int, rings: Rings) -> None:
+def prepare(coords: np.ndarray, wanted: np.ndarray, most: int, rings: Rings) -> None:
     """Prepare each `wanted` ring (p,) that is for a device.
 
-    coordinates: (n, 2) float64. Left out are rings off the grid, with sums beyond int32, of fewer
+    coords: (n, 2) float64. Left out are rings off the grid, with sums beyond int32, of fewer
     than 3 or more than `most` corners (at most MOST), and with a corner twice in a row.
     """
-    begins, corners, kind, longest, turned = rings
+    offsets, corners, kind, longest, turned = rings
     for index in range(len(wanted)):
-        points = coordinates[begins[index] : begins[index + 1]]
+        points = coords[offsets[index] : offsets[index + 1]]
         n = len(points)
         if not wanted[index] or n < 3 or n > most:
             continue
@@ -83,7 +83,7 @@ def prepare(coordinates: np.ndarray, wanted: np.ndarray, most: int, rings: Rings
         if n * ((w + h) / unit) >= _INT32_LIMIT:
             continue
         back = not twice_ring_area(points) > 0.0
-        own = corners[begins[index] : begins[index + 1]]
+        own = corners[offsets[index] : offsets[index + 1]]
         for k in range(n):
             source = n - 1 - k if back else k
             own[k, 0] = np.int32((points[source, 0] - low_x) / unit)
@@ -117,12 +117,17 @@ def place(which: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch
     bases: (n,) uint32, as many as corners: the cost of the ring at its first, i | j << 16 at apex
     k; worst: whether the longest diagonals were looked for.
     """
-    begins, corners, longest, turned = rings.begins, rings.corners, rings.longest, rings.turned
+    offsets, corners, longest, turned = (
+        rings.vertex_offsets,
+        rings.corners,
+        rings.longest,
+        rings.turned,
+    )
     below = np.empty((MOST, 2), dtype=np.int32)
     stack = np.empty(MOST, dtype=np.int32)
     for index in which:
-        begin, end = begins[index], begins[index + 1]
-        own = batch.triangles[batch.starts[index] : batch.starts[index + 1]]
+        begin, end = offsets[index], offsets[index + 1]
+        own = batch.triangles[batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]]
         base, ring = bases[begin:end], corners[begin:end]
         least = longest[index] if worst else -1
         if not _walk(base, ring, least, below, stack, own):

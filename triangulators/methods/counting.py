@@ -10,8 +10,8 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
+from triangulators.initial import Cycle, cycle_of
 from triangulators.polygon import Boundary, checked_boundary
-from triangulators.starting import Cycle, cycle_of
 
 LIMIT = 2000  # corners of one drawn at random, as a table of all pairs is kept
 

@@ -17,15 +17,15 @@ from triangulators import criteria
 from triangulators.criteria.cost import cheapest, cost_of
 from triangulators.errors import Skipped
 from triangulators.geometry.predicates import orient
+from triangulators.initial import Cycle, cycle_of
 from triangulators.methods.counting import count_of_cycle
 from triangulators.polygon import (
     Boundary,
     boundary_area,
     checked_boundary,
-    polygon_of_rings,
     vertices,
 )
-from triangulators.starting import Cycle, cycle_of
+from triangulators.polygon_arrays import polygon_of_rings
 
 Mode = Literal["conforming", "paper"]
 MOST = 1_000_000  # triangulations; beyond, `optimal` finds the best without listing any
@@ -110,7 +110,7 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
     Raises `Skipped` for holes, for more than 20,000, and where the list ends before k.
     """
-    everything = _listed(polygon_of_rings(outline.points, outline.ends).wkb)
+    everything = _listed(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(everything):
         raise Skipped(f"listed: the list ends at number {len(everything) - 1}, before {k}")
     return everything[k].copy()

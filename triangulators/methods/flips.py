@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
+from triangulators.batch import Batch, rings_at
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
@@ -29,10 +30,9 @@ from triangulators.geometry.flips import (
 )
 from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.order import walk_along
+from triangulators.initial import initial_triangulations
 from triangulators.libraries import ear_clipping
 from triangulators.polygon import Boundary, boundary_area
-from triangulators.ragged import Batch, polygon_of
-from triangulators.starting import starts
 from triangulators.verify import rows_of
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS
@@ -105,18 +105,18 @@ def improve_many(
     are flipped alone.
     """
     given, bounds = raw
-    coordinates, rings, owners, begins, starts, triangles, done = batch
+    coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
     for index in range(first, last):
-        points, ends = polygon_of(index, coordinates, rings, owners, begins)
+        points, rings = rings_at(index, coords, ring_offsets, geom_offsets)
         own = given[bounds[index - first] : bounds[index - first + 1]]
-        room = triangles[starts[index] : starts[index + 1]]
+        room = triangles[offsets[index] : offsets[index + 1]]
         if len(own) == 0 or len(own) != len(room):
             continue
         corner = own.reshape(-1)
         twin = link(corner)
         if not two_starts:
             flip_by(points, corner, twin, test, cost)
-        if is_triangulation(points, ends, corner, twin):
+        if is_triangulation(points, rings, corner, twin):
             copy_rows(refine(points, corner, twin, test, cost) if two_starts else own, room)
             done[index] = True
 
@@ -216,11 +216,11 @@ def triangulate_refined(
     """
     found = criteria.find(criterion, **parameters)
     cost = plain_cost(found) or cost_of(found, boundary_area(outline), outline.expected_triangles)
-    points, ends = outline.points, outline.ends.astype(np.int64)
+    points = outline.points
     start = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
     twin = link(start)
-    if not is_triangulation(points, ends, start, twin):
-        start = np.array(starts(outline)[0], dtype=np.int32).reshape(-1)
+    if not is_triangulation(points, outline.ring_offsets, start, twin):
+        start = np.array(initial_triangulations(outline)[0], dtype=np.int32).reshape(-1)
         twin = link(start)
     test = test_of(cost)
     return refine(points, start, twin, test, cost)

@@ -7,7 +7,7 @@ be proven. Beyond the number of vertices, windows of that beginning are optimise
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from triangulators.criteria.cost import cost_of, total_cost, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import box_of, grid_unit
+from triangulators.initial import best_initial, ring_triangulation
 from triangulators.optimum.best_way import (
     PIECE,
     optimum,
@@ -26,7 +27,6 @@ from triangulators.optimum.best_way import (
     sweep_windows,
 )
 from triangulators.polygon import Boundary, boundary_area
-from triangulators.starting import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
 MOST_PLACED = 500
@@ -40,23 +40,39 @@ worst is never proven: local minimality excludes next to nothing there.
 """
 
 
-def triangulate(outline: Boundary, **how: Any) -> np.ndarray:
+class SearchOptions(NamedTuple):
+    """Parameters of `optimal` and `worst` other than the criterion and its parameters.
+
+    limit : vertices up to which a polygon is optimised in one piece, at a time that grows with
+        their cube at worst; of larger ones windows of a triangulation are
+    seed : choices of the local search
+    """
+
+    limit: int = LIMIT
+    seed: int = 0
+
+    @classmethod
+    def split(cls, parameters: Mapping[str, Any]) -> tuple["SearchOptions", dict[str, Any]]:
+        """Return the search options among parameters, and the parameters of the criterion."""
+        own = {name: parameters[name] for name in cls._fields if name in parameters}
+        return cls(**own), {name: parameters[name] for name in parameters if name not in own}
+
+
+def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that minimises `criterion`.
 
-    criterion: as `criteria.find` takes it, "overdraw" by default; limit: vertices up to which a
-    polygon is optimised as a whole, 2,000 by default, at a time that grows with their cube at
-    worst; beyond it windows of a triangulation are. seed: choices of the local search, 0 by
-    default. Other parameters are the criterion's.
+    parameters: `criterion` as `criteria.find` takes it, "overdraw" by default; `SearchOptions`; all
+    others are the criterion's.
     """
-    return _optimise(outline, 1.0, **how).triangles
+    return _optimise(outline, 1.0, **parameters).triangles
 
 
-def triangulate_worst(outline: Boundary, **how: Any) -> np.ndarray:
+def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
-    return _optimise(outline, -1.0, **how).triangles
+    return _optimise(outline, -1.0, **parameters).triangles
 
 
-def triangulate_with_gap(outline: Boundary, **how: Any) -> tuple[np.ndarray, float]:
+def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
     """Return what `triangulate` does, and how far it may be from the optimum, relative to its cost.
 
     0 where it is the optimum: by a table, or by a proof as `certify` makes one, which `checker` has
@@ -64,7 +80,7 @@ def triangulate_with_gap(outline: Boundary, **how: Any) -> tuple[np.ndarray, flo
     add up to more than doubles hold, and infinite where there is no bound: what windows or the
     local search gave.
     """
-    found = _optimise(outline, 1.0, **how)
+    found = _optimise(outline, 1.0, **parameters)
     if found.by_table is None:
         return found.triangles, found.gap
     return found.triangles, _rounding(outline, found.by_table, found.triangles)
@@ -112,23 +128,22 @@ def _optimise(
     sign: float,
     *,
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    limit: int = LIMIT,
-    seed: int = 0,
     **parameters: Any,
 ) -> _Found:
     """Do `triangulate`; sign: 1 to minimise, -1 to maximise."""
-    wanted = criteria.find(criterion, **parameters)
-    small = quick_optimum(outline, wanted, sign, limit)
+    options, weights = SearchOptions.split(parameters)
+    wanted = criteria.find(criterion, **weights)
+    small = quick_optimum(outline, wanted, sign, options.limit)
     if small is not None:
         return _Found(walk(small, len(outline.points)), 0.0, wanted)
-    found = _search(outline, wanted, sign, limit, seed)
+    found = _search(outline, wanted, sign, options)
     return found._replace(triangles=walk(found.triangles, len(outline.points)))
 
 
 def _search(
-    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
+    outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
 ) -> _Found:
-    points = outline.points
+    points, (limit, seed) = outline.points, options
     if criterion.placed and len(points) > MOST_PLACED:
         raise Skipped(
             f"{criterion.name} of {len(points):,} vertices: up to {MOST_PLACED} are done, because"
@@ -140,7 +155,7 @@ def _search(
         start = ring_triangulation(outline, cycle)
         return _Found(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
-        start = best_start(outline, cost)
+        start = best_initial(outline, cost)
         return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
     proof = None
     if sign > 0.0:
@@ -148,7 +163,7 @@ def _search(
         seconds = math.inf if len(points) <= PROVEN else 0.0
         from triangulators.certificate.proof import prove  # most polygons have no holes
 
-        proof = prove(outline, best_start(outline, cost), cost, seconds)
+        proof = prove(outline, best_initial(outline, cost), cost, seconds)
     if proof is None:
-        return _Found(search_cuts(points, best_start(outline, cost), cost, seed), math.inf)
+        return _Found(search_cuts(points, best_initial(outline, cost), cost, seed), math.inf)
     return _Found(proof.triangles, proof.gap)

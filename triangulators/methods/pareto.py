@@ -15,8 +15,9 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, cost_of, total_cost
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.polygon import Boundary, boundary_area, checked_boundary, polygon_of_rings
-from triangulators.starting import Cycle, cycle_of
+from triangulators.initial import Cycle, cycle_of
+from triangulators.polygon import Boundary, boundary_area, checked_boundary
+from triangulators.polygon_arrays import polygon_of_rings
 
 MOST = 100_000  # points in the front of a sub-polygon
 LIMIT = 100  # vertices up to which a point of the front is a triangulator: a minute at worst
@@ -68,7 +69,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """
     if len(outline.edges) > LIMIT:
         raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
-    triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ends).wkb).triangles
+    triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ring_offsets).wkb).triangles
     if not 0 <= k < len(triangles):
         raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
     return np.array(triangles[k])

@@ -9,9 +9,10 @@ from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import turn
+from triangulators.geometry.shortest_diagonals import by_length, shortest_first
 from triangulators.geometry.visibility import visible_sites
+from triangulators.initial import cycle_of, initial_triangulations
 from triangulators.polygon import Boundary
-from triangulators.starting import by_length, cycle_of, shortest_first, starts
 
 MOST_GREEDY = 3000
 """Vertices of a greedy triangulation, as pairs of them are looked at."""
@@ -103,8 +104,10 @@ def greedy(outline: Boundary) -> np.ndarray:
         raise Skipped(f"greedy: {len(outline.edges)} vertices, more than {MOST_GREEDY}")
     if not outline.holes:
         return _greedy_of_cycle(outline)
-    start = starts(outline)[0]
-    return shortest_first(outline, visible_sites(outline.points, start, twins_of(start)))
+    start = initial_triangulations(outline)[0]
+    return shortest_first(
+        outline.points, outline.edges, visible_sites(outline.points, start, twins_of(start))
+    )
 
 
 def _greedy_of_cycle(outline: Boundary) -> np.ndarray:

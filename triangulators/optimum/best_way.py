@@ -92,7 +92,7 @@ def quick_optimum(
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
     if outline.holes:
-        found = by_cuts(points, outline.ends.astype(np.int64), cost["box"], triangles)
+        found = by_cuts(points, outline.ring_offsets, cost["box"], triangles)
     else:
         found = by_full_table(points, cost["box"], triangles) < np.inf
     return triangles if found else None

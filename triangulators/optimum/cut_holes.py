@@ -29,26 +29,28 @@ _NEAR = 1e-9  # of the span: rings nearer than that are left to those who know w
 
 
 @njit(nogil=True)
-def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> bool:
+def by_cuts(
+    points: np.ndarray, ring_offsets: np.ndarray, box: np.ndarray, triangles: np.ndarray
+) -> bool:
     """Triangulate a polygon with holes at least cost; False if that is not for here.
 
-    points (n, 2): rings that end at `ends` (h + 1,), the exterior first, of either winding; box:
+    points (n, 2), ring_offsets (h + 2,): rings of either orientation, the exterior first; box:
     coefficients of half-perimeter, bounding-box area and edge length; triangles (n + 2h - 2, 3),
     which are left in the order of `order.walk`. False if rings touch, if there are too many cuts,
     or if none was found.
     """
-    n, holes = len(points), len(ends) - 1
+    n, holes = len(points), len(ring_offsets) - 2
     most = n + 2 * holes
-    if most > SMALL or holes > MOST_HOLES or _rings_touch(points, ends):
+    if most > SMALL or holes > MOST_HOLES or _rings_touch(points, ring_offsets):
         return False
     _, _, w, h = box_of(points)
     # The filter's bound is a multiple of two products, each below the span's square.
     doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
-    ring = wound(points, ends)
+    ring = wound(points, ring_offsets)
     cycle = np.empty((holes + 1, most), dtype=np.int32)  # at each depth, that around what is left
-    copy_row(ring[: ends[0]], cycle[0])
+    copy_row(ring[: ring_offsets[1]], cycle[0])
     size = np.empty(holes + 1, dtype=np.int64)
-    size[0] = ends[0]
+    size[0] = ring_offsets[1]
     merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, which holes
     bridges = np.empty((holes, most), dtype=np.int32)
     count = np.full(holes, -1, dtype=np.int64)  # of bridges; -1: not looked for yet
@@ -60,7 +62,9 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
         around = cycle[depth, : size[depth]]
         if count[depth] < 0:
             ways, own = bridges[depth], tip[depth : depth + 1]
-            count[depth] = _bridges(points, ends, ring, around, merged[depth], doubt, ways, own)
+            count[depth] = _bridges(
+                points, ring_offsets, ring, around, merged[depth], doubt, ways, own
+            )
             taken[depth] = 0
         if taken[depth] == count[depth]:
             count[depth] = -1
@@ -68,9 +72,9 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
             continue
         place = bridges[depth, taken[depth]]
         taken[depth] += 1
-        hole = _merge(ends, ring, around, place, tip[depth], cycle[depth + 1])
+        hole = _merge(ring_offsets, ring, around, place, tip[depth], cycle[depth + 1])
         if depth + 1 < holes:
-            size[depth + 1] = size[depth] + ends[hole] - ends[hole - 1] + 2
+            size[depth + 1] = size[depth] + ring_offsets[hole + 1] - ring_offsets[hole] + 2
             copy_row(merged[depth], merged[depth + 1])
             merged[depth + 1, hole] = True
             depth += 1
@@ -94,13 +98,18 @@ def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np
 
 @njit(nogil=True)
 def _merge(
-    ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, place: int, tip: int, merged: np.ndarray
+    ring_offsets: np.ndarray,
+    ring: np.ndarray,
+    cycle: np.ndarray,
+    place: int,
+    tip: int,
+    merged: np.ndarray,
 ) -> int:
     """Write a cycle with a hole cut into it at a place; return the hole's number."""
     hole = 1
-    while tip >= ends[hole]:
+    while tip >= ring_offsets[hole + 1]:
         hole += 1
-    start, length = ends[hole - 1], ends[hole] - ends[hole - 1]
+    start, length = ring_offsets[hole], ring_offsets[hole + 1] - ring_offsets[hole]
     size = len(cycle)
     for k in range(size + 1):
         merged[k] = cycle[(place + k) % size]
@@ -112,7 +121,7 @@ def _merge(
 @njit(nogil=True)
 def _bridges(
     points: np.ndarray,
-    ends: np.ndarray,
+    ring_offsets: np.ndarray,
     ring: np.ndarray,
     cycle: np.ndarray,
     merged: np.ndarray,
@@ -126,11 +135,11 @@ def _bridges(
     direction that leaves the fewest. Slanted directions are looked at too where sums of
     coordinates are exact, which they are where nothing is in doubt.
     """
-    edges = _edges(points, ends, ring, cycle, merged)
+    edges = _edges(points, ring_offsets, ring, cycle, merged)
     fewest = len(cycle) + 1
     places = np.empty(len(cycle), dtype=np.int32)
     for direction in range(8 if doubt == 0.0 else 4):
-        best, limit = _furthest(points, ends, ring, merged, direction)
+        best, limit = _furthest(points, ring_offsets, ring, merged, direction)
         x, y = points[ring[best], 0], points[ring[best], 1]
         count = 0
         for place in range(len(cycle)):
@@ -158,13 +167,17 @@ def _along(x: float, y: float, direction: int) -> float:
 
 @njit(nogil=True)
 def _furthest(
-    points: np.ndarray, ends: np.ndarray, ring: np.ndarray, merged: np.ndarray, direction: int
+    points: np.ndarray,
+    ring_offsets: np.ndarray,
+    ring: np.ndarray,
+    merged: np.ndarray,
+    direction: int,
 ) -> tuple[int, float]:
     """Return the place in `ring` of the furthest vertex of what is not merged, and `_along`."""
     best, least = -1, 0.0
-    for hole in range(1, len(ends)):
+    for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
-            for k in range(ends[hole - 1], ends[hole]):
+            for k in range(ring_offsets[hole], ring_offsets[hole + 1]):
                 here = _along(points[ring[k], 0], points[ring[k], 1], direction)
                 if best < 0 or here < least:
                     best, least = k, here
@@ -173,7 +186,11 @@ def _furthest(
 
 @njit(nogil=True)
 def _edges(
-    points: np.ndarray, ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, merged: np.ndarray
+    points: np.ndarray,
+    ring_offsets: np.ndarray,
+    ring: np.ndarray,
+    cycle: np.ndarray,
+    merged: np.ndarray,
 ) -> np.ndarray:
     """Return x and y of where edges begin and of where they end, (4, e): what may block a cut."""
     edges = np.empty((4, len(cycle) + len(ring)))
@@ -182,9 +199,9 @@ def _edges(
         a, b = cycle[k], cycle[k + 1 if k + 1 < count else 0]
         edges[0, k], edges[1, k] = points[a, 0], points[a, 1]
         edges[2, k], edges[3, k] = points[b, 0], points[b, 1]
-    for hole in range(1, len(ends)):
+    for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
-            start, end = ends[hole - 1], ends[hole]
+            start, end = ring_offsets[hole], ring_offsets[hole + 1]
             for k in range(start, end):
                 a, b = ring[k], ring[k + 1 if k + 1 < end else start]
                 edges[0, count], edges[1, count] = points[a, 0], points[a, 1]
@@ -219,16 +236,15 @@ def _blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt:
 
 
 @njit(nogil=True)
-def _rings_touch(points: np.ndarray, ends: np.ndarray) -> bool:
+def _rings_touch(points: np.ndarray, ring_offsets: np.ndarray) -> bool:
     """Whether a vertex of one ring lies on an edge of another, or too near to tell."""
     n = len(points)
     span = 0.0
     for k in range(n):
         span = max(span, abs(points[k, 0] - points[0, 0]), abs(points[k, 1] - points[0, 1]))
     near = _NEAR * span
-    start = 0
-    for number in range(len(ends)):
-        end = ends[number]
+    for number in range(len(ring_offsets) - 1):
+        start, end = ring_offsets[number], ring_offsets[number + 1]
         for c in range(start, end):
             d = c + 1 if c + 1 < end else start
             dx, dy = points[d, 0] - points[c, 0], points[d, 1] - points[c, 1]
@@ -242,5 +258,4 @@ def _rings_touch(points: np.ndarray, ends: np.ndarray) -> bool:
                     off = (x - points[c, 0]) * dy - (y - points[c, 1]) * dx
                     if abs(off) <= near * length:
                         return True
-        start = end
     return False

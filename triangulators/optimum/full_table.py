@@ -41,11 +41,11 @@ from typing import Any
 
 import numpy as np
 
+from triangulators.batch import Batch
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, LANES, fmin, push
 from triangulators.geometry.predicates import FILTER, box_of, grid_unit, orient
 from triangulators.polygon import twice_ring_area
-from triangulators.ragged import Batch
 
 SMALL = 192  # corners up to which batches and polygons with holes are done by these tables
 SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
@@ -317,6 +317,6 @@ def do_rings(first: int, last: int, batch: Batch, wanted: np.ndarray, box: np.nd
     """
     for index in range(first, last):
         if wanted[index]:
-            points = batch.coordinates[batch.begins[index] : batch.begins[index + 1]]
-            own = batch.triangles[batch.starts[index] : batch.starts[index + 1]]
+            points = batch.coords[batch.vertex_offsets[index] : batch.vertex_offsets[index + 1]]
+            own = batch.triangles[batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]]
             batch.done[index] = by_full_table(points, box, own) < np.inf

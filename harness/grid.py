@@ -1,0 +1,111 @@
+"""The grid of 1/256 px: how polygons in pixels are snapped to it.
+
+GPUs and software rasterisers alike snap window coordinates to a sub-pixel grid, usually of
+1/256 px. Snapping before anything is triangulated makes the geometry that the criteria see the
+geometry that is rasterised, and makes every orientation test on it exact.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from triangulators.polygon_arrays import PolygonArray
+
+SUBPIXEL = 256
+"""Sub-pixel positions per pixel and axis."""
+
+
+class Snapped(NamedTuple):
+    """Polygons on the grid.
+
+    pieces : (q,) shapely polygons in px, valid and oriented; source : (q,) the polygon of each
+    dropped, repaired : (polygon, reason) of what snapping broke
+    """
+
+    pieces: NDArray[np.object_]
+    source: NDArray[np.int64]
+    dropped: tuple[tuple[int, str], ...]
+    repaired: tuple[tuple[int, str], ...]
+
+
+def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
+    """Snap polygons in px to the grid; those that it breaks are repaired, or dropped.
+
+    Polygons that stay valid and keep their vertices, nearly all, are rounded together.
+    """
+    before = np.asarray(polygons, dtype=object)
+    rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
+    sound = shapely.is_valid(rounded) & (shapely.area(rounded) > 0)
+    distinct = shapely.remove_repeated_points(rounded[sound])
+    counts = shapely.get_num_coordinates
+    sound[sound] = counts(distinct) == counts(rounded[sound])
+    pieces: list[Polygon] = []
+    source: list[int] = []
+    dropped: list[tuple[int, str]] = []
+    repaired: list[tuple[int, str]] = []
+    for number in np.flatnonzero(~sound).tolist():
+        parts, reason = snap(before[number])
+        (repaired if parts else dropped).append((number, reason))
+        pieces += parts
+        source += [number] * len(parts)
+    whole = shapely.orient_polygons(rounded[sound])
+    snapped = np.concatenate([whole, np.array(pieces, dtype=object)])
+    numbers = np.concatenate([np.flatnonzero(sound), np.array(source, dtype=np.int64)])
+    order = np.argsort(numbers, kind="stable")
+    return Snapped(snapped[order], numbers[order], tuple(dropped), tuple(repaired))
+
+
+def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
+    """Round one polygon in px to the grid; repair it where that breaks it.
+
+    Returns its pieces, and what was done to get them, or why there are none; "" if it is intact.
+    """
+    rounded, lost = _round_rings(polygon)
+    if rounded is not None and rounded.is_valid and rounded.area > 0:
+        reason = f"{lost} vertices coincide on the 1/256 px grid" if lost else ""
+        return [shapely.orient_polygons(rounded)], reason
+    # Rounding made edges cross or touch: let GEOS node it on the same grid.
+    fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
+    pieces = [
+        shapely.orient_polygons(part)
+        for part in shapely.get_parts(fixed)
+        if isinstance(part, Polygon) and part.area > 0
+    ]
+    if not pieces:
+        return [], "thinner than the 1/256 px grid: it vanishes"
+    into = f" into {len(pieces)} pieces" if len(pieces) > 1 else ""
+    return pieces, f"edges cross on the 1/256 px grid; repaired{into}"
+
+
+def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
+    """Round the rings and merge neighbours that coincide.
+
+    Returns the polygon, or None if its exterior collapses, and the number of vertices lost.
+    """
+    before = shapely.get_num_coordinates(polygon)
+    rings = []
+    for position, ring in enumerate([polygon.exterior, *polygon.interiors]):
+        grid = np.rint(shapely.get_coordinates(ring)[:-1] * SUBPIXEL)
+        grid = grid[(grid != np.roll(grid, 1, axis=0)).any(axis=1)]
+        if len(grid) >= 3:
+            rings.append(grid / SUBPIXEL)
+        elif position == 0:
+            return None, before
+    result = Polygon(rings[0], rings[1:])
+    return result, int(before - shapely.get_num_coordinates(result))
+
+
+def to_grid(polygons: Sequence[Polygon] | NDArray[Any]) -> PolygonArray:
+    """Return polygons in px as int32 coordinates in 1/256 px."""
+    arrays = PolygonArray.from_shapely(polygons)
+    return replace(arrays, coords=np.rint(arrays.coords * SUBPIXEL).astype(np.int32))
+
+
+def coarsen(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
+    """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
+    return ((points + step // 2) // step * step).astype(np.int32)

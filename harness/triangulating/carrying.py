@@ -1,0 +1,141 @@
+"""Triangulations carried from one frame to another: to a turned scene, or to a model's views."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.frame import Frame
+from harness.triangulating.recipes import ORIGINAL, Recipe
+from harness.triangulating.result import FrameTriangulation, Rows, predict_polygons
+from harness.viewing import Viewing
+from triangulators.polygon_arrays import offsets_of
+from triangulators.verify import verify
+
+
+def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> FrameTriangulation:
+    """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
+
+    Polygons whose vertices snapping merged in one frame only are failed, with the reason. A thin
+    triangle that snapping turned over is drawn as it is, and counts as not conforming.
+    """
+    numbers = {number: k for k, number in enumerate(upright.source.tolist())}
+    result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
+    vertices = upright.grid.vertex_counts
+    for index, source in enumerate(turned.source.tolist()):
+        origin = numbers.get(source, -1)
+        part = before.parts[origin] if origin >= 0 else None
+        junctions, problem = 0, ""
+        if part is None:
+            problem = "not triangulated before turning"
+        elif turned.grid.vertex_counts[index] != vertices[origin]:
+            problem = "snapping changed its vertices as it was turned"
+        elif not (checked := verify(turned.polygons[index], part)).conforming:
+            # A program would draw it all the same; the coverage error says what that costs.
+            junctions = max(1, len(checked.t_junctions))
+        result.add(part, junctions, problem)
+    result.predicted = predict_polygons(turned.polygons, result.parts)
+    return result
+
+
+TURNING = ("optimal", "flips")
+"""Triangulators that turn diagonals where a face is no polygon, too, as `triangulate` does."""
+
+
+def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
+    """Return the triangulation of a frame's pieces that follows from that of its flat faces.
+
+    A face is triangulated once, in its plane, and drawn so in each view. What no face has, the rest
+    of a view, keeps its triangles. By a recipe of `TURNING` a face gets what `triangulate` gives
+    it, also one that is no polygon. Seconds are those of the polygons, once.
+    """
+    viewing = frame.viewing
+    assert viewing is not None
+    sources = viewing.source.tolist()
+    turned = _turned(frame, viewing, flat.parts, recipe)
+
+    def triangles(piece: int, source: int) -> Rows | None:
+        if source in turned:
+            return turned[source]
+        return viewing.rest[piece] if piece in viewing.rest else flat.parts[source]
+
+    parts = [triangles(piece, source) for piece, source in enumerate(sources)]
+    skipped, failed = dict(flat.skipped), dict(flat.failed)
+    gaps: dict[int, float] = {}
+    if flat.gaps:
+        done = (face for face, part in enumerate(flat.parts) if part is not None)
+        gaps = dict(zip(done, flat.gaps, strict=True))
+        gaps |= {source: math.inf for source in turned if source > len(viewing.given)}
+    return replace(
+        flat,
+        parts=parts,
+        skipped=[(k, skipped[source]) for k, source in enumerate(sources) if source in skipped],
+        failed=[(k, failed[source]) for k, source in enumerate(sources) if source in failed],
+        t_junctions=[
+            0 if piece in viewing.rest else flat.t_junctions[source]
+            for piece, source in enumerate(sources)
+        ],
+        gaps=[
+            gaps.get(source, 0.0)
+            for source, part in zip(sources, parts, strict=True)
+            if gaps and part is not None
+        ],
+        predicted=predict_polygons(frame.polygons, parts),
+    )
+
+
+def _turned(
+    frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
+) -> dict[int, Rows]:
+    """Return by source what `triangulate` leaves or gives otherwise than a polygon's triangulator.
+
+    It leaves a face as it is where that costs no more, and turns diagonals where it is no polygon.
+    parts : triangles (m, 3) of each polygon
+    """
+    method, _, criterion = recipe.base.partition(":")
+    if method not in TURNING or recipe.calibration is not None or frame.flat is None:
+        return {}
+    from harness.models.diagonals import choose, cost_named, gains  # compiled code
+    from harness.models.flat_faces import Faces
+
+    try:
+        cost = cost_named(criterion)
+    except UsageError:  # its weights depend on the polygon
+        return {}
+    given, starts = viewing.given, frame.flat.grid.vertex_offsets
+    own = [k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])]
+    before, begins = _moved([given[k] for k in own], starts[own])
+    after, _ = _moved([parts[k] for k in own], starts[own])
+    cheaper = gains(frame.flat.points.astype(np.float64), before, after, begins, cost)
+    turned = {k: given[k] for k, less in zip(own, cheaper.tolist(), strict=True) if not less}
+    if viewing.bound:
+        points = [each for each, _ in viewing.bound]
+        firsts = offsets_of([len(each) for each in points])
+        triangles, begins = _moved([rows for _, rows in viewing.bound], firsts)
+        count = np.arange(firsts[-1])
+        faces = Faces(np.concatenate(points), count, triangles, np.arange(begins[-1]), begins)
+        chosen = np.split(choose(faces, criterion).triangles, begins[1:-1])
+        for face, (rows, first) in enumerate(zip(chosen, firsts, strict=False), len(given) + 1):
+            turned[face] = (rows - first).astype(np.int32)
+    return turned
+
+
+def _moved(
+    parts: Sequence[Rows | None], firsts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return triangles of faces whose vertices begin at `firsts`, and where each one's begin."""
+    begins = offsets_of([len(rows) for rows in parts if rows is not None])
+    moved = [rows + first for rows, first in zip(parts, firsts, strict=False)]
+    none = np.empty((0, 3), np.int64)
+    return np.concatenate([none, *moved]).astype(np.int64), begins
+
+
+def original_triangulation(frame: Frame) -> FrameTriangulation:
+    """Return the triangulation that a model came with, in all its views."""
+    assert frame.viewing is not None
+    given: list[Rows | None] = list(frame.viewing.given)
+    flat = FrameTriangulation(parts=given, t_junctions=[0] * len(given))
+    return carry_to_views(frame, flat, Recipe(ORIGINAL))

@@ -1,0 +1,80 @@
+"""The triangulations of a frame's polygons by one triangulator."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from triangulators.criteria import predict_many
+from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.verify import verify
+
+Rows = NDArray[np.int32]
+Columns = dict[str, NDArray[np.float64]]
+
+
+@dataclass
+class FrameTriangulation:
+    """What one triangulator made of the polygons of a frame.
+
+    parts : for each polygon its (m, 3) int32 triangles, or None where it gave none
+    seconds : CPU time of the triangulator alone, without checks and without compiling
+    samples_s : the same in each of several rounds, in which others were timed, too; [] if it was
+        timed once
+    skipped, failed : (polygon number in the frame, reason)
+    t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
+    cached : polygons whose triangles were read from the model database; `seconds` has for them
+        what computing them took when they were
+    gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
+        least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
+    predicted : (p,) every criterion's sum over each polygon's triangles; lengths in px, areas px^2
+    notes : what the user should know of the model database
+    trace : the traceback of the first error of a triangulator's code, "" where there was none
+    """
+
+    parts: list[Rows | None] = field(default_factory=list)
+    seconds: float = 0.0
+    samples_s: list[float] = field(default_factory=list)
+    skipped: list[tuple[int, str]] = field(default_factory=list)
+    failed: list[tuple[int, str]] = field(default_factory=list)
+    t_junctions: list[int] = field(default_factory=list)
+    cached: int = 0
+    gaps: list[float] = field(default_factory=list)
+    predicted: Columns = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    trace: str = ""
+
+    @property
+    def conforming(self) -> bool:
+        """True where no polygon's triangulation has a T-junction."""
+        return not any(self.t_junctions)
+
+    @property
+    def drawn(self) -> NDArray[np.bool_]:
+        """(p,) which polygons have triangles."""
+        return np.array([part is not None for part in self.parts], np.bool_)
+
+    def add(self, part: Rows | None, junctions: int = 0, problem: str = "") -> None:
+        """Add the triangles of the next polygon with their T-junctions, or what is wrong."""
+        if problem:
+            self.failed.append((len(self.parts), problem))
+        self.parts.append(None if problem else part)
+        self.t_junctions.append(junctions)
+
+
+def predict_polygons(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
+    """Return each criterion's sum over each polygon's (m, 3) triangles; 0 if there are none."""
+    if not len(polygons):
+        return {}
+    empty = np.empty((0, 3), np.int32)
+    rows = [empty if part is None else part for part in parts]
+    offsets = offsets_of([len(part) for part in rows])
+    return predict_many(polygons.coords, polygons.vertex_offsets, np.concatenate(rows), offsets)
+
+
+def check_triangles(polygon: Polygon, triangles: Rows) -> tuple[int, str]:
+    """Return the number of T-junctions, and the problems of an invalid triangulation or ""."""
+    result = verify(polygon, triangles)
+    return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))

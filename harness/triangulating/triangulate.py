@@ -1,0 +1,169 @@
+"""Triangulate polygons by one triangulator: from the cache, in one batch, or one by one."""
+
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from shapely import Polygon, box
+
+from harness.machine.system import cpu_clock
+from harness.triangulating.database import Lookup
+from harness.triangulating.recipes import Recipe
+from harness.triangulating.result import (
+    FrameTriangulation,
+    Rows,
+    check_triangles,
+    predict_polygons,
+)
+from triangulators.errors import MOST_TRACED, Skipped, shortened, told_of
+from triangulators.polygon_arrays import PolygonArray
+from triangulators.verify import find_unconfirmed
+
+
+def triangulate_polygons(
+    recipe: Recipe, polygons: Sequence[Polygon], database: Path | None = None
+) -> FrameTriangulation:
+    """Run a triangulator over polygons in px; never raises because of a polygon.
+
+    All triangles are verified. Cached ones and those of a batch that are invalid are computed
+    again, one by one.
+
+    database : cache of triangulations to read from and write to; only for triangulators of our own,
+        whose version it knows
+    """
+    arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
+    result = FrameTriangulation()
+    if not recipe.builtin:
+        database = None
+    parameters = {} if database is None else recipe.parameters
+    with Lookup(database, recipe.base, parameters) as cache:
+        cached = cache.find(arrays)
+        if None in cached:
+            warm_up(recipe)
+        triangles = {k: timed.triangles for k, timed in enumerate(cached) if timed is not None}
+        missing = [k for k, timed in enumerate(cached) if timed is None]
+        batch = run_batch(recipe, arrays.take(missing) if triangles else arrays, result)
+        triangles |= {missing[k]: part for k, part in batch.items()}
+        checks = _check_unconfirmed(arrays, triangles)
+        valid = {k for k in triangles if not checks.get(k, (0, ""))[1]}
+        attempts = {
+            k: _triangulate_one(recipe, polygon, result)
+            for k, polygon in enumerate(polygons if len(valid) < len(arrays) else ())
+            if k not in valid
+        }
+        computed = {k: each.part for k, each in attempts.items() if each.part is not None}
+        checks |= _check_unconfirmed(arrays, computed)
+        for k, vertices in enumerate(arrays.vertex_counts.tolist()):
+            gap = recipe.gap_of_cached(vertices)
+            timed = cached[k]
+            if k in valid:
+                result.seconds += 0.0 if timed is None else timed.seconds
+                result.cached += timed is not None
+                result.add(triangles[k], checks.get(k, (0, ""))[0])
+            else:
+                attempt = attempts[k]
+                junctions, problem = checks.get(k, (0, "")) if k in computed else (0, "")
+                if attempt.skipped:
+                    result.skipped.append((k, attempt.skipped))
+                result.add(attempt.part, junctions, problem or attempt.problem)
+                # Cached means proven, if that is possible: what a search found is computed again.
+                if result.parts[-1] is not None and attempt.gap == gap:
+                    cache.keep(k, result.parts[-1], attempt.seconds)
+                gap = attempt.gap
+            if result.parts[-1] is not None and gap is not None:
+                result.gaps.append(gap)
+    result.notes = cache.notes
+    result.predicted = predict_polygons(arrays, result.parts)
+    return result
+
+
+def run_batch(
+    recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
+) -> dict[int, Rows]:
+    """Return the triangles of the polygons that compiled code does together; adds its time.
+
+    So `seconds` is the algorithm's alone, without the overhead of single calls.
+    """
+    if not len(polygons):
+        return {}
+    start = cpu_clock()
+    try:
+        batch, done = recipe.attempt(polygons)
+    except Exception:  # one by one, each can say what is wrong
+        return {}
+    if done.any():
+        result.seconds += cpu_clock() - start
+    return {index: batch[index] for index in np.flatnonzero(done).tolist()}
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One polygon's triangles (m, 3), their gap and CPU time, or why there are none."""
+
+    part: Rows | None
+    gap: float | None
+    seconds: float
+    skipped: str = ""
+    problem: str = ""
+
+
+def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulation) -> _Attempt:
+    """Run the triangulator over one polygon; adds its time, and the first traceback."""
+    part, gap, skipped, problem = None, None, "", ""
+    start = cpu_clock()
+    try:
+        part, gap = recipe.triangulate_with_gap(polygon)
+    except Skipped as reason:
+        skipped = shortened(str(reason)) or "skipped"
+    except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
+        problem = told_of(error)
+        result.trace = result.trace or "".join(traceback.format_exception(error))[:MOST_TRACED]
+    seconds = cpu_clock() - start
+    result.seconds += seconds
+    return _Attempt(part, gap, seconds, skipped, problem)
+
+
+def _check_unconfirmed(
+    polygons: PolygonArray, triangles: dict[int, Rows]
+) -> dict[int, tuple[int, str]]:
+    """Return what `check_triangles` says of the polygons that a quick pass does not confirm."""
+    unconfirmed = find_unconfirmed(polygons, triangles)
+    return {k: check_triangles(polygons[k], triangles[k]) for k in unconfirmed}
+
+
+def warm_up(*recipes: Recipe) -> None:
+    """Load compiled code, which would otherwise count as the first polygon's time; done once.
+
+    The first time on a machine that is the time to compile it, which can take minutes.
+    """
+    for recipe in recipes:
+        if recipe.base in _warm:
+            continue
+        polygons = PolygonArray.from_shapely(list(small_polygons()))
+        batch = run_batch(recipe, polygons, FrameTriangulation())
+        find_unconfirmed(polygons, batch)
+        for polygon in polygons:
+            # errors show with the real polygons
+            with suppress(Exception, SystemExit, GeneratorExit):
+                check_triangles(polygon, recipe.triangulate(polygon))
+        _warm.add(recipe.base)
+
+
+_warm: set[str] = set()
+"""What this process has loaded."""
+
+
+def small_polygons() -> Iterator[Polygon]:
+    """Yield polygons of every kind that a triangulator may treat in a way of its own."""
+    square = box(0, 0, 8, 8).exterior
+    holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
+    yield Polygon(square)
+    yield Polygon(square, holes[:1])
+    yield Polygon(square, holes)
+    # Many vertices, few of which see each other: large polygons take other paths than small ones.
+    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    reach = np.where(np.arange(200) % 2, 50.0, 400.0)
+    yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))

@@ -1,0 +1,89 @@
+"""Initial triangulations of a polygon, and the cycle of a polygon without holes."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from triangulators.checking.edges import edges_of
+from triangulators.criteria.cost import Cost, total_cost
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.geometry.half_edges import is_triangulation, link, twins_of
+from triangulators.geometry.shortest_diagonals import shortest_first
+from triangulators.geometry.visibility import visible_pairs
+from triangulators.libraries import delaunay, ear_clipping
+from triangulators.polygon import Boundary
+from triangulators.repair import insert_dropped_vertices, left_turning
+from triangulators.verify import verify_boundary
+
+_MAX_GREEDY_VERTICES = 1000
+"""Vertices up to which all pairs of them are tried."""
+
+
+def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
+    """Return those of ear clipping and Delaunay that conform, dropped vertices put back.
+
+    If neither does, because slivers within rounding error are left out, the greedy triangulation by
+    exact orientations. Raises `TriangulationError` if that fails, too.
+    """
+    conforming = []
+    for method in (ear_clipping, delaunay):
+        try:
+            raw = np.ascontiguousarray(method(outline), dtype=np.int32)
+        except TriangulationError:
+            continue
+        triangles = insert_dropped_vertices(outline, left_turning(outline.points, raw))
+        if verify_boundary(outline, triangles).conforming:
+            conforming.append(outline.site[triangles])
+    if not conforming and len(outline.points) <= _MAX_GREEDY_VERTICES:
+        triangles = shortest_first(outline.points, outline.edges, edges_of(outline).ends)
+        if verify_boundary(outline, triangles).conforming:
+            conforming.append(triangles)
+    if not conforming:
+        raise TriangulationError(
+            "neither ear clipping nor Delaunay gave a valid triangulation to start from"
+        )
+    return conforming
+
+
+def best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
+    """Return the cheapest initial triangulation; raises `TriangulationError` if there is none."""
+    return min(
+        initial_triangulations(outline),
+        key=lambda triangles: total_cost(outline.points, triangles, cost),
+    )
+
+
+class Cycle(NamedTuple):
+    """A simple polygon: `cycle` (n,), its corners counter-clockwise as indices of `points`' rows.
+
+    `points` (n, 2) are the corners' coordinates; corner i sees `target[start[i]:start[i + 1]]`,
+    ascending, all > i (see `visible_pairs`).
+    """
+
+    cycle: np.ndarray
+    points: np.ndarray
+    start: np.ndarray
+    target: np.ndarray
+
+
+def cycle_of(outline: Boundary, who: str) -> Cycle:
+    """Return the only ring of a polygon with what its corners see; raises `Skipped` for holes."""
+    if outline.holes:
+        raise Skipped(f"{who}: the polygon has holes")
+    cycle = outline.edges[:, 0].copy()
+    points = outline.points[cycle]
+    local = ring_triangulation(outline, cycle)
+    start, target = visible_pairs(points, local, twins_of(local), len(cycle) ** 2)
+    return Cycle(cycle, points, start, target)
+
+
+def ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
+    """Return some triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
+    n = len(cycle)
+    position = np.empty(len(outline.points), dtype=np.int32)
+    position[cycle] = np.arange(n, dtype=np.int32)
+    local: np.ndarray = position[outline.site[ear_clipping(outline)]]
+    corner = local.reshape(-1)
+    if is_triangulation(outline.points[cycle], np.array([0, n]), corner, link(corner)):
+        return local
+    return np.asarray(position[initial_triangulations(outline)[0]])
