@@ -55,7 +55,7 @@ def triangulate_polygons(
             if k not in valid
         }
         computed = {k: each.part for k, each in attempts.items() if each.part is not None}
-        checks |= _check_unconfirmed(arrays, computed)
+        computed_checks = _check_unconfirmed(arrays, computed)
         for k, vertices in enumerate(arrays.vertex_counts.tolist()):
             gap = recipe.gap_of_cached(vertices)
             timed = cached[k]
@@ -65,7 +65,7 @@ def triangulate_polygons(
                 result.add(triangles[k], checks.get(k, (0, ""))[0])
             else:
                 attempt = attempts[k]
-                junctions, problem = checks.get(k, (0, "")) if k in computed else (0, "")
+                junctions, problem = computed_checks.get(k, (0, ""))
                 if attempt.skipped:
                     result.skipped.append((k, attempt.skipped))
                 result.add(attempt.part, junctions, problem or attempt.problem)

@@ -16,6 +16,7 @@ from harness.results import drawings
 from harness.results.run_folder import Run, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 from triangulators import triangulate
+from triangulators.polygon_arrays import PolygonArray
 
 METHOD = "optimal:half-perimeter"
 
@@ -101,7 +102,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     corner = np.array([(0, 0), (2000, 0), (0, 900)], np.int32)
     points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
-    kept = drawings.Geometry(points, np.array([0, 3, 6]), np.array([4, 8]), np.array([3, 6]), {})
+    kept = drawings.Geometry(PolygonArray.of_single_rings(points, 3), np.array([4, 8]), {})
     kept.triangles["fan"] = rows
     monkeypatch.setattr(drawings, "view_of", lambda _: None)
     entry = {"triangulator": "fan", "resolution": 64}

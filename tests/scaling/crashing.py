@@ -18,7 +18,7 @@ class CrashingOnFar(Triangulating):
         triangulate = export.triangulate_many
 
         def triangulate_or_crash(polygons: Any, *more: Any, **how: Any) -> Any:
-            if (polygons.coordinates[:, 0] > FAR).any():
+            if (polygons.coords[:, 0] > FAR).any():
                 ctypes.string_at(0)
             return triangulate(polygons, *more, **how)
 

@@ -19,7 +19,7 @@ from tests.conftest import ends_well
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
 from tests.mock import Clock
-from triangulators import vertices
+from triangulators import PolygonArray, vertices
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
@@ -168,7 +168,7 @@ def test_what_is_read_is_verified_and_computed_again_if_wrong(database):
     polygon = POLYGONS[0]
     good = cut("delaunay", [polygon], 0, None, database)
     with Lookup(database, "delaunay", {}) as model:
-        model.find([polygon])
+        model.find(PolygonArray.from_shapely([polygon]))
         assert good.parts[0] is not None
         # sound in the file's eyes, but no triangulation of the polygon
         model.keep(0, good.parts[0][1:], 1.0)

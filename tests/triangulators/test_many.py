@@ -101,7 +101,7 @@ def test_real_buildings():
 @pytest.mark.parametrize("vertices_before", [[], [10], [10, 30], [30, 10], [10, 10], [19, 1]])
 def test_ears_are_clipped_in_parts_of_any_size(monkeypatch, name, vertices_before):
     """Parts end at the polygons that hold each tenth vertex, the last one's among them."""
-    monkeypatch.setattr(batch, "_CHUNK", 10)
+    monkeypatch.setattr(batch, "_CHUNK_VERTICES", 10)
     for last in (3, 4, 9, 10, 11, 30, 31):
         polygons = [convex(max(3, n)) for n in [*vertices_before, last]]
         found = triangulate_many(polygons, name)
