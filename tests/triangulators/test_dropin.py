@@ -140,7 +140,7 @@ FAR = shapely.from_wkt(
 
 @pytest.mark.parametrize("name", ["ear-clipping", "earcut-refine", "flips:l1", "refined"])
 def test_polygons_far_from_the_origin_are_covered_once(name):
-    points, ends = rings_of(FAR)
+    points, ends = earcut_rings(FAR)
     raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
     assert not verify(FAR, raw).ok  # if it is, earcut needs no local origin any more
     batch = [star(20), FAR, shapely.Polygon(), FAR]
