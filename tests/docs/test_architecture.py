@@ -18,7 +18,7 @@ FOLDERS = "docs|examples|harness|ports|scenes|scripts|tests|triangulators"
 NAMED = re.compile(rf"(?<!commit \w{{7}}, )`((?:{FOLDERS})/[\w./-]+)`(?! at commit)")
 
 
-def boxes() -> list[tuple[str, set[str]]]:
+def read_boxes() -> list[tuple[str, set[str]]]:
     """Return (package, modules) of each box of the picture, from top to bottom."""
     groups = ET.parse(PICTURE).getroot().iter(f"{SVG}g")
     found = [(group.get("data-layer", ""), group) for group in groups]
@@ -76,8 +76,8 @@ def import_graph() -> dict[str, set[str]]:
     }
 
 
-def import_circle(graph: dict[Any, set[Any]]) -> list[Any]:
-    """Return modules or rooms that import each other around, or [] where none do."""
+def import_cycle(graph: dict[Any, set[Any]]) -> list[Any]:
+    """Return modules or rooms that import each other around, or [] if there is none."""
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -90,7 +90,7 @@ def sources() -> list[Path]:
 
 
 def test_every_module_is_in_one_box():
-    drawn = [(layer, module) for layer, modules in boxes() for module in modules]
+    drawn = [(layer, module) for layer, modules in read_boxes() for module in modules]
     assert len(drawn) == len(set(drawn))
     there = {module_of(file) for file in sources()} - {(name, "__init__") for name in PACKAGES}
     assert there == set(drawn)
@@ -99,7 +99,7 @@ def test_every_module_is_in_one_box():
 def test_modules_import_from_their_own_box_and_below_only():
     level = {
         (layer, module): number
-        for number, (layer, modules) in enumerate(boxes())
+        for number, (layer, modules) in enumerate(read_boxes())
         for module in modules
     }
     upward = [
@@ -112,39 +112,36 @@ def test_modules_import_from_their_own_box_and_below_only():
     assert upward == []
 
 
-def test_no_modules_import_each_other_around():
+def test_modules_have_no_import_cycle():
     graph = import_graph()
     assert "harness.measuring.run" in graph["harness.commands.run"]
     assert set().union(*graph.values()) <= set(graph)
-    assert import_circle(graph) == []
+    assert import_cycle(graph) == []
 
 
-def test_a_circle_would_be_found():
+def test_an_import_cycle_is_detected():
     graph = import_graph()
     graph["harness.results.run_folder"].add("harness.measuring.run")
-    assert {"harness.results.run_folder", "harness.measuring.run"} <= set(import_circle(graph))
+    assert {"harness.results.run_folder", "harness.measuring.run"} <= set(import_cycle(graph))
 
 
-def test_no_rooms_import_each_other_around():
+def test_folders_have_no_import_cycle():
     graph = room_graph()
     assert ("triangulators", "geometry") in graph["triangulators", "methods"]
-    assert import_circle(graph) == []
+    assert import_cycle(graph) == []
     graph["triangulators", "geometry"].add(("triangulators", "methods"))
-    assert ("triangulators", "methods") in import_circle(graph)
+    assert ("triangulators", "methods") in import_cycle(graph)
 
 
-def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():
+def test_scenes_and_triangulators_import_only_themselves():
     for file in sources():
         package, _ = module_of(file)
         if package != "harness":
             assert {target for target, _ in imports(file)} <= {package}, file
 
 
-def test_checker_and_search_share_definitions_alone():
-    """Units and the form of evidence; `certify` alone, which asks for the check, knows it.
-
-    Where no library finds a triangulation, a start is made of the checker's edges, and verified.
-    """
+def test_checker_and_search_share_only_definitions():
+    """Only `certify` imports the checker; `starting` builds an initial triangulation from its edges."""
     shared = {"evidence", "units", "claims"}
     more = {"certify": {"checker"}, "initial": {"edges"}}
     for file in sources():
@@ -157,17 +154,25 @@ def test_checker_and_search_share_definitions_alone():
     assert not any(name.startswith("triangulators.certificate") for name in of_checking)
 
 
-def test_a_reader_sees_the_names_that_the_picture_declares():
+def test_the_picture_shows_the_modules_that_it_declares():
     groups = list(ET.parse(PICTURE).getroot().iter(f"{SVG}g"))
-    assert len(groups) == len(boxes())
-    for group, (_, modules) in zip(groups, boxes(), strict=True):
+    assert len(groups) == len(read_boxes())
+    for group, (_, modules) in zip(groups, read_boxes(), strict=True):
         words = set(re.findall(r"\w+", " ".join(group.itertext())))
         assert modules - {"__main__"} <= words
 
 
-def test_the_files_that_pages_name_are_there():
-    """Of those at an earlier commit nothing is said."""
+def test_files_named_in_pages_exist():
+    """Files at a named commit are excluded."""
     texts = {page: " ".join(page.read_text(encoding="utf-8").split()) for page in pages()}
     named = {(page.name, name) for page, text in texts.items() for name in NAMED.findall(text)}
     assert len(named) > 50
     assert sorted(each for each in named if not (ROOT / each[1]).exists()) == []
+
+
+def test_the_life_of_a_case_names_functions_that_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    steps = re.findall(r"^\|[^|]+\| `([\w/]+\.py)` \| `(\w+)` \|$", text, re.MULTILINE)
+    assert len(steps) >= 10
+    for file, name in steps:
+        assert re.search(rf"\b(def|class) {name}\b", (ROOT / file).read_text()), (file, name)

@@ -48,19 +48,19 @@ def test_the_reference_has_every_command_option_and_name(site):
     assert "javascripts/sort.js" in python
 
 
-def test_pages_load_nothing_from_elsewhere(site):
+def test_pages_load_no_external_files(site):
     pattern = r'<(?:script|img|iframe|source)[^>]+src="(?:https?:)?//|<link[^>]+stylesheet[^>]+//'
     for page in site.rglob("*.html"):
         assert not re.search(pattern, page.read_text()), page.name
 
 
-def test_links_of_the_pages_outside_docs_lead_somewhere():
+def test_links_of_pages_outside_docs_exist():
     for page in pages()[:2]:
         for target in re.findall(r"\]\(([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), (page.name, target)
 
 
-def test_files_that_others_parse_are_sound():
+def test_citation_and_issue_templates_are_valid():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["cff-version"] == "1.2.0"
     cited = {author["family-names"] for author in citation["references"][0]["authors"]}
@@ -71,7 +71,7 @@ def test_files_that_others_parse_are_sound():
             assert {"name", "description", "body"} <= set(content), template.name
 
 
-def test_the_page_to_try_it_leads_into_the_site(site):
+def test_the_try_page_links_to_the_site(site):
     """Alone it is one file without links."""
     links = re.findall(r'<a href="([^"#]+)"', (site / "try.html").read_text())
     assert {"index.html", "how-to/put-it-in-your-program.html"} < set(links)
@@ -82,7 +82,7 @@ def test_the_page_to_try_it_leads_into_the_site(site):
 TABLE = ("table", "thead", "tbody", "tr", "th", "td", "code")
 
 
-def test_what_is_contributed_is_text(tmp_path, monkeypatch, browser):
+def test_contributed_names_are_shown_as_text(tmp_path, monkeypatch, browser):
     """A profile's fields are anybody's; the pages of the documents show them as they are."""
     source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
     profile = json.loads(source.read_text())

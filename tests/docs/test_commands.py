@@ -36,14 +36,14 @@ def test_a_page_can_be_followed(page: Path, reader: Reader):
         reader.follow(block)
 
 
-def test_what_is_slow_or_not_run_says_why():
+def test_blocks_that_are_not_run_have_a_reason():
     for page in pages():
         for block in blocks(page):
             if block.kind in ("slow", "not run"):
                 assert len(block.note.split()) > 3, (page, block.content)
 
 
-def test_no_command_hides_in_a_block_that_is_not_run():
+def test_commands_are_only_in_sh_blocks():
     for page in pages():
         for block in blocks(page):
             if block.language != "sh":
@@ -120,11 +120,11 @@ def complete(words: str) -> list[str]:
         ("raster-harness run --fit ", "circle"),
     ],
 )
-def test_the_shell_is_told_how_a_word_goes_on(words, expected):
+def test_the_shell_completes_words(words, expected):
     assert expected in complete(words)
 
 
-def test_a_completion_is_shown_and_refused_where_the_shell_has_none():
+def test_completion_is_printed_and_refused_for_an_unknown_shell():
     named = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
     shown = python("-c", STARTED, "--show-completion", "bash", env=named)
     assert (shown.returncode, shown.stderr) == (GOOD, "")
