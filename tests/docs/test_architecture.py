@@ -141,7 +141,7 @@ def test_scenes_and_triangulators_import_only_themselves():
 
 
 def test_checker_and_search_share_only_definitions():
-    """Only `certify` imports the checker; `starting` builds an initial triangulation from its edges."""
+    """Only `certify` imports the checker; `starting` uses its edges for an initial solution."""
     shared = {"evidence", "units", "claims"}
     more = {"certify": {"checker"}, "initial": {"edges"}}
     for file in sources():
