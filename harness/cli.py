@@ -1,18 +1,26 @@
 """The command line: `raster-harness`. Commands live in `harness.commands`, one file each."""
 
 import contextlib
+import logging
 import os
 import platform
 import signal
 import sys
-import traceback
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
 from harness import __version__
 from harness.commands.index import PROGRAM, CommandGroup
+from harness.diagnostics import (
+    DEBUG_VARIABLE,
+    LOG_VARIABLE,
+    is_debugging,
+    print_traceback,
+    start_log,
+)
 from harness.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -20,22 +28,25 @@ from harness.errors import (
     INTERRUPTED,
     REGRESSION,
     HarnessError,
+    UsageError,
     of_system,
 )
 from harness.machine import system
-from harness.progress import let_go_of_terminal
+from harness.progress import detach_terminal
 
-ClickException: Any = next(  # typer has its own copy of click, and names this part of it nowhere
+ClickException: Any = next(  # typer bundles click, and does not export this class
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
 HELP = ("-h", "--help")
 COMPLETION = {"--show-completion", "--install-completion"}
-COMPLETES = "_RASTER_HARNESS_COMPLETE"
-"""What a shell sets to be told how a word goes on."""
+COMPLETION_VARIABLE = "_RASTER_HARNESS_COMPLETE"
+"""Environment variable by which a shell asks for completions."""
 
 REFUSED = {"SceneError", "UnknownName", "TriangulationError"}
-"""Errors of scenes and triangulators, which are loaded only where they are used, about input."""
+"""Names of input errors of scenes and triangulators, whose packages may not be loaded."""
+
+_LOG = logging.getLogger(__name__)
 
 app = typer.Typer(
     name=PROGRAM,
@@ -50,13 +61,34 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _options(
+    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", help="Show the version, and OpenGL's on each device, and exit."
     ),
+    debug: Annotated[
+        bool,
+        typer.Option(help=f"Print every error with its traceback, as {DEBUG_VARIABLE}=1 does."),
+    ] = False,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Append events with time stamps to a file: workers, time limits, retries, cache "
+            f"hits; as {LOG_VARIABLE}=FILE does.",
+        ),
+    ] = None,
 ) -> None:
     if version:
         typer.echo(_versions())
         raise typer.Exit
+    if debug:
+        os.environ[DEBUG_VARIABLE] = "1"
+    if log is not None:
+        os.environ[LOG_VARIABLE] = str(log.absolute())
+    start_log()
+    if context.invoked_subcommand is None:
+        raise UsageError(f"no command given; see: {PROGRAM} --help")
+    _LOG.info("%s %s: %s", PROGRAM, __version__, " ".join(sys.argv[1:]))
 
 
 def _versions() -> str:
@@ -75,44 +107,47 @@ def _versions() -> str:
 
 
 def main() -> None:
-    """Run the command line; every error is one line and an exit code, which is never 1.
+    """Run the command line; an error is one line and an exit code other than 1.
 
-    1 means a regression, so nothing but `compare` may end with it, on purpose.
+    1 means a regression, so only `compare` ends with it.
     """
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
-        from harness.measuring import serving
+        from harness.workers import serving
 
-        serving.start()  # it loads what takes long while this process does, too
-    # Unless it was started to ignore a signal.
-    with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN):
+        serving.start()  # imports in parallel with this process
+    # A signal that was ignored at the start stays ignored.
+    with system.signals_handled_by(_stop, lambda before: before != signal.SIG_IGN):
         try:
-            _asked.clear()
+            _received.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)
             if code == REGRESSION and COMPLETION & {*sys.argv}:
-                code = BAD_INPUT  # typer knows no completion for this shell
+                code = BAD_INPUT  # typer does not support this shell
             sys.stdout.flush()
-            if _asked and code != INTERRUPTED:
+            if _received and code != INTERRUPTED:
                 raise KeyboardInterrupt
         except BaseException as error:
+            _LOG.info("ended by %s", type(error).__name__, exc_info=error)
+            if is_debugging() and not isinstance(error, (SystemExit, BrokenPipeError)):
+                print_traceback(error)
             code = _explain(error)
+    _LOG.info("exit code %s", code)
     sys.exit(code)
 
 
 def _explain(error: BaseException) -> int | str | None:
-    """Say in one line what went wrong; returns the exit code."""
+    """Print one line that explains the error; return the exit code."""
     if isinstance(error, typer.Abort) and error.__cause__ is not None:
         error = error.__cause__
     match error:
-        case SystemExit() if COMPLETION & {*sys.argv} or COMPLETES in os.environ:
-            return error.code  # typer ends so when its work is done
-        # Typer and Rich end the program where nobody reads what it writes.
+        case SystemExit() if COMPLETION & {*sys.argv} or COMPLETION_VARIABLE in os.environ:
+            return error.code  # the regular end of a completion
+        # Typer and Rich exit when standard output is closed.
         case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):
-            # What is left to write goes nowhere, or Python would complain as it ends.
+            # Discard what is still buffered, or Python would complain at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
         case SystemExit():
-            what = f"something that was called ended the program (exit code {error.code})"
-            return _say(f"error: {what}", BAD_INPUT)
+            return _say(f"error: a plugin called sys.exit({error.code})", BAD_INPUT)
         case KeyboardInterrupt():
             return _say("stopped", INTERRUPTED)
         case HarnessError():
@@ -126,13 +161,14 @@ def _explain(error: BaseException) -> int | str | None:
         case _ if REFUSED & {kind.__name__ for kind in type(error).__mro__}:
             return _say(f"error: {error}", BAD_INPUT)
         case _:
-            traceback.print_exception(error)
-            what = f"{type(error).__name__}: {error}".splitlines()[0]
-            return _say(f"error: a defect of raster-harness, please report it: {what}", DEFECT)
+            if not is_debugging():
+                print_traceback(error)
+            summary = f"{type(error).__name__}: {error}".splitlines()[0]
+            return _say(f"error: internal error, please report it: {summary}", DEFECT)
 
 
 def _misused(error: ClickException) -> tuple[str, int]:
-    """Return what is wrong with a command's options, and the exit code."""
+    """Return the message for wrong options of a command, and the exit code."""
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
     where = context.command_path if context else PROGRAM
@@ -142,21 +178,21 @@ def _misused(error: ClickException) -> tuple[str, int]:
 
 
 def _say(line: str, code: int) -> int:
-    with contextlib.suppress(OSError, SystemExit):  # a terminal that was closed reads nothing
+    with contextlib.suppress(OSError, SystemExit):  # the terminal was closed
         Console(stderr=True, highlight=False, emoji=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
         )
     return code
 
 
-_asked: list[int] = []
-"""Signals that asked to stop. Python only prints what is raised in a destructor or in a callback of
-a library, so that a program that was stopped there would go on and end as if it were not."""
+_received: list[int] = []
+"""Signals that were received. Python only prints an exception that is raised in a destructor or in
+a library's callback, so a program that is interrupted there would end as if it were not."""
 
 
 def _stop(number: int, _: object) -> None:
     """End the program as Ctrl-C does."""
-    _asked.append(number)
+    _received.append(number)
     if number == system.HANGUP:
-        let_go_of_terminal()
+        detach_terminal()
     raise KeyboardInterrupt

@@ -1,6 +1,6 @@
-"""Examines what this machine can rasterise with: each device, its state, its fix if it is missing.
+"""Examines the devices of this machine: status, and the fix if one is missing.
 
-Every device is opened in a process of its own, counted on and timed.
+Each device is opened in its own worker process, which counts and times on it.
 """
 
 from typing import Literal, NamedTuple
@@ -12,10 +12,10 @@ from harness.errors import HarnessError
 from harness.frame import bare_frame
 from harness.grid import SUBPIXEL
 from harness.measuring.tasks import choose_timer
-from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options
 from harness.rasterisers import devices as probed
 from harness.rasterisers.reference import Reference, disagreements
+from harness.workers.worker import Worker
 
 EXAMINED = {
     "opengl": ("gpu0", "llvmpipe", "softpipe", "zink"),
@@ -24,19 +24,19 @@ EXAMINED = {
     "osmesa": ("osmesa",),
     "pyrender": ("llvmpipe",),
 }
-"""Devices by rasteriser; further GPUs are examined, too."""
+"""Devices by rasteriser; all GPUs are examined as well."""
 
-NEEDED = ("opengl", "llvmpipe")
+REQUIRED = ("opengl", "llvmpipe")
 TIMEOUT_S = 120.0
 
 Status = Literal["ok", "warning", "missing"]
 
 
 class Finding(NamedTuple):
-    """One device.
+    """Result of the examination of one device.
 
-    status : "ok"; "warning", usable with a caveat or not needed; "missing"
-    fix : what to do about it, "" where nothing needs doing
+    status : "ok"; "warning", usable with a caveat or optional; "missing"
+    fix : remedy, or "" if none is needed
     """
 
     name: str
@@ -46,25 +46,25 @@ class Finding(NamedTuple):
 
 
 def examine() -> list[Finding]:
-    """Examine everything; takes some seconds. Never raises for what is missing."""
-    found = []
+    """Examine all devices; takes some seconds, and does not raise if one is missing."""
+    findings: list[Finding] = []
     for rasteriser, wanted in EXAMINED.items():
-        here = (device.name for device in rasterisers.get(rasteriser).devices())
-        gpus = (name for name in here if name.startswith("gpu"))
-        found += [examine_device(rasteriser, name) for name in dict.fromkeys((*wanted, *gpus))]
-    return found
+        present = (device.name for device in rasterisers.get(rasteriser).devices())
+        gpus = (name for name in present if name.startswith("gpu"))
+        findings += [examine_device(rasteriser, name) for name in dict.fromkeys((*wanted, *gpus))]
+    return findings
 
 
 def examine_device(rasteriser: str, name: str) -> Finding:
-    """Open a device, if it is here, and tell what was found there."""
+    """Open and test a device."""
     title = f"{rasteriser} on {name}"
     kind = rasterisers.get(rasteriser)
-    absent: Status = "missing" if (rasteriser, name) == NEEDED else "warning"
+    absent: Status = "missing" if (rasteriser, name) == REQUIRED else "warning"
     device = kind.find(name)
     if device is None:
         probes = {"opengl": probed.list_egl_devices, "webgpu": probed.list_webgpu_devices}
-        told = probes[rasteriser]()[1] if rasteriser in probes else ()
-        problems = [problem for problem in told if problem.startswith(name.rstrip("0"))]
+        reports = probes[rasteriser]()[1] if rasteriser in probes else ()
+        problems = [problem for problem in reports if problem.startswith(name.rstrip("0"))]
         return Finding(title, absent, "; ".join(problems) or "not found", kind.remedy(name))
     try:
         with Worker(title, device.environment) as worker:
@@ -80,9 +80,9 @@ def examine_device(rasteriser: str, name: str) -> Finding:
 
 
 def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
-    """Inside the worker: open, count something random, time something big."""
+    """In the worker: open a device, count random triangles, test the timer."""
     opened = rasterisers.get(rasteriser)(device)
-    half = SUBPIXEL // 2  # many edges run through pixels' centres
+    half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half
     frame, rows = bare_frame(128, corners, 3), np.arange(300, dtype=np.int32).reshape(-1, 3)
     drawn = opened.count(frame, rows, Options())

@@ -1,4 +1,4 @@
-"""Pictures of where a triangulation costs: lanes shaded in each pixel, triangles drawn over it."""
+"""Heat maps of a triangulation's cost: shaded lanes per pixel, with the triangles on top."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,32 +15,32 @@ from harness.rasterisers import spans
 Map = NDArray[np.int64]
 
 PADDING_PX = 2
-"""Pixels shown round the polygon."""
+"""Pixels shown around the polygon."""
 
 PANEL_PX = 600
-"""About how long the longer edge of a panel is: a pixel of the frame is a whole square in it."""
+"""Approximate length of a panel's longer edge; each frame pixel is a square of equal size."""
 
 GAP_PX, FONT_PX = 12, 16
 
 LEGEND_PX = 900
-"""Room for nine squares and a label."""
+"""Width of nine squares and a label."""
 
-MOST_LEVELS = 9
-"""Numbers of lanes that get a colour of their own; more than that share the last one."""
+MAX_LEVELS = 9
+"""Numbers of lanes with a separate colour; higher numbers share the last one."""
 
 ROWS = (
     ("lanes shaded in a pixel (1 = no overdraw)", ("#fed976", "#fd8d3c", "#b10026")),
     ("helper lanes in a pixel (shaded, nothing covered)", ("#bdc9e1", "#74a9cf", "#034e7b")),
 )
-"""What the rows of panels show, and colours from one lane to many."""
+"""Label of each row of panels, and its colours from one lane to many."""
 
 
 def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
-    """Return lanes that cover and helper lanes for each pixel: two (height, width), row 0 below.
+    """Return covering lanes and helper lanes per pixel: two (height, width), row 0 at the bottom.
 
-    Their sum, a pixel, is how often its shader runs.
+    Their sum is the number of shader invocations of a pixel.
     """
-    # A quad at the edge of a viewport with an odd side reaches one pixel over it.
+    # In a viewport with an odd side, quads at the edge extend one pixel beyond it.
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
     covered, helpers = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     rows = np.ascontiguousarray(triangles, np.int32)
@@ -86,7 +86,7 @@ def draw_heatmaps(
     pen.text((GAP_PX, GAP_PX), title, "black")
     for row, ((label, palette), top) in enumerate(zip(ROWS, tops, strict=True)):
         most = max(1, *(int(maps[row].max()) for maps in panels))
-        colours = _levels(palette, min(most, MOST_LEVELS))
+        colours = _levels(palette, min(most, MAX_LEVELS))
         for column, (maps, triangles) in enumerate(
             zip(panels, triangulations.values(), strict=True)
         ):
@@ -113,7 +113,7 @@ def draw_heatmaps(
 
 
 def _levels(palette: tuple[str, ...], most: int) -> NDArray[np.uint8]:
-    """Return (most + 1, 3) colours: white for 0, and never so pale that 1 looks like 0."""
+    """Return (most + 1, 3) colours: white for 0, and a clearly different one for 1."""
     anchors = np.array([ImageColor.getrgb(colour) for colour in palette], np.float64)
     places = np.linspace(0, len(anchors) - 1, most)
     shades = [np.interp(places, np.arange(len(anchors)), channel) for channel in anchors.T]

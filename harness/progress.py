@@ -1,4 +1,4 @@
-"""How far a run is: bars on a terminal, lines now and then elsewhere, nothing with --quiet."""
+"""Progress of a command: bars on a terminal, lines elsewhere, nothing with --quiet."""
 
 import os
 import re
@@ -23,11 +23,11 @@ from rich.progress import (
 from rich.segment import Segment
 
 UNKNOWN_WIDTH = 120
-"""Columns of a file or a pipe, in which no table of ours is cut."""
+"""Columns of a file or a pipe; wide enough for all tables."""
 
 
 class Screen(Console):
-    """Where tables go; in a file or a pipe lines are not cut at 80, and do not end in spaces."""
+    """Console for tables; in a file or a pipe, lines are not cut at 80 or padded with spaces."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(emoji=False, **options)
@@ -39,23 +39,23 @@ class Screen(Console):
         return text if self.is_terminal else re.sub(r" +$", "", text, flags=re.MULTILINE)
 
 
-def let_go_of_terminal() -> None:
-    """Write to nowhere from now on what would go to a terminal that was closed."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+def detach_terminal() -> None:
+    """Discard further output to a terminal that was closed."""
+    null = os.open(os.devnull, os.O_WRONLY)
     for number in (1, 2):
         if os.isatty(number):
-            os.dup2(nowhere, number)
-    os.close(nowhere)
+            os.dup2(null, number)
+    os.close(null)
 
 
-SILENT_S = 3.0, 10.0
-"""Least and most seconds between two lines about one stage, where there is no terminal."""
+MIN_INTERVAL_S, MAX_INTERVAL_S = 3.0, 10.0
+"""Interval between two lines about one stage, without a terminal."""
 
 
 class Stage:
-    """One stage of a run, shown as a bar on a terminal; elsewhere `say` is given a line of it.
+    """One stage of a command: a bar on a terminal; otherwise lines for `say`.
 
-    unit : what its steps are, if their rate is to be told
+    unit : unit of its steps, if the rate is shown
     """
 
     def __init__(self, bars: Progress, task: Task, unit: str, say: Callable[[str], None]) -> None:
@@ -66,7 +66,7 @@ class Stage:
         self._said_s = 0.0
 
     def complete(self, steps: float) -> None:
-        """Say that `steps` steps are done in all."""
+        """Set the number of finished steps."""
         task = self._task
         share = f"{steps / task.total:.0%}" if task.total else f"{steps:,.0f} done"
         rate = ""
@@ -74,9 +74,9 @@ class Stage:
             rate = f", {f'{speed:,.0f}' if speed >= 10 else f'{speed:.2g}'} {self._unit}/s"
         self._bars.update(task.id, completed=steps, said=share + rate)
         elapsed = task.elapsed or 0.0
-        least, most = SILENT_S
-        # As long as it lasts, the less often.
-        due = elapsed - self._said_s >= min(most, max(least, elapsed / 20))
+        # The interval grows with the duration.
+        interval_s = min(MAX_INTERVAL_S, max(MIN_INTERVAL_S, elapsed / 20))
+        due = elapsed - self._said_s >= interval_s
         if due and self._bars.disable and not task.finished:
             self._said_s = elapsed
             left = task.time_remaining
@@ -84,23 +84,23 @@ class Stage:
             self._say(f"{task.description}: {share} after {elapsed:.0f} s{rate}{rest}")
 
     def wait(self, _waited: float) -> None:
-        """Say that it goes on; how long the step in progress has lasted does not matter."""
+        """Refresh the progress during a long step (heartbeat)."""
         self.complete(self._task.completed)
 
     def advance(self) -> None:
-        """Say that one more step is done."""
+        """Count one more finished step."""
         self.complete(self._task.completed + 1)
 
 
 class Reporter:
-    """Shows what a run does on standard error, so that standard output stays clean.
+    """Prints progress, details and warnings to standard error.
 
     Parameters
     ----------
-    quiet : show nothing but warnings
-    verbose : show details, too, whether quiet or not
-    console : for tests; by default standard error
-    clock : for tests; seconds
+    quiet : print warnings only
+    verbose : print details as well, even if quiet
+    console : standard error by default
+    clock : seconds; replaced by tests
     """
 
     def __init__(
@@ -119,31 +119,31 @@ class Reporter:
         self._bars = self.console.is_terminal and not os.environ.get("CI") and not quiet
 
     def say(self, message: str) -> None:
-        """Show one plain line."""
+        """Print one line, unless quiet."""
         if not self._quiet:
             self.console.print(message, markup=False, soft_wrap=True)
 
     def detail(self, message: str) -> None:
-        """Show lines that only those want who asked for details."""
+        """Print lines in verbose mode only."""
         if self._verbose and message:
             self.console.print(message.rstrip(), markup=False, style="dim", soft_wrap=True)
 
     def once(self, message: str, *, warn: bool = False) -> None:
-        """Show one plain line, or a warning, unless it was shown before."""
+        """Print a line or a warning, unless it was printed before."""
         if message not in self._shown:
             self._shown.add(message)
             (self.warn if warn else self.say)(message)
 
     def warn(self, message: str) -> None:
-        """Show one line that is shown with --quiet, too."""
+        """Print one warning, even if quiet."""
         self.console.print(f"warning: {message}", markup=False, style="yellow", soft_wrap=True)
 
     @contextmanager
     def stage(self, title: str, total: float | None = None, unit: str = "") -> Iterator[Stage]:
-        """Begin a stage of `total` steps, None where nobody knows how many; `unit` as in `Stage`.
+        """Begin a stage of `total` steps, or None if unknown; `unit` as in `Stage`.
 
-        The time left is that of the rate since the first of its steps: what was done before, such
-        as compiling, does not count.
+        The remaining time is estimated from the rate since the first step; work before it, such as
+        compiling, does not count.
         """
         columns = (
             SpinnerColumn(),
@@ -169,7 +169,7 @@ class Reporter:
 
     @contextmanager
     def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
-        """Show `message` if what follows takes long; gives a function that makes it needless."""
+        """Print `message` if the block takes longer; yield a function that cancels it."""
         timer = Timer(seconds, lambda: self.say(message))
         timer.daemon = True
         timer.start()

@@ -73,7 +73,7 @@ class TimingSettings:
     epochs : how often drawings are prepared, at least, where they can be prepared anew; 1: once
     paired : whether the candidates are compared with each other; then all are drawn equally often
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
-        up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
+        up to `MAX_BATCHES` batches' length, beyond which that cost is too small to show
     processes : how many fresh processes do all of this, one after the other
     limit_s : seconds after which the rounds end, however few there are, shared by all processes;
         None: however many it takes

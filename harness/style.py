@@ -1,7 +1,7 @@
-"""How things look, the same in every plot, table and report: colours, symbols, numbers, files.
+"""Style of plots, tables and reports: colours, symbols, number formats, files.
 
-A triangulator has one colour and one symbol wherever it is shown. Those that most runs have come
-first; others take what is left, in the order in which they appear.
+A triangulator has the same colour and symbol everywhere. The common ones have fixed looks; others
+get the remaining looks in the order in which they appear.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from rich.text import TextType
 
 
-# Okabe and Ito's eight colours, told apart with any kind of colour vision.
+# Okabe and Ito's eight colours, distinguishable with any colour vision deficiency.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
-IN_THE_DARK = (
+DARK_COLOURS = (
     *("#56B4E9", "#FF8A3D", "#2FC79A", "#E79AC5", "#F0C94A", "#9DA9FF", "#F2F2F2", "#A8A8A8"),
 )
-"""The same, where the page is dark."""
+"""The same colours for dark pages."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 SYMBOLS = (
@@ -41,9 +41,9 @@ SYMBOLS = (
     "path://M2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5L0,2Z",
     "path://M5,0L6.2,3.6H10L6.9,5.8L8.1,9.5L5,7.2L1.9,9.5L3.1,5.8L0,3.6H3.8Z",
 )
-"""The markers of the plots and, at the same places, the symbols of the report's charts."""
+"""Symbols of the report's charts, in the order of `MARKERS`, those of the plots."""
 
-KNOWN = (
+COMMON_TRIANGULATORS = (
     "optimal:half-perimeter",
     "ear-clipping",
     "delaunay",
@@ -57,7 +57,7 @@ KNOWN = (
     "optimal:expected-quads",
     "optimal:calibrated",
 )
-"""The triangulators that most runs have, in the order of their looks."""
+"""Triangulators with fixed looks, in the order of the looks."""
 
 STYLE: Any = {
     "axes.grid": True,
@@ -75,13 +75,13 @@ STYLE: Any = {
 ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
 """Widths in inches of one and of two columns of a paper."""
 
-MOST_VECTOR_MARKS = 20_000
-"""Marks beyond which a panel's marks become a picture inside the SVG, to keep it small."""
+MAX_VECTOR_MARKS = 20_000
+"""Upper bound of vector marks of a panel; more become a bitmap inside the SVG."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What stands for one thing: colours on light and dark ground, marker and symbol."""
+    """Look of a series: colours on light and dark pages, marker and symbol."""
 
     colour: str
     dark: str
@@ -90,29 +90,29 @@ class Look:
 
 
 def look_of(index: int) -> Look:
-    """Return the look of series `index` of a plot; they begin anew after 64."""
+    """Return the look of series `index` of a plot; looks repeat after 64."""
     colour = index % len(COLOURS)
     symbol = (index + index // len(COLOURS)) % len(MARKERS)
-    return Look(COLOURS[colour], IN_THE_DARK[colour], MARKERS[symbol], SYMBOLS[symbol])
+    return Look(COLOURS[colour], DARK_COLOURS[colour], MARKERS[symbol], SYMBOLS[symbol])
 
 
 def looks(triangulators: Sequence[str]) -> dict[str, Look]:
     """Return the look of each triangulator, in the given order.
 
-    A family that is `KNOWN` has its own everywhere; each of the others takes the next.
+    A family in `COMMON_TRIANGULATORS` has a fixed look; each other family gets the next.
     """
-    families = dict.fromkeys([*KNOWN, *map(family_of, triangulators)])
+    families = dict.fromkeys([*COMMON_TRIANGULATORS, *map(family_of, triangulators)])
     place = {family: look_of(index) for index, family in enumerate(families)}
     return {name: place[family_of(name)] for name in triangulators}
 
 
 def family_of(triangulator: str) -> str:
-    """Return the name without its number: random#1 and random#2 are one family."""
+    """Return a name without its number: random#1 and random#2 are one family."""
     return triangulator.partition("#")[0]
 
 
 def scatter(panel: Axes, x: ArrayLike, y: ArrayLike, of: Look, label: str, **how: Any) -> None:
-    """Draw one triangulator's marks; how: more of what Matplotlib's `scatter` takes."""
+    """Draw one triangulator's marks; `how` are options of Matplotlib's `scatter`."""
     how = {"s": 7, "alpha": 0.5, "linewidths": 0, **how}
     panel.scatter(x, y, color=of.colour, marker=of.marker, label=label, **how)
 
@@ -120,16 +120,16 @@ def scatter(panel: Axes, x: ArrayLike, y: ArrayLike, of: Look, label: str, **how
 def scatter_over_medians(
     panel: Axes, table: pd.DataFrame, x: str, y: str, by: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw two columns' marks over the medians of each polygon, random triangulations below.
+    """Draw two columns relative to each polygon's medians, random triangulations at the bottom.
 
-    by : the columns that say which rows are of one polygon; returns the marks, x and y
+    by : columns that identify a polygon; returns the drawn x and y
     """
     of_polygon = table.groupby(list(by))
     across = table[x] / of_polygon[x].transform("median")
     up = table[y] / of_polygon[y].transform("median")
     families = table["triangulator"].map(family_of)
     shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
-    many = len(table) > MOST_VECTOR_MARKS
+    many = len(table) > MAX_VECTOR_MARKS
     for name in reversed(shown):
         own = (families == name) & (across > 0) & (up > 0)
         scatter(panel, across[own], up[own], shown[name], name, alpha=0.6, rasterized=many)
@@ -139,9 +139,9 @@ def scatter_over_medians(
 def panels(
     count: int, size: tuple[float, float], title: str, across: int = 9, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title and so many panels, at most `across` of them beside each other.
+    """Return a figure with a title and `count` panels, at most `across` of them in a row.
 
-    size : of a panel, in inches; shared : what Matplotlib's `subplots` takes
+    size : of a panel, in inches; shared : options of Matplotlib's `subplots`
     """
     wide = min(across, count)
     high = -(-count // wide)
@@ -156,7 +156,7 @@ def panels(
 def grid(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of this size in inches, and its panels, row by row; shared: as above."""
+    """Return a figure of a size in inches, and its panels, row by row; shared: as above."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size)
@@ -164,16 +164,16 @@ def grid(
 
 
 def legend_below(figure: Figure, places: Sequence[Axes], columns: int) -> None:
-    """Write below a figure what its panels' marks mean, each once."""
-    told = (panel.get_legend_handles_labels() for panel in places)
-    handles = {text: each for two in told for each, text in zip(*two, strict=True)}
+    """Draw one legend of all panels below a figure."""
+    entries = (panel.get_legend_handles_labels() for panel in places)
+    handles = {text: each for pair in entries for each, text in zip(*pair, strict=True)}
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
 def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
-    """Return an empty table for the terminal, without lines; options: more of rich's `Table`.
+    """Return an empty table for the terminal, without lines; options: of rich's `Table`.
 
-    columns : headings; those of numbers, which are set flush right, begin with ">"
+    columns : headings; ">" at the beginning aligns a column of numbers to the right
     """
     from rich.table import Table
 
@@ -189,14 +189,14 @@ def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
 def draw(
     folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
 ) -> list[Path]:
-    """Make a figure in the house's style, and write it as PNG and as SVG; returns the files.
+    """Draw a figure in the common style, and write it as PNG and SVG; return the files.
 
     name : any text; the files' names are its `file_stem` with their endings
-    make : returns the figure, or None where there is nothing to draw
+    make : returns the figure, or None if there is nothing to draw
     """
     import matplotlib
 
-    with matplotlib.rc_context(STYLE):  # it says how files are written, too
+    with matplotlib.rc_context(STYLE):  # also applies to writing files
         figure = make(*arguments)
         if figure is None:
             return []

@@ -1,4 +1,4 @@
-"""What HTML pages are made with: templates, and one file with everything in it."""
+"""HTML pages: templates, and self-contained files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def static(package: str, name: str) -> str:
 
 
 def packed(content: dict[str, Any]) -> str:
-    """Return the content as base64 of compressed JSON, which no HTML parser can misread."""
+    """Return the content as base64 of compressed JSON, which is safe inside HTML."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
 
@@ -37,15 +37,15 @@ def encoded(values: NDArray[Any]) -> str:
 
 
 def is_stream(file: Path) -> bool:
-    """Return whether `file` is a pipe or this program's standard output, to be written into."""
+    """Return whether `file` is a pipe or this program's standard output."""
     try:
         return file.is_fifo() or os.path.samestat(file.stat(), os.fstat(1))
     except OSError:
         return False
 
 
-def write_whole(file: Path, text: str) -> None:
-    """Write `file` whole or not at all; a pipe and standard output are written into."""
+def write_atomically(file: Path, text: str) -> None:
+    """Replace `file` atomically; write directly into a pipe or standard output."""
     if is_stream(file):
         file.write_bytes(text.encode())
         return
@@ -55,11 +55,8 @@ def write_whole(file: Path, text: str) -> None:
 
 @cache
 def template(package: str, name: str) -> Template:
-    """Return the file `name` of the templates/ of `package`.
-
-    What it shows is escaped, and what it names must be there.
-    """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # only where a page is written
+    """Return a template of `package`; values are escaped, undefined names are errors."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # slow to import
 
     environment = Environment(
         loader=PackageLoader(package),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from scenes.cleaning.repair import clean
-from scenes.readers.guard import debugging, reason
+from scenes.readers.guard import reason
 from scenes.readers.reader import is_model
 from scenes.scene import Scene, SceneError, UnknownScene
 from scenes.spec import (
@@ -283,8 +283,6 @@ def _contained(what: str) -> Iterator[None]:
     except (SceneError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:
-        if debugging():
-            raise
         said = reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
         raise SceneError(f"{what}: {said}") from error
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame, View, make_frame
 from harness.heatmaps import lane_maps
 from harness.measuring.lower_limits import fewest
-from harness.measuring.processes import COMPILED_LATE
+from harness.measuring.pool import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import outlines
 from harness.triangulating.recipes import parse

@@ -16,13 +16,15 @@ from shapely.geometry import Polygon, box
 
 from harness import style
 from harness.cli import main
+from harness.diagnostics import DEBUG_VARIABLE, LOG_VARIABLE
 from harness.machine import system
-from harness.measuring import serving, tasks
+from harness.measuring import tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
 from harness.stats.run_quality import QUIET, RunState
+from harness.workers import serving
 from tests.chromium import Chromium
 from tests.inline import Inline
 from triangulators.gpu import engine
@@ -32,7 +34,7 @@ settings.load_profile("ci")
 
 serving.PRELOADED = "tests.preloaded"
 
-system.stolen_s = system.others_s = lambda: 0.0
+system.stolen_s = system.other_processes_s = lambda: 0.0
 """What the host or another program takes of a test's few milliseconds is not what it asks about."""
 
 BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
@@ -100,6 +102,8 @@ def exit_code(*arguments: str) -> int:
     """Run the command line in this process; returns its exit code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["harness", *arguments])
+        for variable in (DEBUG_VARIABLE, LOG_VARIABLE):
+            patch.setenv(variable, "")
         with pytest.raises(SystemExit) as end:
             main()
     return int(end.value.code or 0)

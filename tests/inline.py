@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from harness.errors import HarnessError
-from harness.measuring.serving import failure
+from harness.workers.serving import failure
 
 
 class Inline:

@@ -12,13 +12,13 @@ from shapely import box
 
 from harness.frame import View, make_frame
 from harness.machine import system
-from harness.measuring import serving  # noqa: F401 - first: it makes the server's surroundings
+from harness.measuring import preloading  # noqa: F401 - first: it prepares the server
 from harness.measuring.lower_limits import fewest
 from harness.rasterisers.reference import outlines
 from triangulators import triangulate_many
 from triangulators.compute.storing import NotKept, only_kept
 
-system.stolen_s = system.others_s = lambda: 0.0  # as in `tests.conftest`
+system.stolen_s = system.other_processes_s = lambda: 0.0  # as in `tests.conftest`
 
 with suppress(NotKept), only_kept():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.commands.many_files import complete, refuse_set_aside, warn_of_skipped
-from harness.commands.options import Dask, Layer, Quiet, Several, Where, refuse_given, several
+from harness.commands.options import (
+    Dask,
+    Layer,
+    Quiet,
+    Several,
+    Verbose,
+    Where,
+    refuse_given,
+    several,
+)
 from harness.errors import NothingMeasured, UsageError
 from harness.progress import Reporter, Screen
 
@@ -25,10 +34,10 @@ CENSUS = (
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
-"""Triangulators of a census; compiled code does all of them."""
+"""Default triangulators, all of them in compiled code."""
 
 UNITS_PER_PIXEL = 0.25
-"""Metres a pixel, unless asked otherwise."""
+"""Default scale: metres per pixel."""
 
 
 def census(
@@ -69,20 +78,21 @@ def census(
     where: Where = None,
     dask: Dask = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Say what each triangulator gains on every footprint of a data set, by exact counting.
 
     Footprints are drawn on the pixel grid of a map, each by itself, and counted by the CPU
     reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. Map tiles are
     drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
-    command, given again, does what is missing.
+    command, run again, processes the missing parts.
     """
     from harness.scaling.census import Census, TileCensus
     from harness.scaling.dataset import files
     from scenes.slices import chosen, in_degrees
     from triangulators.registry import full_name
 
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     names = tuple(map(full_name, triangulators))
     if len(set(names)) < 2:
         raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
@@ -151,7 +161,7 @@ def _count(
     if not found.whole().total("fragments")[0]:
         what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
         raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
-    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
+    with clear_errors(out, "run the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, found, census)
     for name, why in found.damaged[:MAX_DAMAGED_NAMED]:
         reporter.warn(f"tile {name} {why}")

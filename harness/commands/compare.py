@@ -108,9 +108,9 @@ def compare(
         "html": html,
     }.items():
         if file is not None:
-            from harness.webpages import write_whole
+            from harness.webpages import write_atomically
 
-            write_whole(file, _text(found, kind, grown))
+            write_atomically(file, _text(found, kind, grown))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:
             stream.write(_text(found, "markdown", grown))

@@ -97,13 +97,13 @@ def _import_profile(
 ) -> None:
     """Write and print the profile of a page's result, with its recommendations."""
     from harness.commands.profile import add_advice, write_profile
-    from harness.measuring.processes import Bench
-    from harness.measuring.worker import Worker
+    from harness.measuring.pool import MeasuringPool
     from harness.page.profile_result import import_profile
+    from harness.workers.worker import Worker
 
     content, trouble, warnings = import_profile(file, result, device)
-    with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
-        add_advice(content, bench, trouble)
+    with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
+        add_advice(content, pool, trouble)
     for warning in warnings:
         typer.echo(f"warning: {warning}", err=True)
     write_profile(content, out, trouble)

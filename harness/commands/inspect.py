@@ -171,9 +171,9 @@ def _say_if_it_matters(
     as_json: bool,
 ) -> None:
     """Count a file at several sizes, and say what a triangulator saves there."""
-    from harness.profile import sizes
+    from harness import viewport_sizes
 
-    law = sizes.read_law(profile, options.PROFILES) if profile else None
+    costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
         raise UsageError(f"{recipes[0]} alone has nothing to be compared with: name two or more")
     file = _place(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
@@ -183,7 +183,7 @@ def _say_if_it_matters(
     found = []
     with reporter.stage("counting", len(views)) as stage:
         for view in views:
-            found.append(sizes.count_size(scene, recipes, view, law))
+            found.append(viewport_sizes.count_size(scene, recipes, view, costs))
             stage.complete(len(found))
     most = max(found, key=lambda size: size.left_out)
     if most.left_out:
@@ -191,13 +191,13 @@ def _say_if_it_matters(
             f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as they "
             f"vanish on the grid or not all triangulators do them: {most.left_out:,}"
         )
-    answer = sizes.Sizes(scene.name, law, tuple(found))
-    sizes.draw_chart(answer, file)
+    answer = viewport_sizes.Sizes(scene.name, costs, tuple(found))
+    viewport_sizes.draw_chart(answer, file)
     if as_json:
         typer.echo(json.dumps(answer.to_json(), indent=2, allow_nan=False))
         return
-    Screen(highlight=False).print(*sizes.tables(answer), sep="\n\n")
-    typer.echo(sizes.sentence(answer))
+    Screen(highlight=False).print(*viewport_sizes.tables(answer), sep="\n\n")
+    typer.echo(viewport_sizes.sentence(answer))
     typer.echo(f"chart: {file}")
 
 

@@ -16,45 +16,45 @@ from harness.errors import INTERRUPTED, Inconclusive, UsageError, refuse_failed
 from harness.progress import Reporter
 
 if TYPE_CHECKING:
-    from harness.scaling.crew import Crew
     from harness.scaling.dataset import Dataset, Summary
+    from harness.scaling.executors import Executor
     from harness.scaling.triangulated import Triangulating
 
-SAID_AFTER_S = 20.0
+NOTE_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
 
-SHOWN = 3
-"""Polygons left out for one reason that are named on the screen."""
+MAX_POLYGONS_NAMED = 3
+"""Polygons that are named on the screen for each reason."""
 
-NAMED = 10
-"""Parts set aside that are named one by one."""
+MAX_PARTS_NAMED = 10
+"""Parts set aside that are named on the screen."""
 
 
 @contextmanager
-def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
-    """Give those who do the work; `where` is what --dask says, None for this process alone."""
-    from harness.scaling.crew import Crew, DaskCrew
+def open_executor(where: str | None, reporter: Reporter) -> Iterator[Executor]:
+    """Yield the executor for the value of --dask; None means this process."""
+    from harness.scaling.executors import DaskExecutor, Executor
 
     if not where:
-        yield Crew()
+        yield Executor()
         return
-    crew = DaskCrew(where)
+    executor = DaskExecutor(where)
     try:
-        reporter.say(f"{crew.threads} workers; dashboard: {crew.dashboard}")
-        yield crew
+        reporter.say(f"{executor.threads} workers; dashboard: {executor.dashboard}")
+        yield executor
     finally:
-        crew.close()
+        executor.close()
 
 
 def triangulate_many_files(
     pattern: str, out: Path, work: Triangulating, where: str | None, reporter: Reporter
 ) -> None:
-    """Triangulate the parts of many files into a folder, and say what is in it.
+    """Triangulate the parts of many files into a folder, and print a summary.
 
     Raises
     ------
     UsageError
-        if there is no file, or the folder is not for that
+        if there is no file, or the folder cannot be used
     Inconclusive
         if parts were set aside, or polygons failed
     """
@@ -77,40 +77,40 @@ def triangulate_many_files(
 
 
 def complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
-    """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
-    there = len(dataset.done)
-    if there:
-        reporter.say(f"{out}: {there:,} of {len(dataset.parts):,} parts are there already")
+    """Process the missing parts; if stopped, print how to continue and exit."""
+    done = len(dataset.done)
+    if done:
+        reporter.say(f"{out}: {done:,} of {len(dataset.parts):,} parts are done already")
     try:
         with (
-            crew_of(where if dataset.missing else "", reporter) as crew,
-            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+            open_executor(where if dataset.missing else "", reporter) as executor,
+            reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
         ):
-            return dataset.complete(crew, reporter, needless)
+            return dataset.complete(executor, reporter, cancel_note)
     except KeyboardInterrupt:
         typer.echo(
             f"stopped; {len(dataset.done):,} of {len(dataset.parts):,} parts are in {out}; "
-            "to go on, give the same command again",
+            "to go on, run the same command again",
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
 
 
-def lines_of_notes(
-    counts: Mapping[tuple[str, str], int], told: Iterable[tuple[str, str, str]]
+def format_notes(
+    counts: Mapping[tuple[str, str], int], notes: Iterable[tuple[str, str, str]]
 ) -> Iterator[str]:
-    """Yield a line for each reason: how many were left out or changed, and the first of them.
+    """Yield a line for each reason: the number of polygons, and the first of them.
 
-    counts : by kind and reason; told : (kind, which, reason)
+    counts : polygons by (kind, reason); notes : (kind, polygon, reason)
     """
     from scenes.cleaning.notes import general_reason
 
     named = defaultdict(list)
-    for kind, which, why in told:
+    for kind, which, why in notes:
         named[kind, general_reason(why)].append(which)
     for (kind, reason), count in sorted(counts.items()):
-        more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
-        first = named[kind, reason][:SHOWN]
+        more = f" and {count - MAX_POLYGONS_NAMED:,} more" if count > MAX_POLYGONS_NAMED else ""
+        first = named[kind, reason][:MAX_POLYGONS_NAMED]
         names = f" ({', '.join(first)}{more})" if first else ""
         yield f"{kind} {count:,}: {reason}{names}"
 
@@ -121,23 +121,23 @@ def refuse_set_aside(out: Path, summary: Summary) -> None:
         number = len(summary.set_aside)
         raise Inconclusive(
             f"{number:,} {'parts were' if number > 1 else 'part was'} set aside; the rest is in "
-            f"{os.path.relpath(out)}; mend the cause and give the same command again"
+            f"{os.path.relpath(out)}; fix the cause and run the same command again"
         )
 
 
 def warn_of_skipped(summary: Summary, folder: Path, reporter: Reporter) -> None:
-    """Say what was left out, and why."""
+    """Warn of skipped and set aside polygons and parts."""
     from harness.scaling.dataset import LEFT_OUT
 
-    told = (
+    notes = (
         (kind, which if summary.parts == 1 else f"{which} of {file}", why)
         for file, kind, which, why in summary.left_out
     )
-    for line in lines_of_notes(summary.counts, told):
+    for line in format_notes(summary.counts, notes):
         reporter.warn(line)
-    if len(summary.left_out) > SHOWN:
-        reporter.say(f"each that was left out: {os.path.relpath(folder / LEFT_OUT)}")
+    if len(summary.left_out) > MAX_POLYGONS_NAMED:
+        reporter.say(f"all skipped polygons: {os.path.relpath(folder / LEFT_OUT)}")
     if summary.pruned:
         reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
-    for which, reason in islice(summary.set_aside.items(), NAMED):
+    for which, reason in islice(summary.set_aside.items(), MAX_PARTS_NAMED):
         reporter.warn(f"set aside {which}: {reason}")

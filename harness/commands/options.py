@@ -76,7 +76,10 @@ SceneName = Annotated[str, typer.Option(help="A scene's name or a file.")]
 Seed = Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed for everything random.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Every case as it ends, and what went wrong where.")
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Show the duration of each step, each case, and its failure."
+    ),
 ]
 Force = Annotated[
     bool, typer.Option("--force", help="Resume even if the plan, scene, code or machine differs.")

@@ -27,17 +27,17 @@ def page(
     as a file for `raster-harness import`.
     """
     from harness.compare.matching import latest
-    from harness.measuring.processes import Bench
-    from harness.measuring.worker import Worker
+    from harness.measuring.pool import MeasuringPool
     from harness.page.page_data import content_of, content_of_profile, write_page
     from harness.results.run_folder import read_run
     from harness.webpages import is_stream
+    from harness.workers.worker import Worker
 
     if profile == (run is not None):
         raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
     if run is None:
-        with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
-            content = content_of_profile(bench)
+        with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
+            content = content_of_profile(pool)
     else:
         content = content_of(latest(read_run(run)))
     write_page(content, out)

@@ -17,7 +17,7 @@ from harness.results.run_folder import file_stem
 from harness.settings import TIMEOUT_S
 
 if TYPE_CHECKING:
-    from harness.measuring.processes import Bench
+    from harness.measuring.pool import MeasuringPool
 
 BUDGET_S = 0.5
 """Seconds of drawing for each draw of the design."""
@@ -33,6 +33,7 @@ def profile(
         typer.Option(help="File to write; results/profiles/<rasteriser>-<device>.json if absent."),
     ] = None,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Say what a triangle, a pixel and a helper lane cost on a device; how to triangulate there.
 
@@ -43,35 +44,35 @@ def profile(
     """
     from harness import rasterisers
     from harness.machine.environment import processor
-    from harness.measuring.processes import Backend, Bench
-    from harness.measuring.worker import Worker
+    from harness.measuring.pool import Backend, MeasuringPool
     from harness.profile import design, measured
     from harness.profile import profile as profiles
     from harness.profile.counted import counters
     from harness.rasterisers.base import Options
+    from harness.workers.worker import Worker
 
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     name = rasteriser or rasterisers.usual()
     backend = Backend(name, rasterisers.find_device(name, device))
     kind = rasterisers.get(name)
     draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
-    with closing(Bench(Worker, timeout_s=TIMEOUT_S)) as bench:
-        step = bench.open(backend).details.get("step") or 1
+    with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
+        step = pool.open(backend).details.get("step") or 1
         draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
         length = budget * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-            found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
+            found = measured.measure(backend, pool, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
             "software": backend.device.software,
             "cpu": processor()["label"],
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-            **bench.describe()[backend.label],
+            **pool.describe()[backend.label],
         }
         content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
-        add_advice(content, bench, found.trouble)
+        add_advice(content, pool, found.trouble)
     if len(found.rounds) < measured.EPOCHS:
         typer.echo(
             f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"
@@ -81,11 +82,11 @@ def profile(
     write_profile(content, out, found.trouble)
 
 
-def add_advice(content: dict[str, Any], bench: Bench, trouble: str) -> None:
+def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:
     """Add the recommended criterion to a profile; mark the profile as refused if `trouble`."""
     from harness.profile import advice
 
-    content["advice"] = advice.advise(bench, content["coefficients"], content["seed"])
+    content["advice"] = advice.advise(pool, content["coefficients"], content["seed"])
     content["refused"] = content["refused"] or bool(trouble)
 
 

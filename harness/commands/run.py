@@ -102,12 +102,12 @@ def run(
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
     from harness.commands import outcome, run_inputs
     from harness.frame import View
+    from harness.machine.system import database_path
     from harness.measuring.other_version import FOLDER as BASE_FOLDER
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
     from harness.rasterisers.base import Options
-    from harness.triangulating.database import default_path
     from scenes.registry import is_seen
     from scenes.spec import joined
 
@@ -143,7 +143,7 @@ def run(
         how = RunOptions(
             resume=resume is not None,
             force=force,
-            database=default_path() if cached else None,
+            database=database_path() if cached else None,
             beside=other,
             base=run_inputs.full_base_name(base, plan),
         )

@@ -32,6 +32,7 @@ def study_all(
     seed: options.Seed = 0,
     quick: options.Quick = False,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Say which of our findings hold on your data: validation, gains, regret and rotation, bundled.
 
@@ -54,6 +55,7 @@ def study_all(
         polygons=polygons,
         seed=seed,
         quick=quick,
+        verbose=verbose,
     )
     evidence_of = {}
     parts = inconclusive = 0
@@ -103,6 +105,7 @@ class _Settings:
     polygons: int
     seed: int
     quick: bool
+    verbose: bool
 
 
 def _parts(
@@ -140,7 +143,7 @@ def _validate(scene: str, folder: Path, settings: _Settings) -> None:
     validation = study_validate.measure_validation(
         plan,
         size,
-        Reporter(quiet=True),
+        Reporter(quiet=True, verbose=settings.verbose),
         out=None if is_begun else folder,
         resume=folder if is_begun else None,
     )
@@ -163,12 +166,12 @@ def _measure_gains(
     """
     from harness.commands import outcome
     from harness.frame import View
+    from harness.machine.system import database_path
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
     from harness.rasterisers.base import Options
     from harness.results.run_folder import read_run
-    from harness.triangulating.database import default_path
     from harness.triangulating.recipes import parse_all
 
     fit: Fit = "circle" if turned else "box"
@@ -185,8 +188,8 @@ def _measure_gains(
         timeout_s=QUICK_TIMEOUT_S if settings.quick else TIMEOUT_S,
     )
     is_begun = (folder / "run.json").is_file()
-    how = RunOptions(resume=is_begun, database=default_path())
-    reporter = Reporter(quiet=True)
+    how = RunOptions(resume=is_begun, database=database_path())
+    reporter = Reporter(quiet=True, verbose=settings.verbose)
     result = carry_out(plan, folder, reporter, how)
     incomplete = None
     try:

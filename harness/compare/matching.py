@@ -13,7 +13,7 @@ from typing import Any
 
 from harness.compare.model import CaseName
 from harness.errors import UsageError
-from harness.machine.environment import label_of, same
+from harness.results.processors import may_be_same, processor_label
 from harness.results.run_folder import Record, Run
 from harness.results.schema import flat
 
@@ -178,7 +178,7 @@ def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
 def machine(facts: Mapping[str, Any]) -> str:
     """Return what tells a machine from others of another kind; "" where the run does not say."""
     environment = facts.get("environment") or {}
-    if not (processor := label_of(facts)):
+    if not (processor := processor_label(facts)):
         return ""
     text = f"{processor}, {environment.get('threads')} threads"
     gpus = [str(gpu.get("name")) for gpu in environment.get("gpus") or []]
@@ -187,8 +187,8 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Whether both runs say what machine they are of, and it is not the same."""
-    alike = same(label_of(before), label_of(after))
-    then, now = (machine(facts).removeprefix(label_of(facts)) for facts in (before, after))
+    alike = may_be_same(processor_label(before), processor_label(after))
+    then, now = (machine(facts).removeprefix(processor_label(facts)) for facts in (before, after))
     return bool(machine(before) and machine(after)) and not (alike and then == now)
 
 

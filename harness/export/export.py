@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import UsageError, did_you_mean
+from harness.errors import UsageError
 from harness.export import mesh as meshes
-from harness.export.apart import triangulate_many
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
 from harness.machine.user_modules import allow_user_module
+from harness.triangulating.isolated import triangulate_many
 from scenes import load
 from scenes.cleaning.notes import NoteCounter
 from scenes.cleaning.repair import Cleaned
@@ -133,7 +132,6 @@ class Report(NoteCounter):
     certified : what the triangulations cost and the least they could cost, where that was asked for
     proven : polygons whose optimum is proven by the way it was computed
     evidence : the file that proofs are written to, open while they are
-    flat : polygons whose height attribute was not usable, which stayed flat
     notes : what was read, projected and changed as a whole, a line each
     seconds, triangulate_s : wall time of all and of triangulating alone
     """
@@ -142,7 +140,6 @@ class Report(NoteCounter):
     polygons: int = 0
     triangles: int = 0
     proven: int = 0
-    flat: int = 0
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     triangulate_s: float = 0.0
@@ -155,7 +152,6 @@ def export_file(
     out: str | Path,
     triangulator: str = "optimal:half-perimeter",
     *,
-    extrude: str | float | None = None,
     progress: Callable[[int], None] | None = None,
     certify: bool | Path = False,
     device: str = CPU,
@@ -164,18 +160,26 @@ def export_file(
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
 
-    `source` may carry parameters, as `scenes.load` reads them: "town.gpkg:layer=parks,limit=9".
-    The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
-    units, or the name of an attribute that holds it. Polygons are read, triangulated and written
-    `chunk` at a time, so memory does not grow with the file. `certify` has each triangulation's
-    distance from the optimum of its criterion (half-perimeter, if it has none) worked out; a path
-    is a file for the proofs, a line for each polygon. `device` is that of
-    `triangulators.triangulate_many`. `progress` is called with the number of polygons done so far.
-    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays as
-    it was.
+    Polygons are read, triangulated and written `chunk` at a time, so memory does not grow with the
+    file. `out` appears when all is written; on an error it stays as it was.
 
-    Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
-    or triangulator, an attribute that is not there, and an output that cannot be written.
+    Parameters
+    ----------
+    source : a scene or a file, with parameters as `scenes.load` reads them, e.g.
+        "town.gpkg:layer=parks,limit=9"
+    out : file to write; its suffix gives the format, see `FORMATS`
+    progress : called with the number of polygons done so far
+    certify : compute how far each triangulation is from the optimum of its criterion
+        (half-perimeter, if it has none); a path is a file for the proofs, one line per polygon
+    device : as of `triangulators.triangulate_many`
+    parameters : of the triangulator
+
+    Raises
+    ------
+    scenes.SceneError
+        if the source cannot be read
+    UsageError
+        if the format or triangulator is unknown, or the output cannot be written
     """
     begun = time.perf_counter()
     target = Path(out)
@@ -188,7 +192,7 @@ def export_file(
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:
                 report.evidence = proofs.file(mode="w")
-            how = Meshing(name, parameters, extrude, device)
+            how = Meshing(name, parameters, device)
             writer = add_chunks(chunks, lambda about: make(output, about), how, report, progress)
             if writer is None or report.triangles == 0:
                 raise UsageError(_nothing(str(source), report))
@@ -210,7 +214,6 @@ class Meshing:
 
     name: str
     parameters: Mapping[str, Any]
-    extrude: str | float | None = None
     device: str = CPU
 
 
@@ -323,7 +326,7 @@ def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     report.triangulate_s += time.perf_counter() - begun
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
     report.note("failed", failed)
-    mesh = meshes.flat(polygons, found, chunk.attributes)
+    mesh = meshes.mesh_of(polygons, found, chunk.attributes)
     if parse(how.name).entry.name == "optimal":
         # an optimum by an exact algorithm: compiled code's, or the table's
         alone = polygons.ring_counts == 1
@@ -333,24 +336,7 @@ def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     if report.certified is not None:
         report.certified.add(chunk.cleaned.polygons, found, report.evidence)
     gone = np.diff(mesh.triangle_offsets) == 0
-    if how.extrude is not None:
-        tops, unusable = _heights(mesh.attributes, how.extrude)
-        report.flat += unusable
-        mesh = meshes.extruded(mesh, polygons.ring_offsets, tops)
     return meshes.without(mesh, gone)
-
-
-def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np.float64], int]:
-    if isinstance(extrude, str) and extrude not in attributes:
-        try:
-            return meshes.heights(attributes, float(extrude))
-        except ValueError:
-            known = [str(column) for column in attributes]
-        hint = did_you_mean(extrude, known)
-        raise UsageError(f"the source has no attribute {extrude!r} to extrude by; {hint}")
-    if not isinstance(extrude, str) and not (np.isfinite(extrude) and extrude >= 0):
-        raise UsageError(f"extrude={extrude} is not a height: give 0 or more")
-    return meshes.heights(attributes, extrude)
 
 
 def _nothing(source: str, report: Report) -> str:

@@ -103,7 +103,7 @@ class GeoParquetWriter:
         else:
             table = table.append_column("geometry", geometry)
         if self._writer is None:
-            metadata = {"geo": json.dumps(self._metadata(mesh)), "raster_harness": self._say()}
+            metadata = {"geo": json.dumps(self._metadata()), "raster_harness": self._say()}
             self._schema = table.schema.with_metadata(metadata)
             # no two geometries are alike: a dictionary of them would only take time
             others = [name for name in self._schema.names if name != "geometry"]
@@ -129,17 +129,19 @@ class GeoParquetWriter:
         crs = about.crs if about.crs is not None else about.units
         return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})
 
-    def _metadata(self, mesh: Mesh) -> dict[str, Any]:
-        kind = "MultiPolygon Z" if mesh.vertices.shape[1] == 3 else "MultiPolygon"
-        column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
+    def _metadata(self) -> dict[str, Any]:
+        column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["MultiPolygon"]}
         if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # which are meant where none is named
             known = system(self._about.crs)
             column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 
 
+_POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
+
+
 def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:
-    """Return (m, 4, 2 or 3), each triangle as a ring in the source's coordinates."""
+    """Return (m, 4, 2), each triangle as a ring in the source's coordinates."""
     corners = about.in_source(mesh.vertices)[mesh.triangles]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
@@ -151,14 +153,12 @@ def _wkb(mesh: Mesh, about: About) -> list[bytes]:
     long, a third of a whole export.
     """
     rings = _closed(mesh, about)
-    # ISO's number of a polygon is 3 and of a multi-polygon 6, with heights a thousand more.
-    heights = 1000 if rings.shape[2] == 3 else 0
     head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]
-    triangles = np.empty(len(rings), [*head, ("ring", "<f8", rings.shape[1:])])
-    triangles["order"], triangles["type"] = 1, 3 + heights
+    triangles = np.empty(len(rings), [*head, ("ring", "<f8", (4, 2))])
+    triangles["order"], triangles["type"] = 1, _POLYGON
     triangles["rings"], triangles["points"], triangles["ring"] = 1, 4, rings
     data, size = triangles.view(np.uint8).data, triangles.itemsize
     return [
-        struct.pack("<BII", 1, 6 + heights, end - start) + data[start * size : end * size]
+        struct.pack("<BII", 1, _MULTI_POLYGON, end - start) + data[start * size : end * size]
         for start, end in pairwise(mesh.triangle_offsets.tolist())
     ]

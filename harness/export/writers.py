@@ -1,8 +1,7 @@
 """What all writers share, and OBJ, NumPy's .npz and glTF."""
 
+import io
 import json
-import shutil
-import struct
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import IO, Any
@@ -12,9 +11,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import UsageError
-from harness.export.mesh import Mesh, with_z
+from harness.export.mesh import Mesh
+from harness.models.glb import write_glb
 from scenes.cleaning.projection import Projection
+from scenes.readers.gltf import BIN, JSON
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class About:
     projection: Projection | None = None
 
     def in_source(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Vertices in the source's coordinates, z as it is."""
+        """Return vertices (n, 2) in the source's coordinates."""
         if self.projection is None:
             return vertices
         # eleven decimals are a micrometre, and give most sources back the very numbers they had
-        degrees = np.round(self.projection.inverse(vertices[:, :2]), 11)
-        return np.column_stack([degrees, vertices[:, 2:]])
+        degrees: NDArray[np.float64] = np.round(self.projection.inverse(vertices), 11)
+        return degrees
 
 
 def plain(value: Any) -> Any:
@@ -73,8 +73,8 @@ class ObjWriter:
 
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
-        points = with_z(mesh.vertices).tolist()
-        self._stream.write("".join([f"v {x!r} {y!r} {z!r}\n" for x, y, z in points]))
+        points = mesh.vertices.tolist()
+        self._stream.write("".join([f"v {x!r} {y!r} 0.0\n" for x, y in points]))
         faces = (mesh.triangles + 1 + self._vertices).tolist()
         starts = mesh.triangle_offsets.tolist()
         lines = []
@@ -97,7 +97,7 @@ class ObjWriter:
 class NpzWriter:
     """Arrays, for p polygons, n vertices and m triangles in all:
 
-    vertices (n, 2 or 3) float64; triangles (m, 3) int64, indices into them; vertex_offsets and
+    vertices (n, 2) float64; triangles (m, 3) int64, indices into them; vertex_offsets and
     triangle_offsets (p + 1,) int64, where each polygon's begin; attribute_NAME (p,) for each
     attribute, text unless it is a number or a truth value; triangulator, units, credit.
     """
@@ -180,26 +180,24 @@ class GltfWriter:
         """Write one more batch."""
         if len(mesh.triangles) == 0:
             return
-        vertices = with_z(mesh.vertices)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        middle = np.round((low + high) / 2) * [1, 1, 0]
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        middle = np.round((low + high) / 2)
         if self._origin is None:
             # large map coordinates would make single-precision viewers shake
             self._origin = middle
-        reach = np.abs(vertices - middle).max(axis=0)
-        # one step for the plan, so that angles stay, and one for heights; that of the plan where it
-        # is flat: single precision cannot invert a matrix with a far smaller one
-        plan = max(reach[:2].max(), 1e-30)
-        step = np.array([plan, plan, reach[2] or plan]) / _STEPS
-        grid = np.rint((vertices - middle) / step)
+        # One step for both axes, which preserves angles, and for z, which keeps the matrix
+        # invertible in single precision.
+        step = max(np.abs(mesh.vertices - middle).max(), 1e-30) / _STEPS
+        grid = np.zeros((len(mesh.vertices), 3))
+        grid[:, :2] = np.rint((mesh.vertices - middle) / step)
         feature = mesh.vertex_owners.astype("<f4")
         attributes = {
             "POSITION": self._accessor(grid.astype("<f4")),
             "_FEATURE_ID_0": self._accessor(feature),
         }
         indices = self._accessor(mesh.triangles.astype("<u4").ravel())
-        matrix = np.diag([*step, 1.0])
-        matrix[:3, 3] = middle - self._origin
+        matrix = np.diag([step, step, step, 1.0])
+        matrix[:2, 3] = middle - self._origin
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
         made: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
         if mesh.attributes.shape[1]:
@@ -210,8 +208,7 @@ class GltfWriter:
     def finish(self) -> None:
         """Write the JSON and, for .glb, put the parts together."""
         assert self._origin is not None  # an export without a triangle writes nothing
-        length = self._data.tell()
-        buffer: dict[str, Any] = {"byteLength": length}
+        buffer: dict[str, Any] = {"byteLength": self._data.tell()}
         if not self._binary:
             buffer["uri"] = self._output.target.name + ".bin"
         children = list(range(1, len(self._nodes) + 1))
@@ -222,7 +219,7 @@ class GltfWriter:
                 "generator": "raster-harness",
                 "copyright": self._about.credit,
                 "extras": {
-                    "origin": self._origin[:2].tolist(),
+                    "origin": self._origin.tolist(),
                     "units": self._about.units,
                     "crs": self._about.crs if self._about.projection is None else None,
                     "triangulator": self._about.triangulator,
@@ -237,28 +234,21 @@ class GltfWriter:
         }
         if not self._about.credit:
             del document["asset"]["copyright"]
-        self._assemble(json.dumps(document, separators=(",", ":")), length)
+        self._assemble(json.dumps(document, separators=(",", ":")))
 
-    def _assemble(self, document: str, length: int) -> None:
+    def _assemble(self, document: str) -> None:
         """Splice the spooled meshes into the JSON, and write it before the binary data."""
         self._meshes.seek(0)
         payload = f'{document[:-1]},"meshes":[{self._meshes.read()}]}}'.encode()
         stream = self._output.file()
-        if not self._binary:
+        if self._binary:
+            chunks: list[tuple[bytes, IO[bytes]]] = [
+                (JSON, io.BytesIO(payload)),
+                (BIN, self._data),
+            ]
+            write_glb(stream, chunks, self._output.target)
+        else:
             stream.write(payload)
-            return
-        payload += b" " * (-len(payload) % 4)
-        total = 12 + 8 + len(payload) + 8 + length
-        if total >= 2**32:
-            raise UsageError(
-                f"{self._output.target} would be {total / 2**30:.1f} GiB, and GLB ends at 4 GiB: "
-                "write .gltf, or fewer polygons with limit"
-            )
-        stream.write(struct.pack("<4sII", b"glTF", 2, total))
-        stream.write(struct.pack("<I4s", len(payload), b"JSON") + payload)
-        stream.write(struct.pack("<I4s", length, b"BIN\0"))
-        self._data.seek(0)
-        shutil.copyfileobj(self._data, stream, 1 << 20)
 
     def _accessor(self, values: NDArray[Any]) -> int:
         """Add an accessor of indices, or of numbers or positions of vertices."""

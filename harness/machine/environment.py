@@ -1,8 +1,8 @@
-"""The machine and software a run was measured with, and what about them makes times shaky.
+"""Facts about the machine and software of a run, and warnings of unreliable times.
 
-To a software rasteriser the processor is the device. Virtual machines mask its name ("AMD EPYC"),
-so family, model and stepping are taken along, with the caches, and the width of its vectors, on
-which the code depends that llvmpipe generates.
+A software rasteriser is as fast as its processor. Virtual machines mask the processor's name ("AMD
+EPYC"), so family, model, stepping, caches and vector width are recorded as well; the code that
+llvmpipe generates depends on the vector width.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -48,12 +48,12 @@ VARIABLES = (
     "__EGL_VENDOR_LIBRARY_FILENAMES",
 )
 
-BUSY = 0.5
-"""Load a core above which other programs are likely to disturb the times."""
+MAX_LOAD_PER_CORE = 0.5
+"""Load per core above which other programs are likely to disturb times."""
 
 
 def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the facts about this machine, JSON-ready; what cannot be read is None.
+    """Return facts about this machine, JSON-ready; unknown ones are None.
 
     triangulators : as named; the folders of their modules show whose repository is measured
     """
@@ -80,33 +80,33 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
     }
 
 
-def warnings(facts: dict[str, Any]) -> list[str]:
-    """Say, a line each, what about the machine makes its times less trustworthy."""
-    found = []
+def list_warnings(facts: dict[str, Any]) -> list[str]:
+    """Return reasons why times measured on this machine scatter, a line each."""
+    warnings = []
     load, threads = facts["load"][0], facts["threads"] or 1
-    if load > BUSY * threads:
-        found.append(
+    if load > MAX_LOAD_PER_CORE * threads:
+        warnings.append(
             f"the machine is busy (load {load:.1f} on {threads} threads): times will scatter; "
             "close other programs"
         )
     if facts["governor"] not in (None, "performance"):
-        found.append(
+        warnings.append(
             f"the CPU governor is '{facts['governor']}', so the clock varies; "
             "run: sudo cpupower frequency-set -g performance"
         )
-    return found
+    return warnings
 
 
 def code_version() -> str:
-    """Return 16 hexadecimal digits that change with any source file of the three packages."""
+    """Return a hash, 16 hexadecimal digits, of the source files of the three packages."""
     return source_hash(*(ROOT / package for package in ("harness", "scenes", "triangulators")))
 
 
 def source_hash(*packages: Path) -> str:
-    """Return 16 hexadecimal digits that change with any source file of the packages' folders."""
+    """Return a hash, 16 hexadecimal digits, of the source files in the packages' folders."""
     digest = hashlib.sha256()
     for folder in packages:
-        files = (Path(place, name) for place, _, names in os.walk(folder) for name in names)
+        files = (Path(top, name) for top, _, names in os.walk(folder) for name in names)
         for file in sorted(file for file in files if file.suffix in (".py", ".glsl")):
             digest.update(str(file.relative_to(folder.parent)).encode())
             digest.update(file.read_bytes())
@@ -152,19 +152,19 @@ FIELDS = {
     "model": ("model", "CPU part"),
     "stepping": ("stepping", "CPU revision"),
 }
-"""Each fact by what x86 and ARM call it."""
+"""Names of each fact on x86 and ARM."""
 
 VECTORS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd", 128))
-"""Flags with the bits of a register, the widest first."""
+"""(CPU flag, bits of a vector register), widest first."""
 
 
 @cache
 def processor() -> dict[str, Any]:
-    """Return the facts about this machine's processor, JSON-ready; what is not told is None.
+    """Return facts about this machine's processor, JSON-ready; unknown ones are None.
 
-    vendor, name, family, model, stepping : as the system tells them
-    caches : bytes by level and type, e.g. "L2"; vector_bits : of its widest vectors
-    label : all of it in short, e.g. AMD EPYC 25/17, 512-bit
+    vendor, name, family, model, stepping : as the system reports them
+    caches : bytes by level and type, e.g. "L2"; vector_bits : width of the widest vectors
+    label : short description, e.g. AMD EPYC 25/17, 512-bit
     """
     facts = _of_cpuinfo(_read(CPUINFO)) | {"caches": dict(_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
@@ -174,19 +174,19 @@ def processor() -> dict[str, Any]:
 def _of_cpuinfo(text: str) -> dict[str, Any]:
     first = text.split("\n\n", 1)[0]
     pairs = (line.partition(":") for line in first.splitlines())
-    told = {name.strip(): value.strip() for name, _, value in pairs}
+    fields = {name.strip(): value.strip() for name, _, value in pairs}
     facts: dict[str, Any] = {
-        name: next((told[key] for key in keys if key in told), None)
+        name: next((fields[key] for key in keys if key in fields), None)
         for name, keys in FIELDS.items()
     }
-    flags = (told.get("flags") or told.get("Features") or "").split()
+    flags = (fields.get("flags") or fields.get("Features") or "").split()
     facts["vector_bits"] = next((bits for flag, bits in VECTORS if flag in flags), None)
     return facts
 
 
 def _caches(folder: Path) -> Iterator[tuple[str, int]]:
-    for place in sorted(folder.glob("index*")):
-        level, kind, size = (_read(place / name).strip() for name in ("level", "type", "size"))
+    for index in sorted(folder.glob("index*")):
+        level, kind, size = (_read(index / name).strip() for name in ("level", "type", "size"))
         letter = {"Data": "d", "Instruction": "i"}.get(kind, "")
         if size.endswith("K") and size[:-1].isdigit():
             yield f"L{level}{letter}", int(size[:-1]) * 1024
@@ -197,30 +197,6 @@ def _label(facts: Mapping[str, Any]) -> str:
     words = " ".join(part for part in (facts["name"] or facts["vendor"], numbers) if part)
     bits = f"{facts['vector_bits']}-bit" if facts["vector_bits"] else ""
     return ", ".join(part for part in (words, bits) if part) or "unknown processor"
-
-
-def label_of(facts: Mapping[str, Any]) -> str:
-    """Return the processor of a run, of its `run.json`; "" where it does not say.
-
-    Runs from before processors were described tell the name alone.
-    """
-    told, environment = (facts.get(name) for name in ("cpu", "environment"))
-    label = told.get("label") if isinstance(told, Mapping) else None
-    return str(label or (environment.get("cpu") if isinstance(environment, Mapping) else "") or "")
-
-
-def same(one: str, other: str) -> bool:
-    """Whether two labels may be of one processor: where one tells less, it tells nothing else."""
-    return not one or not other or one.startswith(other) or other.startswith(one)
-
-
-def differ(labels: Iterable[str]) -> list[str]:
-    """Return the labels that are of different processors; [] where all may be of one."""
-    kinds: list[str] = []
-    for label in sorted(set(labels), key=len, reverse=True):
-        if not any(same(label, kind) for kind in kinds):
-            kinds.append(label)
-    return sorted(kinds) if len(kinds) > 1 else []
 
 
 def _read(file: Path) -> str:

@@ -1,7 +1,6 @@
-"""What Linux, macOS and Windows do each in their own way: process groups, signals, limits, files.
+"""Differences between Linux, macOS and Windows: process groups, signals, limits, file locks.
 
-Modules and calls that some of them lack are looked for when they are needed and never imported
-elsewhere.
+Only this module imports platform-specific modules, and only when they are needed.
 """
 
 import contextlib
@@ -19,54 +18,63 @@ import psutil
 from platformdirs import user_cache_path
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""What a process gets when its terminal closes; Windows has no such signal."""
+"""Signal for a closed terminal; None on Windows."""
 
 STOPPING = tuple(number for number in (signal.SIGINT, signal.SIGTERM, HANGUP) if number is not None)
-"""Signals that ask a program to end."""
+"""Signals that request the end of a program."""
 
 BINARY: int = getattr(os, "O_BINARY", 0)
-"""Flag of os.open without which Windows turns each newline into two bytes."""
+"""Flag of os.open; without it Windows writes each newline as two bytes."""
+
+
+def database_path() -> Path:
+    """Return `RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
+    if file := os.environ.get("RASTER_HARNESS_CACHE"):
+        return Path(file)
+    return user_cache_path("raster-harness", appauthor=False) / "triangulations.sqlite"
 
 
 def cache_file(name: str) -> Path:
-    """Return a file of the user's cache, beside the model database (`RASTER_HARNESS_CACHE`)."""
-    given = os.environ.get("RASTER_HARNESS_CACHE")
-    folder = Path(given).parent if given else user_cache_path("raster-harness", appauthor=False)
-    return folder / name
+    """Return a file in the folder of `database_path`."""
+    return database_path().parent / name
 
 
 @contextlib.contextmanager
-def stopped_by(stop: Callable[[int, Any], None], wanted: Callable[[Any], bool]) -> Iterator[None]:
-    """Have `stop` called for the signals of `STOPPING` whose handler until now is `wanted`."""
+def signals_handled_by(
+    handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
+) -> Iterator[None]:
+    """Install `handler` for the `STOPPING` signals whose present handler it `replaces`."""
     before = {
-        number: signal.signal(number, stop)
+        number: signal.signal(number, handler)
         for number in STOPPING
-        if wanted(signal.getsignal(number))
+        if replaces(signal.getsignal(number))
     }
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, previous in before.items():
+            signal.signal(number, previous)
 
 
 @contextlib.contextmanager
-def stopped_after() -> Iterator[None]:
-    """Hold back what stops the program until the block has ended; then it is KeyboardInterrupt."""
+def signals_delayed() -> Iterator[None]:
+    """Delay `STOPPING` signals to the end of the block, then raise KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread is told of signals
+        yield  # only the main thread handles signals
         return
-    came: list[int] = []
-    with stopped_by(lambda number, _: came.append(number), lambda before: before != signal.SIG_IGN):
+    received: list[int] = []
+    with signals_handled_by(
+        lambda number, _: received.append(number), lambda handler: handler != signal.SIG_IGN
+    ):
         yield
-    if came:
+    if received:
         raise KeyboardInterrupt
 
 
-def limit(memory_bytes: int | None, file_bytes: int) -> None:
-    """Limit what this process may allocate, and its files, where the system can be told so.
+def set_limits(memory_bytes: int | None, file_bytes: int) -> None:
+    """Limit the memory and the file size of this process, if the system supports it.
 
-    To write more raises OSError: EFBIG.
+    Writing a larger file raises OSError (EFBIG).
     """
     try:
         import resource
@@ -74,45 +82,45 @@ def limit(memory_bytes: int | None, file_bytes: int) -> None:
         return
     limits = [(resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_FSIZE, file_bytes)]
     for kind, size in limits:
-        with contextlib.suppress(OSError, ValueError):  # macOS refuses to limit memory
+        with contextlib.suppress(OSError, ValueError):  # macOS does not limit memory
             if size is not None:
                 resource.setrlimit(kind, (size, size))
 
 
-def leave_no_core() -> None:
-    """Have the system write no image of this process's memory when it is killed."""
+def disable_core_dump() -> None:
+    """Write no core dump if this process is killed."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def is_running(pid: int) -> bool:
-    """Whether there is such a process, and it has not ended."""
+    """Return whether a process exists and has not ended."""
     try:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
         return False
 
 
-def is_stopped(leader: int) -> bool:
-    """Whether a process, or a child of it, has been stopped (SIGSTOP)."""
+def is_suspended(leader: int) -> bool:
+    """Return whether a process or a child of it is suspended (SIGSTOP)."""
     try:
         process = psutil.Process(leader)
-        each = [process, *process.children()]
-        return any(one.status() == psutil.STATUS_STOPPED for one in each)
+        family = [process, *process.children()]
+        return any(member.status() == psutil.STATUS_STOPPED for member in family)
     except psutil.NoSuchProcess:
         return False
 
 
 cpu_clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.process_time
-"""Seconds that all threads of this process computed; Windows tells them in steps of 16 ms, too
-coarse for one polygon, so that it is the wall clock there."""
+"""CPU time of all threads of this process, in seconds; on Windows the wall clock, as CPU time has
+a resolution of 16 ms there."""
 
 
-class WaitedFor:
-    """How long the threads of this process have waited for a core; Linux alone tells.
+class RunQueueClock:
+    """Time that the threads of this process have waited for a core; Linux only.
 
-    Files stay open, for opening them anew would take longer than some draws do.
+    Files stay open, because opening them takes longer than some draws.
     """
 
     def __init__(self) -> None:
@@ -120,26 +128,26 @@ class WaitedFor:
         self._files: dict[str, int] = {}
 
     def read(self) -> dict[str, int] | None:
-        """Return the nanoseconds so far by thread, None where the system does not tell.
+        """Return the nanoseconds on a run queue by thread, or None if unavailable.
 
-        It is the second number of `schedstat`: time on a run queue, not on a core.
+        It is the second number of `schedstat`.
         """
-        if os.getpid() != self._owner:  # what a fork took along tells of another process
+        if os.getpid() != self._owner:  # files inherited by a fork are of the parent
             self.close()
             self._owner = os.getpid()
-        found: dict[str, int] = {}
+        waited_ns: dict[str, int] = {}
         try:
             for thread in os.listdir("/proc/self/task"):  # noqa: PTH208 - before each draw
                 if thread not in self._files:
                     path = f"/proc/self/task/{thread}/schedstat"
                     self._files[thread] = os.open(path, os.O_RDONLY)
                 try:
-                    found[thread] = int(os.pread(self._files[thread], 64, 0).split()[1])
-                except ProcessLookupError:  # it has ended since
+                    waited_ns[thread] = int(os.pread(self._files[thread], 64, 0).split()[1])
+                except ProcessLookupError:  # the thread has ended
                     os.close(self._files.pop(thread))
         except (OSError, ValueError, IndexError):
             return None
-        return found
+        return waited_ns
 
     def close(self) -> None:
         """Close the files."""
@@ -149,26 +157,26 @@ class WaitedFor:
 
 
 def stolen_s() -> float:
-    """Return the seconds that the host has taken from all cores; 0 where the system tells none."""
+    """Return the steal time of all cores, in seconds; 0 if the system does not report it."""
     return float(getattr(psutil.cpu_times(), "steal", 0.0))
 
 
-def others_s() -> float:
-    """Return the seconds that all other processes have computed, on all cores, since the start."""
-    all_of_them, own = psutil.cpu_times(), psutil.Process().cpu_times()
-    spent = ("user", "nice", "system", "irq", "softirq")
-    busy = sum(float(getattr(all_of_them, name, 0.0)) for name in spent)
-    return busy - float(own.user + own.system)
+def other_processes_s() -> float:
+    """Return the CPU time of all other processes since the system started, in seconds."""
+    total, own = psutil.cpu_times(), psutil.Process().cpu_times()
+    states = ("user", "nice", "system", "irq", "softirq")
+    busy_s = sum(float(getattr(total, state, 0.0)) for state in states)
+    return busy_s - float(own.user + own.system)
 
 
-def lead_group() -> None:
-    """Make this process the first of a group of its own, for `end_group`, where there are any."""
+def start_process_group() -> None:
+    """Make this process the leader of a new process group, if the system has them."""
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
 
 
-def end_group(leader: int) -> None:
-    """Kill the process `leader` and what it has started, whether or not it lives."""
+def kill_group(leader: int) -> None:
+    """Kill the process group of `leader`, even if the leader has ended."""
     if hasattr(os, "killpg"):
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(leader, signal.SIGKILL)
@@ -180,15 +188,15 @@ def end_group(leader: int) -> None:
                 child.kill()
 
 
-def adopt() -> None:
-    """Make this process the parent of all that its descendants start and leave; Linux only."""
+def become_subreaper() -> None:
+    """Make this process the parent of orphaned descendants; Linux only."""
     if sys.platform == "linux":
         pr_set_child_subreaper = 36
         ctypes.CDLL(None).prctl(pr_set_child_subreaper, 1)
 
 
-def end_strays(parent: int) -> None:
-    """Kill what `parent` has adopted: its children in other sessions than its own, and theirs."""
+def kill_orphans(parent: int) -> None:
+    """Kill the orphans of `parent`: children in other sessions, and their descendants."""
     gone = (psutil.NoSuchProcess, ProcessLookupError)
     with contextlib.suppress(*gone):
         own = os.getsid(parent)
@@ -200,33 +208,33 @@ def end_strays(parent: int) -> None:
 
 
 def others_may_write(file: Path) -> bool:
-    """Whether users who are neither its owner nor of its group may change a file."""
+    """Return whether users other than the owner and the group may write a file."""
     with contextlib.suppress(OSError):
         return os.name == "posix" and bool(file.stat().st_mode & 0o002)
     return False
 
 
 def umask() -> int:
-    """Return what the user takes away from the permissions of new files."""
+    """Return the permissions that new files do not get."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def lock(descriptor: int, *, wait: bool = True) -> bool:
-    """Take the lock on an open file; closing it gives it back.
+    """Lock an open file; closing the file releases the lock.
 
-    wait : until no other process has it; else nothing is done then, and False returned
+    wait : wait for another process to release it; otherwise return False at once
     """
     try:
         import fcntl
-    except ImportError:  # Windows: what is locked cannot be read, so lock what is never written
+    except ImportError:  # on Windows a locked range cannot be read, so lock one beyond the end
         import msvcrt
 
         place = os.lseek(descriptor, 0, os.SEEK_CUR)
         os.lseek(descriptor, 2**40, os.SEEK_SET)
         try:
-            # Who waits gives up after ten seconds, as whoever waits for a database does.
+            # Windows waits for ten seconds at most.
             how = msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK  # type: ignore[attr-defined]
             msvcrt.locking(descriptor, how, 1)  # type: ignore[attr-defined]
         except OSError:
@@ -240,14 +248,14 @@ def lock(descriptor: int, *, wait: bool = True) -> bool:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         return False
-    except OSError:  # a file system that knows no locks
+    except OSError:  # the file system does not support locks
         if wait:
             raise
     return True
 
 
-def ending(code: int | None) -> str:
-    """Say how a process ended, of which multiprocessing tells `code`."""
+def describe_exit(code: int | None) -> str:
+    """Return how a process ended, from its exit code as of multiprocessing."""
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         hint = " (perhaps out of memory)" if name == "SIGKILL" else ""

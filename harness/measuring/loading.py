@@ -1,6 +1,6 @@
-"""Loads what a run is made with: its scene, its triangulators, its rasterisers on their devices.
+"""Loads the scene, triangulators, rasterisers and devices of a run.
 
-What is a third party's is loaded in a process of its own.
+Third-party code is loaded in a worker process.
 """
 
 from collections.abc import Iterable
@@ -10,29 +10,35 @@ from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
 from harness.machine.user_modules import allow_user_module
 from harness.measuring.plan import Plan
-from harness.measuring.processes import IMPORT_S, Backend, Bench, home_of, rasteriser_home
+from harness.measuring.pool import (
+    MIN_IMPORT_TIMEOUT_S,
+    Backend,
+    MeasuringPool,
+    worker_of_rasteriser,
+    worker_of_recipe,
+)
 from harness.measuring.tasks import Survey, survey
-from harness.measuring.worker import Limits, OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
+from harness.workers.worker import Limits, OpenWorker, TaskFailed, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
 """A backend and which of the plan's options it can draw with."""
 
-SAID = 10
-"""Polygons that are named on the screen, of those dropped and of those repaired."""
+MAX_POLYGONS_NAMED = 10
+"""Dropped polygons, and repaired polygons, that are named on the screen."""
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
-    """Load a scene and say what was read, projected and left out.
+    """Load a scene and print what was read, projected and skipped.
 
     Raises
     ------
     UsageError
-        if it cannot be loaded, or is a third party's and ends its process
+        if it cannot be loaded, or its third-party code ends the process
     """
     if _is_foreign(name):
         allow_user_module(name)
@@ -46,10 +52,10 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
     if scene.notes:
         reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
-        for which, reason in notes[:SAID]:
+        for which, reason in notes[:MAX_POLYGONS_NAMED]:
             reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
-        if len(notes) > SAID:
-            more = f"{scene.name}: {verb} {len(notes) - SAID:,} more"
+        if len(notes) > MAX_POLYGONS_NAMED:
+            more = f"{scene.name}: {verb} {len(notes) - MAX_POLYGONS_NAMED:,} more"
             reporter.warn(f"{more}; a run's run.json names them")
     return scene
 
@@ -66,62 +72,62 @@ def _load(name: str, seed: int) -> Scene:
 
 
 def _is_foreign(name: str) -> bool:
-    """Whether it takes a third party's code to load the scene."""
+    """Return whether third-party code loads the scene."""
     if registry.is_seen(name):
         return False
     try:
         base, _, is_file = registry.split(name)
     except SceneError:
-        return False  # a file's parameters are wrong, which `load` says, too
+        return False  # wrong parameters of a file; `load` reports them
     if is_file or base in registry.ENTRIES:
         return False
     return base in registry.names() or is_function(base)
 
 
-def find_broken(recipes: Iterable[Recipe], bench: Bench) -> dict[Recipe, str]:
-    """Load every third party's triangulator; return those that die of it, and how.
+def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
+    """Load all third-party triangulators; return those that crash, and why.
 
     Raises
     ------
     UsageError
-        if one is not there, or cannot be imported: nothing is measured then
+        if one cannot be imported: nothing is measured then
     """
     broken = {}
     for recipe in recipes:
         if not recipe.builtin:
             try:
-                limit_s = max(IMPORT_S, bench.timeout_s)
-                bench.run(home_of(recipe), recipe.load, timeout_s=limit_s)
+                limit_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
+                pool.run(worker_of_recipe(recipe), recipe.load, timeout_s=limit_s)
             except TaskFailed as error:
                 broken[recipe] = str(error)
     return broken
 
 
-def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
-    """Pair each rasteriser with each of the plan's devices that it knows, and its options.
+def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[Usable]:
+    """Pair each rasteriser with its options and with the plan's devices that it supports.
 
-    One that knows none of them, such as the CPU reference, runs on its own best device. One of a
-    third party that dies while it is asked is left out, with a warning.
+    A rasteriser that supports none of them, such as the CPU reference, runs on its best device. A
+    third-party rasteriser that crashes is skipped, with a warning.
 
     Raises
     ------
     UsageError, NoRasteriser
-        if a name is unknown, or a device that was asked for is not here, or nothing is left
+        if a name is unknown, a requested device is missing, or no rasteriser is left
     """
     usable: list[Usable] = []
     known: set[str] = set()
     for name in plan.rasterisers:
         try:
-            options, devices, its = _ask(name, plan, bench)
+            options, devices, supported = _ask(name, plan, pool)
         except TaskFailed as error:
-            reporter.warn(f"rasteriser '{name}' is left out: {error}")
+            reporter.warn(f"rasteriser '{name}' is skipped: {error}")
             continue
         if not options:
             raise UsageError(
                 f"{name} has {rasterisers.get(name).lacking}: use opengl for "
                 "--samples and --work, or add the plain case, e.g. --work 0,8"
             )
-        known.update(its)
+        known.update(supported)
         usable += [(Backend(name, device), options) for device in devices]
     strange = [device for device in plan.devices if device not in known]
     if strange:
@@ -133,10 +139,10 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
     return usable
 
 
-def _ask(name: str, plan: Plan, bench: Bench) -> Survey:
-    """Ask a rasteriser what it can do here; a third party's only in a process of its own."""
+def _ask(name: str, plan: Plan, pool: MeasuringPool) -> Survey:
+    """Ask a rasteriser for its devices and options; a third-party one in a worker process."""
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
         return survey(name, plan.options, plan.devices)
-    timeout_s = max(IMPORT_S, bench.timeout_s)
-    home = rasteriser_home(name)
-    return bench.run(home, survey, name, plan.options, plan.devices, timeout_s=timeout_s)
+    timeout_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
+    home = worker_of_rasteriser(name)
+    return pool.run(home, survey, name, plan.options, plan.devices, timeout_s=timeout_s)

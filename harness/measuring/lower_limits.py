@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from harness.measuring.processes import Bench, result_of
-from harness.measuring.worker import TaskFailed
+from harness.measuring.pool import MeasuringPool
 from harness.metrics.registry import LEAST, OUTLINE
 from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
+from harness.workers.pool import result_of
+from harness.workers.worker import TaskFailed
 
 FEWEST = parse("optimal:exact-quads")
 
@@ -39,10 +40,10 @@ Begun = dict[str, Future[NDArray[np.int64]]]
 """By limit, its (p,) quads, which a second process computes meanwhile."""
 
 
-def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench) -> Begun:
+def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool) -> Begun:
     """Begin to compute both limits; `parts` is a triangulation (m, 3) of each, whichever."""
-    outline = bench.compute(limits, frame, parts)
-    return {OUTLINE: outline, LEAST: bench.compute(fewest, frame, bench.database)}
+    outline = pool.compute(limits, frame, parts)
+    return {OUTLINE: outline, LEAST: pool.compute(fewest, frame, pool.database)}
 
 
 def collect(begun: Begun) -> dict[str, NDArray[np.int64]]:

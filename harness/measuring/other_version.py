@@ -29,10 +29,10 @@ from shapely import Polygon
 from harness.errors import UsageError
 from harness.machine.environment import source_hash
 from harness.machine.git import checked_out, find_commit, project_folder
-from harness.measuring.serving import TaskFailed
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
 from harness.triangulating.triangulate import small_polygons
+from harness.workers.serving import TaskFailed
 from triangulators.errors import shortened
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")

@@ -15,20 +15,21 @@ import shapely
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
-from harness.machine.environment import label_of, processor, same
+from harness.machine.environment import processor
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
 from harness.measuring.plan import Case, Plan
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.measuring.records import Keeper
 from harness.measuring.scene import SceneRun
-from harness.measuring.worker import OpenWorker, Worker
-from harness.progress import Reporter, let_go_of_terminal
+from harness.progress import Reporter, detach_terminal
+from harness.results.processors import may_be_same, processor_label
 from harness.results.run_folder import FACTS, Record, Store, read_counted, read_run
 from harness.stats.run_quality import default_path, judge, reference_draws
 from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
 from harness.viewing import viewing_of
+from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
 from scenes.spec import label as scene_label
 
@@ -112,10 +113,10 @@ def run(
     """
     began = time.perf_counter()
     how = how or RunOptions()
-    bench = Bench(open_worker, plan.timeout_s, how.database, how.beside)
+    pool = MeasuringPool(open_worker, plan.timeout_s, how.database, how.beside)
     try:
         # Names first: a scene may take long.
-        broken = find_broken(plan.triangulators, bench)
+        broken = find_broken(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
         if all(shapely.get_num_coordinates(each) == _CLOSED_TRIANGLE for each in scene.polygons):
             raise NothingMeasured(
@@ -129,9 +130,9 @@ def run(
                 f"{ORIGINAL} is the triangulation that a model came with: give --scene "
                 "model.glb:views=24, or leave it out"
             )
-        return _measure(plan, scene, out, reporter, bench, broken, how, began)
+        return _measure(plan, scene, out, reporter, pool, broken, how, began)
     finally:
-        bench.close(at_once=bench.stopping)
+        pool.close(at_once=pool.stopping)
 
 
 def _in_its_view(plan: Plan, scene: Scene) -> Plan:
@@ -155,7 +156,7 @@ def _measure(
     scene: Scene,
     out: Path,
     reporter: Reporter,
-    bench: Bench,
+    pool: MeasuringPool,
     broken: dict[Recipe, str],
     how: RunOptions,
     began: float,
@@ -167,8 +168,8 @@ def _measure(
     known = set(plan.triangulators)
     every = dict.fromkeys(chain.from_iterable(own.triangulators for own in plans))
     plan = replace(plan, triangulators=tuple(every))
-    usable = find_backends(plan, bench, reporter)
-    broken |= find_broken(set(plan.triangulators) - known, bench)
+    usable = find_backends(plan, pool, reporter)
+    broken |= find_broken(set(plan.triangulators) - known, pool)
     base = how.base or (ORIGINAL if viewing_of(scene) is not None and not how.split else None)
     facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
@@ -178,7 +179,7 @@ def _measure(
         plans = [replace(own, triangulators=(*own.triangulators, *others))]
     stores, records = open_stores(out, facts, resume=how.resume, force=how.force)
     counted = {} if how.force else read_counted(out)
-    bench.seconds["prepare"] = time.perf_counter() - began
+    pool.seconds["prepare"] = time.perf_counter() - began
     hurried = False
     with ExitStack() as stack:
         for store in stores:
@@ -190,7 +191,7 @@ def _measure(
         # BASE's code triangulates elsewhere, in no round of HEAD's.
         rounds = not (how.split or how.beside)
         try:
-            with _stopped_in_order(bench, reporter):
+            with _stopped_in_order(pool, reporter):
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
@@ -200,30 +201,30 @@ def _measure(
                         scene=part.scene,
                         usable=usable,
                         broken=broken,
-                        bench=bench,
+                        pool=pool,
                         reporter=reporter,
                         keeper=keeper,
                         counted=counted,
                         rounds=rounds,
                     ).measure()
         except KeyboardInterrupt:
-            hurried = bench.stopping = True
+            hurried = pool.stopping = True
         finally:
             facts["frames"] = keeper.frames or facts["frames"]
-            facts["devices"] |= bench.describe()
-            facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
-            facts["interrupted"] = bench.stopping
+            facts["devices"] |= pool.describe()
+            facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - began}
+            facts["interrupted"] = pool.stopping
             draws = reference_draws(records.values(), default_path())
             facts["state"] = {**vars(judge(records.values(), draws)), "draws": draws}
             keeper.write_facts(facts)
-        if not bench.stopping:
+        if not pool.stopping:
             stores[0].drop_counted()
     ours = [each for each in records.values() if not each["triangulator"].startswith(OTHER)]
-    return RunResult(out, ours, bench.stopping, hurried)
+    return RunResult(out, ours, pool.stopping, hurried)
 
 
 @contextmanager
-def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
+def _stopped_in_order(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
     """Let the first Ctrl-C finish the cases in flight.
 
     A second one, SIGTERM and SIGHUP, whose senders do not wait, raise KeyboardInterrupt.
@@ -233,15 +234,15 @@ def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
         return
 
     def stop(number: int, _: object) -> None:
-        again, bench.stopping = bench.stopping, True
+        again, pool.stopping = pool.stopping, True
         if number == system.HANGUP:
-            let_go_of_terminal()
+            detach_terminal()
         if again or number != signal.SIGINT:
             raise KeyboardInterrupt
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
     # What is ignored stays so, as nohup has it.
-    with system.stopped_by(stop, lambda before: before != signal.SIG_IGN):
+    with system.signals_handled_by(stop, lambda before: before != signal.SIG_IGN):
         yield
 
 
@@ -302,7 +303,7 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         "what it is measured beside": (before.get("beside"), now.get("beside")),
     }
     differences += [what for what, (then, new) in compared.items() if then != new]
-    if not same(label_of(before), label_of(now)):
+    if not may_be_same(processor_label(before), processor_label(now)):
         differences.append("the machine")
     if differences:
         raise UsageError(
@@ -325,7 +326,7 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
         },
         "environment": machine,
         "cpu": processor(),
-        "warnings": environment.warnings(machine),
+        "warnings": environment.list_warnings(machine),
         "frames": [],
         "devices": {},
     }

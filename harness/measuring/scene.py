@@ -11,14 +11,14 @@ from harness.frame import Frame, View, frame_of
 from harness.measuring import lower_limits, records
 from harness.measuring.loading import Usable
 from harness.measuring.plan import Case, Plan
-from harness.measuring.processes import Backend, Bench
-from harness.measuring.worker import TaskFailed, TaskTimedOut
+from harness.measuring.pool import Backend, MeasuringPool
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.results.run_folder import Record
 from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.result import FrameTriangulation
+from harness.workers.worker import TaskFailed, TaskTimedOut
 from scenes import Scene
 
 DONE = ("ok", "skipped")
@@ -71,17 +71,17 @@ class SceneRun:
     scene: Scene
     usable: Sequence[Usable]
     broken: Mapping[Recipe, str]
-    bench: Bench
+    pool: MeasuringPool
     reporter: Reporter
     keeper: records.Keeper
     counted: Mapping[str, Record]
     rounds: bool = False
 
     def measure(self) -> None:
-        """Measure the cases until all are done, or `bench.stopping` is set."""
+        """Measure the cases until all are done, or `pool.stopping` is set."""
         for view in self.plan.views:
             groups = [group for group in self._groups(view) if group.cases]
-            if not groups or self.bench.stopping:
+            if not groups or self.pool.stopping:
                 continue
             now = _View(frame_of(self.scene, view))
             self._tell_of_snapping(now.frame)
@@ -92,7 +92,7 @@ class SceneRun:
             self.keeper.triangulated(now.frame, now.triangles)
             for group in groups:
                 left = {recipe: case for recipe, case in group.cases.items() if recipe in now.made}
-                if left and not self.bench.stopping:
+                if left and not self.pool.stopping:
                     self._measure(now, replace(group, cases=left))
 
     def _groups(self, view: View) -> Iterator[Group]:
@@ -138,7 +138,7 @@ class SceneRun:
             for recipe in wanted
             if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
-        self.bench.compile_ahead([*ours, lower_limits.FEWEST])
+        self.pool.compile_ahead([*ours, lower_limits.FEWEST])
         limits: lower_limits.Begun = {}
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
@@ -151,7 +151,7 @@ class SceneRun:
                     now.made[recipe] = result
                     now.triangles[str(recipe)] = now.frame.join(result.parts)
                     if recipe == BASELINE:
-                        limits = lower_limits.begin(now.frame, result.parts, self.bench)
+                        limits = lower_limits.begin(now.frame, result.parts, self.pool)
                 else:
                     for group in groups:
                         if recipe in group.cases:
@@ -179,13 +179,13 @@ class SceneRun:
 
         try:
             own = replace(recipe, other=False)
-            other = self.bench.other
+            other = self.pool.other
             if recipe.other and own.builtin and other and other.has_same_builtins:
                 recipe = own
                 if own in now.made:
                     return now.made[own]
             if recipe.base != ORIGINAL:
-                self.bench.compile(recipe, tell)
+                self.pool.compile(recipe, tell)
             result = self._triangulate(now.frame, recipe, tick)
         except TaskTimedOut as error:
             # Ours are slow by design, others may have hung.
@@ -212,12 +212,12 @@ class SceneRun:
             if recipe.base == ORIGINAL:
                 return original_triangulation(frame)
             faces = frame.flat.polygons
-            done = self.bench.triangulate(before_turning, faces, tick)
+            done = self.pool.triangulate(before_turning, faces, tick)
             return carry_to_views(frame, done, recipe)
         if not recipe.upright:
-            return self.bench.triangulate(recipe, frame.polygons, tick)
+            return self.pool.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
-        before = self.bench.triangulate(before_turning, upright.polygons, tick)
+        before = self.pool.triangulate(before_turning, upright.polygons, tick)
         return carry_over(before, upright, frame)
 
     def _time_triangulating(self, now: _View) -> None:
@@ -229,7 +229,7 @@ class SceneRun:
         }
         polygons = (now.frame.flat or now.frame).polygons
         budget_s, seed = self.plan.timing.budget_s, self.plan.seed
-        found = self.bench.time_triangulating(once, polygons, budget_s, seed)
+        found = self.pool.time_triangulating(once, polygons, budget_s, seed)
         for recipe, samples in found.items():
             triangulation = now.made[recipe]
             triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
@@ -239,7 +239,7 @@ class SceneRun:
     def _measure(self, now: _View, group: Group) -> None:
         """Count the group's cases, then time them together."""
         try:
-            opened = self.bench.open(group.backend)
+            opened = self.pool.open(group.backend)
         except HarnessError as error:
             for case in group.cases.values():
                 self.keeper.finished(records.problem(case, "failed", str(error)))
@@ -272,7 +272,7 @@ class SceneRun:
             for recipe in names:
                 triangulation, triangles = now.made[recipe], now.triangles[str(recipe)]
                 try:
-                    counters = self.bench.count(backend, frame, triangles, options)
+                    counters = self.pool.count(backend, frame, triangles, options)
                 except HarnessError as error:
                     if recipe in cases:
                         self.keeper.finished(records.problem(cases[recipe], "failed", str(error)))
@@ -292,14 +292,14 @@ class SceneRun:
     def _time(self, now: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
         """Time the counted cases together; `ready` are their records but for the time."""
         settings, backend = self.plan.timing, group.backend
-        test = self.bench.open(backend).timer
+        test = self.pool.open(backend).timer
         assert test is not None
         if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
             self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
         drawn_as = {recipe: self._drawn_as(now, recipe, ready) for recipe in ready}
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
-            groups, failures = self.bench.time(
+            groups, failures = self.pool.time(
                 backend,
                 {n: (now.frame, now.triangles[n], group.options) for n in drawn_as.values()},
                 settings,
@@ -316,7 +316,7 @@ class SceneRun:
 
     def _drawn_as(self, now: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> str:
         """Return whose drawing is timed: HEAD's for what both versions have alike."""
-        name, own, other = str(recipe), replace(recipe, other=False), self.bench.other
+        name, own, other = str(recipe), replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or own not in ready:
             return name
         alike = np.array_equal(now.triangles[name], now.triangles[str(own)])

@@ -1,6 +1,6 @@
-"""What a device's worker process does: open the device once, then count and time on it.
+"""Tasks of a device's worker: open the device once, then count and time on it.
 
-These functions run inside the worker; the parent calls them through `harness.measuring.worker`.
+These functions run in the worker process; the parent calls them through `MeasuringPool`.
 """
 
 import contextlib
@@ -25,20 +25,20 @@ from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteri
 from harness.settings import TimingSettings
 
 Candidate = tuple[Frame, Triangles, Options]
-"""What is drawn, and how."""
+"""A frame, its triangles, and the options of drawing."""
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
 SELF_TEST_S = 10e-3
-"""A draw this long, in seconds, shows whether two timers agree."""
+"""Duration of a draw, in seconds, that is long enough to compare timers."""
 
 
 @dataclass(frozen=True)
 class Opened:
-    """What is known of a device once it is open.
+    """Details of an open device.
 
     details : strings and limits as its driver reports them
-    timer : the self-test's finding; None for a rasteriser that is not timed
+    timer : result of the self-test; None for a rasteriser that is not timed
     """
 
     details: dict[str, Any]
@@ -59,7 +59,7 @@ def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Sur
 
 
 _open: dict[tuple[str, str], Rasteriser] = {}
-"""What this process has open; a process that was started anew after a crash has nothing."""
+"""Rasterisers that this process has opened, by rasteriser and device."""
 
 
 def open_device(name: str, device: Device) -> Opened:
@@ -87,8 +87,8 @@ def time_group(
 ) -> dict[str, Times]:
     """Time the candidates together.
 
-    All frames have one size. The result has EMPTY and REFERENCE, drawn with the options of the
-    first candidate, beside the candidates.
+    All frames have one size. The result also has EMPTY and REFERENCE, drawn with the options of the
+    first candidate.
     """
     rasteriser = _opened(name, device)
     frame, _, options = next(iter(candidates.values()))
@@ -121,7 +121,7 @@ def _opened(name: str, device: Device) -> Rasteriser:
 
 
 def choose_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Say which timer to believe, by full layers of the viewport: so many that none overlooks."""
+    """Select the timer of a device by drawing many layers that fill the viewport."""
     far = SELF_TEST_PX * SUBPIXEL
     square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
     frame = bare_frame(SELF_TEST_PX, square)
@@ -130,7 +130,7 @@ def choose_timer(rasteriser: Rasteriser) -> TimerTest:
     while True:
         triangles = np.tile(layer, (layers, 1))
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
-            drawing.sample(1)  # what is compiled or allocated at the first draw
+            drawing.sample(1)  # the first draw compiles and allocates
             if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
                 return self_test(drawing, software=rasteriser.device.software)
         layers *= 4

@@ -1,14 +1,14 @@
-"""Honest times: which timer to believe, how long to draw, when to stop.
+"""Timing: clock selection, warm-up, interleaved sampling, stopping rule.
 
-The drawings that are to be compared are timed together, in rounds. Each round times every one of
-them once, in a new random order, so that a machine that slows down slows all of them; comparing
-within rounds cancels the drift. Every round also times an empty draw and a reference triangle,
-which later tell how much of a time is overhead and how fast the machine was.
+Drawings that are compared are timed together, in rounds. Each round times every drawing once, in a
+new random order, so that a machine that slows down slows all of them; comparing within rounds
+cancels the drift. Every round also times an empty draw and a reference triangle, which measure the
+overhead and the speed of the machine.
 
-Where a drawing's buffers lie in memory makes it some tenths of a per cent faster or slower, and no
-number of rounds averages that out. So the rounds are split into epochs. Before each, all drawings
-are given up and prepared anew in another random order. What is said of a ratio then rests on how
-much it differs between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
+The memory layout of a drawing's buffers makes it some tenths of a per cent faster or slower, and no
+number of rounds averages that out. So the rounds are split into epochs. Before each epoch all
+drawings are released and prepared again in another random order. The interval of a ratio follows
+from its variation between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
 """
@@ -33,39 +33,39 @@ Timer = Literal["gpu", "cpu", "wall"]
 
 EMPTY = "(empty)"
 REFERENCE = "(reference)"
-"""Names of the two drawings that every round times beside the candidates."""
+"""Names of the two drawings that every round times in addition to the candidates."""
 
-ACCOUNTED = 0.5
-"""Least share of a known big draw's time that its process must have computed, or waited for a core:
-else the draw is computed elsewhere, and its process's CPU time says nothing."""
+MIN_CPU_SHARE = 0.5
+"""Lower bound of the share of a large draw's time that its process computed or waited for a core.
+Below it another process draws, and the CPU time of this one is meaningless."""
 
-COARSE_S = 1e-4
-"""Steps of a CPU clock from which the wall clock is used: batches would have to be too long."""
+MAX_CPU_CLOCK_STEP_S = 1e-4
+"""Largest usable resolution of a CPU clock; a coarser one would need too long batches."""
 
-AGREEMENT = 0.30
-"""GPU timer and wall clock may differ by this much on the self-test's draw."""
+MAX_TIMER_DIFFERENCE = 0.30
+"""Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
-LONGEST_BATCH = 10
-"""Batches' lengths that a drawing compared with much shorter ones is drawn for at most."""
+MAX_BATCHES = 10
+"""Upper bound of a batch, in usual batch lengths, for a drawing compared with much faster ones."""
 
 MIN_ROUNDS = 12
-"""Enough for a 95 % interval of the median that is not simply the sample's range."""
+"""Lower bound that gives a 95 % interval of the median narrower than the sample's range."""
 
 EPOCH_ROUNDS = 2
-"""The fewest rounds of an epoch: with `TimingSettings.epochs` of them, `MIN_ROUNDS`."""
+"""Lower bound of the rounds of an epoch; `TimingSettings.epochs` of them are `MIN_ROUNDS`."""
 
 Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
-"""Gives up all drawings and prepares them anew, in the given order of names."""
+"""Releases all drawings and prepares them again, in the given order of names."""
 
 
 @dataclass(frozen=True)
 class TimerTest:
-    """What the timer self-test found on a device.
+    """Result of the timer self-test of a device.
 
-    timer : the one to use
-    gpu_s, cpu_s, wall_s : seconds of one known big draw; None where there is no such timer
-    resolution_s : smallest step of the timer in use
-    reason : why it was chosen
+    timer : the selected timer
+    gpu_s, cpu_s, wall_s : seconds of one large draw; None if the timer does not exist
+    resolution_s : resolution of the selected timer
+    reason : reason of the selection
     """
 
     timer: Timer
@@ -78,16 +78,16 @@ class TimerTest:
 
 @dataclass
 class Times:
-    """Samples of one drawing: seconds of one draw, one a round.
+    """Samples of one drawing: seconds per draw, one sample per round.
 
-    repeats : draws a sample averages over
-    wall_s, waited_s : of the same draws, by the wall clock and waiting for a core; [] where the
-        timer is not the CPU's, or the system does not tell
-    stolen_s, others_s, timing_s : seconds that the host took from all cores meanwhile, that all
-        other processes computed, and how long it was
-    precision_reached : whether the interval of the median became narrow enough in time
-    epochs : rounds of each epoch, in order; one alone where drawings were never prepared anew
-    processes : rounds of each process, where there were several
+    repeats : draws per sample
+    wall_s, waited_s : wall time of the same draws, and their wait for a core; [] if the CPU timer
+        is not used or the system does not report it
+    stolen_s, others_s, timing_s : steal time of all cores, CPU time of all other processes, and
+        duration of the timing
+    precision_reached : whether the interval of the median became narrow enough
+    epochs : rounds of each epoch, in order; a single one if drawings were prepared once
+    processes : rounds of each process, if there were several
     """
 
     repeats: int
@@ -102,7 +102,7 @@ class Times:
     timing_s: float = 0.0
 
     def add(self, sample: Sample, timer: Timer) -> None:
-        """Add a batch's seconds by draw."""
+        """Add the seconds per draw of a batch."""
         self.samples_s.append(_seconds(sample, timer) / self.repeats)
         if timer == "cpu":
             self.wall_s.append(sample.wall / self.repeats)
@@ -111,7 +111,7 @@ class Times:
 
     @classmethod
     def of_processes(cls, parts: Sequence["Times"]) -> "Times":
-        """Return the times of one drawing in several processes, one after the other."""
+        """Concatenate the times of one drawing in several processes."""
         return cls(
             repeats=parts[0].repeats,
             samples_s=[sample for part in parts for sample in part.samples_s],
@@ -127,14 +127,14 @@ class Times:
 
     @property
     def undisturbed_s(self) -> list[float]:
-        """The samples that did not wait for a core, if there are enough of them, else all."""
+        """Samples that did not wait for a core, or all samples if these are too few."""
         own = {"samples_s": self.samples_s, "waited_s": self.waited_s, "wall_s": self.wall_s}
         kept = kept_pairs(own, own)
         return [sample for sample, good in zip(self.samples_s, kept, strict=True) if good]
 
     @property
     def median_s(self) -> float:
-        """Median seconds of one draw, undisturbed."""
+        """Median of the undisturbed samples, in seconds per draw."""
         return statistics.median(self.undisturbed_s)
 
     @property
@@ -143,17 +143,17 @@ class Times:
         return median_interval(self.undisturbed_s)
 
     def is_precise(self, precision: float) -> bool:
-        """Whether half of that interval is at most a share `precision` of the median."""
+        """Return whether half of the interval is at most a share `precision` of the median."""
         low, high = self.ci95_s
         return (high - low) / 2 <= precision * self.median_s
 
 
 def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
-    """Draw something known and big; believe a timer only if it sees the whole of it.
+    """Select the timer of a device by timing a large draw.
 
-    What the CPU draws (`software`) is timed by the CPU time of all threads of its process: other
-    programs take the core, and the wall clock takes that for the draw's. A GPU's timer must agree
-    with the wall clock, for some drivers time a part of the work only.
+    `software` rasterisers are timed by the CPU time of all threads of the process, because the wall
+    clock includes the time in which other programs use the core. A GPU timer must agree with the
+    wall clock, because some drivers time a part of the work only.
     """
     repeats = 1
     while big_draw.sample(repeats).wall < 0.02 and repeats < 1 << 16:
@@ -166,10 +166,10 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
         cpu = statistics.median(cpu_samples) / repeats
         step = _clock_resolution(time.process_time)
         figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
-        if step > COARSE_S:
+        if step > MAX_CPU_CLOCK_STEP_S:
             reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
         elif any(
-            own + (each.waited or 0.0) >= ACCOUNTED * each.wall
+            own + (each.waited or 0.0) >= MIN_CPU_SHARE * each.wall
             for own, each in zip(cpu_samples, samples, strict=True)
         ):
             reason = f"the process computed for {figures}"
@@ -183,8 +183,8 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     gpu = statistics.median(gpu_samples) / repeats
     apart = abs(gpu - wall) / wall
     figures = f"{gpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
-    if apart > AGREEMENT:
-        reason = f"the driver's GPU timer tells another time: {figures}"
+    if apart > MAX_TIMER_DIFFERENCE:
+        reason = f"the driver's GPU timer disagrees: {figures}"
         return TimerTest("wall", wall, gpu, resolution, reason)
     return TimerTest("gpu", wall, gpu, 1e-9, f"the GPU timer saw {figures}")
 
@@ -201,11 +201,11 @@ def time_together(
     """Time all `drawings` in shuffled, interleaved rounds.
 
     Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that
-    of its median or of its ratio to what it is compared with, is narrow enough and the least share
-    of the budget is drawn, or when `settings.budget_s` times the number of drawings has passed; not
-    before there are `settings.epochs` where `renew` is given, unless `settings.limit_s` is over.
+    of its median or of its ratio to the other drawings, is narrow enough and the minimum share of
+    the budget is spent, or when `settings.budget_s` times the number of drawings has passed. With
+    `renew` there are at least `settings.epochs` epochs, unless `settings.limit_s` is over.
     """
-    start, stolen_s, others_s = clock(), system.stolen_s(), system.others_s()
+    start, stolen_s, others_s = clock(), system.stolen_s(), system.other_processes_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
     times: dict[str, Times] = {}
     draw_s: dict[str, float] = {}
@@ -216,15 +216,15 @@ def time_together(
     if settings.paired and compared:
         most = max(times[name].repeats for name in compared)
         for name in compared:
-            fits = int(LONGEST_BATCH * batch / max(draw_s[name], 1e-12))
+            fits = int(MAX_BATCHES * batch / max(draw_s[name], 1e-12))
             times[name].repeats = min(most, max(times[name].repeats, fits))
     order = list(drawings)
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
     latest = math.inf if settings.limit_s is None else start + settings.limit_s
-    # A slow device has time for few rounds, and most is told by those of different epochs: where
-    # full epochs would not fit before the limit, each has one round.
+    # On a slow device, epochs that would not fit before the limit get one round each: rounds of
+    # different epochs are more informative than rounds of one epoch.
     round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
     slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
     wanted, now = settings.epochs if renew else 1, clock()
@@ -245,9 +245,9 @@ def time_together(
         if not over and (rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few()):
             continue
         if over or rounds >= check_at or clock() >= deadline:
-            # Intervals cost as much as there are rounds: looked at now and then, they stay cheap.
+            # The cost of intervals grows with the rounds, so they are computed at growing steps.
             check_at = rounds + max(1, rounds // 8)
-            # An empty draw is all noise: it must not keep the others waiting.
+            # An empty draw is pure noise and is not waited for.
             precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or entry.is_precise(settings.precision)
@@ -259,16 +259,13 @@ def time_together(
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
                     entry.stolen_s = system.stolen_s() - stolen_s
-                    entry.others_s = max(0.0, system.others_s() - others_s)
+                    entry.others_s = max(0.0, system.other_processes_s() - others_s)
                     entry.timing_s = clock() - start
                 return times
 
 
 def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
-    """Draw so often; the reference, which tells the machine's state, once before that.
-
-    A large drawing in its turn before it has emptied the caches.
-    """
+    """Draw `repeats` times; warm the caches for the reference draw, which measures the machine."""
     if name == REFERENCE:
         drawing.sample(1)
     return drawing.sample(repeats)
@@ -276,12 +273,12 @@ def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
 
 @dataclass
 class _Epochs:
-    """When drawings are prepared anew, and how many rounds there were in between.
+    """Schedule of epochs, before each of which drawings are prepared again.
 
-    wanted, least : epochs, and rounds of each
-    seconds : of an epoch, at least
-    until : when the present one may end
-    rounds : of each epoch so far, the present one last
+    wanted, least : lower bounds of the number of epochs, and of the rounds of each
+    seconds : shortest duration of an epoch
+    until : earliest end of the current epoch
+    rounds : rounds of each epoch, the current one last
     """
 
     renew: Renew | None
@@ -293,7 +290,7 @@ class _Epochs:
     rounds: list[int] = field(default_factory=lambda: [0])
 
     def is_over(self) -> bool:
-        """Whether it is time for the next epoch."""
+        """Return whether the next epoch is due."""
         long_enough = self.rounds[-1] >= self.least and self.clock() >= self.until
         return self.wanted > 1 and long_enough
 
@@ -302,13 +299,13 @@ class _Epochs:
         assert self.renew is not None
         drawings = self.renew(order)
         for name in order:
-            drawings[name].sample(1)  # what the first draw after that takes longer
+            drawings[name].sample(1)  # the first draw is slower
         self.rounds.append(0)
         self.until = max(self.until + self.seconds, self.clock())
         return drawings
 
     def are_few(self) -> bool:
-        """Whether there must be more of them, or the present one must go on."""
+        """Return whether more epochs, or more rounds of the current one, are required."""
         return len(self.rounds) < self.wanted or self.rounds[-1] < self.least
 
 
@@ -318,10 +315,10 @@ def _compared_precisely(
     settings: TimingSettings,
     epochs: Sequence[int],
 ) -> Sequence[str]:
-    """Return the drawings whose ratio to all that are compared is known well enough.
+    """Return the drawings whose ratio to the geometric mean of all is precise enough.
 
-    Ratios are what they are timed for: while the machine drifts, medians alone would be waited for
-    in vain. The reference draw, which only tells of that drift, is waited for with them.
+    Ratios become precise even while the machine drifts, medians do not. The reference draw, which
+    measures the drift, counts as precise if all ratios are.
     """
     if not settings.paired or len(compared) < 2:
         return ()
@@ -340,12 +337,12 @@ def _warm_up(
 ) -> tuple[int, float]:
     """Draw until times are stable.
 
-    Returns the repeats that make a batch last `batch_s`, and the seconds of one draw.
+    Returns the number of draws that make a batch last `batch_s`, and the seconds of one draw.
     """
     deadline = clock() + limit_s
     repeats = 1
     while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
-        # Aim a little past the batch, but never trust one short sample for more than eightfold.
+        # Aim at 1.2 batches, and extrapolate one short sample at most eightfold.
         wanted = 1.2 * batch_s / seconds if seconds > 0 else math.inf
         repeats = max(repeats + 1, int(repeats * min(wanted, 8.0)))
         if repeats > 1 << 20:

@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import Any
 
 from harness.errors import unknown
-from harness.machine.environment import differ, label_of
+from harness.results.processors import list_different, processor_label
 from harness.results.run_folder import Record, Run
 from harness.stats.intervals import Ratio, of_any_run, paired_ratio
 from harness.stats.run_quality import QUIET, kept_pairs, state_of
@@ -137,8 +137,8 @@ def several_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
     for run in runs:
         for record in run.records:
             if record.get("time") and of_cpu(run, record):
-                labels.setdefault(str(record["device"]), set()).add(label_of(run.facts))
-    return {name: kinds for name, found in labels.items() if (kinds := differ(found))}
+                labels.setdefault(str(record["device"]), set()).add(processor_label(run.facts))
+    return {name: kinds for name, found in labels.items() if (kinds := list_different(found))}
 
 
 def by_processor(runs: Sequence[Run], field: str = "device", how: str = "{} ({})") -> list[Run]:
@@ -148,7 +148,7 @@ def by_processor(runs: Sequence[Run], field: str = "device", how: str = "{} ({})
     def named(run: Run, record: Record) -> Record:
         if record.get("device") not in mixed or not of_cpu(run, record):
             return record
-        return {**record, field: how.format(record.get(field), label_of(run.facts))}
+        return {**record, field: how.format(record.get(field), processor_label(run.facts))}
 
     return [replace(run, records=[named(run, each) for each in run.records]) for run in runs]
 
@@ -165,6 +165,6 @@ def machine_words(run: Run) -> list[str]:
     """
     timed = [each for each in run.records if each.get("time") and of_cpu(run, each)]
     devices = ", ".join(dict.fromkeys(str(each["device"]) for each in timed))
-    label = label_of(run.facts)
+    label = processor_label(run.facts)
     lines = [f"times of {devices} are of this processor: {label}"] if timed and label else []
     return lines + state_of(run.facts, run.records).words

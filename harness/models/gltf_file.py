@@ -7,10 +7,10 @@ Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 4.
 """
 
 import base64
+import io
 import json
-import struct
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import UsageError
+from harness.models.glb import write_glb
 from scenes.readers.gltf import (
     BIN,
     DATA_URI,
     JSON,
-    MAGIC,
     TRIANGLES,
     WIDTHS,
     GltfFile,
@@ -44,9 +44,9 @@ class GltfEditor(GltfFile):
         self._changed: set[int] = set()
 
     def refer(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
-        """Let primitives, which have one accessor of indices, draw triangles by others, (k,)."""
+        """Replace the indices of primitives that share an accessor by `indices` (k,)."""
         number = primitives[0].get("indices")
-        # a strip or fan may be of vertices in their order
+        # a strip or fan may have no indices
         about = {"componentType": 5125 if int(indices.max()) > 0xFFFE else 5123}
         if number is not None:
             about = self.json["accessors"][number]
@@ -69,7 +69,7 @@ class GltfEditor(GltfFile):
                 primitive["mode"] = TRIANGLES
 
     def _alone(self, accessor: int) -> bool:
-        """Whether nothing but this accessor reads the bytes of its values."""
+        """Return whether no other accessor reads the bytes of this one."""
         accessors, views = self.json["accessors"], self.json["bufferViews"]
         own = accessors[accessor]["bufferView"]
         first, last = self._span(accessors[accessor])
@@ -90,14 +90,14 @@ class GltfEditor(GltfFile):
         return all(end <= first or begin >= last for begin, end in spans)
 
     def _span(self, accessor: dict[str, Any]) -> tuple[int, int]:
-        """Return where in its buffer an accessor's values begin and end."""
+        """Return the byte range of an accessor in its buffer."""
         view = self.json["bufferViews"][accessor["bufferView"]]
         size = component_type(accessor).itemsize * WIDTHS[accessor["type"]]
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
     def _append(self, indices: NDArray[np.int64], like: dict[str, Any]) -> int:
-        """Put indices behind the first buffer; returns their accessor."""
+        """Append indices to the first buffer; return their accessor."""
         packed = indices.astype(component_type(like)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]
         accessors = self.json["accessors"]
@@ -113,7 +113,7 @@ class GltfEditor(GltfFile):
         return len(accessors) - 1
 
     def write(self, out: Path) -> list[Path]:
-        """Write the model, as .glb or .gltf like the one that was read; returns the files."""
+        """Write the model in the format of the source; return the files."""
         binary = bool(self._chunks)
         self._require_beside(out)
         with Output(out) as output:
@@ -122,31 +122,36 @@ class GltfEditor(GltfFile):
             if self._grown or beside:
                 text = self._json_text()
             with output.file() as file:
-                file.write(self._packed(text) if binary else text)
+                if binary:
+                    write_glb(file, self._new_chunks(text), out)
+                else:
+                    file.write(text)
             return output.publish()
 
     def _json_text(self) -> bytes:
-        """Write the JSON anew; half of a surrogate pair, which UTF-8 cannot write, is escaped."""
+        """Return the new JSON; lone surrogates, which UTF-8 cannot encode, are escaped."""
         try:
             return json.dumps(self.json, allow_nan=False, separators=(",", ":")).encode()
         except ValueError as error:
             raise SceneError(
-                f"{self.path}: a number in its JSON is none, or too large for double precision: "
+                f"{self.path}: a number in its JSON is invalid or too large for double precision; "
                 "correct it first"
             ) from error
 
     def _require_beside(self, out: Path) -> None:
-        """Refuse a folder in which files that the output names are not."""
+        """Raise UsageError if the output's folder lacks files that the model refers to."""
         if out.parent.resolve() == self.path.parent.resolve():
             return
         buffers = enumerate(self.json.get("buffers", []))
         kept = [each["uri"] for n, each in buffers if "uri" in each and n not in self._changed]
         for uri in (*kept, *self._images):
             if not uri.startswith("data:") and not (out.parent / unquote(uri)).is_file():
-                raise UsageError(f"-o {out}: the model names {uri}; copy that there first")
+                raise UsageError(
+                    f"-o {out}: the model refers to {uri}, which is not there; copy it first"
+                )
 
     def _place_buffers(self, out: Path, output: Output) -> bool:
-        """Put changed buffers where JSON refers to them; whether that changes the JSON."""
+        """Write changed buffers; return whether their addresses in the JSON change."""
         renamed = False
         for number, about in enumerate(self.json.get("buffers", [])):
             uri = about.get("uri")
@@ -163,16 +168,10 @@ class GltfEditor(GltfFile):
             renamed = True
         return renamed
 
-    def _packed(self, text: bytes) -> bytes:
-        parts = []
-        for kind, content in self._chunks:
-            if kind == JSON:
-                content, fill = text, b" "
-            elif kind == BIN and self.json["buffers"] and "uri" not in self.json["buffers"][0]:
-                content, fill = bytes(self.buffers[0]), b"\0"
-            else:
-                fill = b"\0"
-            content += fill * (-len(content) % 4)
-            parts.append(struct.pack("<I4s", len(content), kind) + content)
-        whole = b"".join(parts)
-        return struct.pack("<4sII", MAGIC, 2, 12 + len(whole)) + whole
+    def _new_chunks(self, text: bytes) -> list[tuple[bytes, IO[bytes]]]:
+        """Return the chunks of the GLB file, with the new JSON and the first buffer."""
+        new = {JSON: text}
+        buffers = self.json.get("buffers")
+        if buffers and "uri" not in buffers[0]:
+            new[BIN] = bytes(self.buffers[0])
+        return [(kind, io.BytesIO(new.get(kind, content))) for kind, content in self._chunks]

@@ -1,4 +1,4 @@
-"""Triangulates the flat faces of a 3D model again, in place: the same vertices, other diagonals."""
+"""Replaces the diagonals of a 3D model's flat faces; vertices and file format stay the same."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,32 +19,32 @@ from scenes.readers import guard
 from scenes.readers.guard import existing
 
 CRITERION = "edge-length"
-"""What is less in every view from afar: the mean half-perimeter over all rotations follows it."""
+"""Default criterion; proportional to the half-perimeter averaged over all rotations."""
 
 
 Model = GltfModel | ObjModel
-"""A model whose triangles can be replaced."""
+"""A model with replaceable triangles."""
 
 FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {
     ".glb": GltfModel,
     ".gltf": GltfModel,
     ".obj": ObjModel,
 }
-"""Suffix to what reads a model, and later writes it."""
+"""Reader and writer of models by suffix."""
 
 _KIND = "a model"
 
 
 @dataclass
 class Changes:
-    """What was found and done.
+    """Statistics of the flat faces of a model, and of their new diagonals.
 
-    triangles : of the model; flat : of those, in flat faces of two triangles or more
-    faces : flat faces; changed : of those, with other diagonals; optimal : proven to be optimal
+    triangles : number of triangles; flat : those in flat faces of two or more triangles
+    faces : flat faces; changed : those with new diagonals; optimal : proven optimal
     area, flat_area : in the model's units
-    before, after : length of all sides of changed faces' triangles, in the model's units
-    left : faces and parts left as they are, by reason
-    seen : where nothing is written, counters of the model before and after, in views from around
+    before, after : total side length of the changed faces' triangles, in the model's units
+    left : unchanged faces and parts by reason
+    seen : counters before and after in views from several sides, if no file is written
     """
 
     triangles: int = 0
@@ -69,23 +69,24 @@ def retriangulate(
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
 ) -> Changes:
-    """Choose the diagonals of a model's flat faces by a criterion, and write it to `out`.
+    """Choose the diagonals of a model's flat faces by a criterion, and write the model to `out`.
 
-    Every vertex and all that it carries stay as they are, and so do the number of triangles and
-    what is seen. out : None to tell only what would be done; tick : told how many parts are done,
-    and then how many of their places were looked at
+    Vertices with their attributes, the number of triangles and the visible surface stay the same.
+
+    out : None to compute the changes only
+    tick : called with the number of finished parts, then of finished placements
 
     Raises
     ------
     SceneError
-        for a file that is not there, is damaged, or holds its triangles packed
+        if the file is missing, damaged, or has compressed triangles
     UsageError
-        for an output that cannot be written or has another suffix than the source, and a criterion
-        that is no sum over triangles
+        if the output cannot be written or has another suffix than the source, or the criterion is
+        not a sum over triangles
     """
-    model, groups = opened(source)
+    model, groups = open_model(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
-        raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
+        raise UsageError(f"-o {out}: the output must keep the input format ({source.suffix})")
     cost_named(criterion)
     changes = Changes()
     changes.left += model.left
@@ -93,7 +94,7 @@ def retriangulate(
     for parts in groups:
         made = []
         for part in parts:
-            made.append(_made(part, criterion, changes))
+            made.append(_retriangulate_part(part, criterion, changes))
             tick(len(drawn) + len(made))
         _revert_shared(parts, made, changes)
         for part, found in zip(parts, made, strict=True):
@@ -109,19 +110,19 @@ def retriangulate(
 
 
 @np.errstate(all="ignore")
-def opened(source: Path) -> tuple[Model, list[list[Part]]]:
-    """Return a model and its parts, those together that may touch.
+def open_model(source: Path) -> tuple[Model, list[list[Part]]]:
+    """Return a model and its parts, in groups of parts that may touch.
 
     Raises
     ------
     SceneError
-        for a file that is not there, is damaged, or holds its triangles packed
+        if the file is missing, damaged, or has compressed triangles
     UsageError
-        for one that is no model, by its suffix
+        if the suffix is not that of a model
     """
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
-        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}: export it")
+        raise UsageError(f"{source}: unsupported model format; export it as {', '.join(FORMATS)}")
     existing(str(source))
     with guard.clear_errors(str(source), _KIND):
         model = kind(source)
@@ -129,23 +130,23 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
 
 
 @dataclass
-class _Made:
+class _NewPart:
     """New triangles of a part.
 
-    face : (m,) the changed face that each is of, -1 for no such
-    diagonals : (d, 2) edges that changed faces did not have before; whose : (d,) their faces
+    face : (m,) changed face of each triangle, or -1
+    diagonals : (d, 2) new edges of changed faces; diagonal_face : (d,) their faces
     """
 
     triangles: Ints
     face: Ints
     diagonals: Ints
-    whose: Ints
+    diagonal_face: Ints
 
 
-def _made(part: Part, criterion: str, changes: Changes) -> _Made:
+def _retriangulate_part(part: Part, criterion: str, changes: Changes) -> _NewPart:
     mesh = part.mesh
     face = np.full(len(mesh.triangles), -1)
-    made = _Made(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
+    made = _NewPart(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
     changes.triangles += len(mesh.triangles)
     areas = np.nan_to_num(np.linalg.norm(mesh.normals, axis=1) / 2, posinf=0.0)
     changes.area += float(areas.sum())
@@ -170,21 +171,20 @@ def _made(part: Part, criterion: str, changes: Changes) -> _Made:
     ends = np.stack([fresh >> HALF, fresh & ((1 << HALF) - 1)], axis=1)
     face_of = np.zeros(len(faces.points), dtype=np.int64)
     face_of[faces.triangles] = owner[:, None]
-    made.diagonals, made.whose = faces.vertices[ends], face_of[ends[:, 0]]
+    made.diagonals, made.diagonal_face = faces.vertices[ends], face_of[ends[:, 0]]
     return made
 
 
-def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> None:
-    """Give a face its diagonals back where a new one is an edge of other triangles, too.
+def _revert_shared(parts: list[Part], made: list[_NewPart], changes: Changes) -> None:
+    """Restore the diagonals of faces whose new diagonal is also an edge of other triangles.
 
-    Two triangles of a sheet that lie back to back would share an edge with those of the other side,
-    and the model would no longer be watertight. Places that coincide count as one vertex.
+    On a sheet with two sides, both sides could get the same edge, and the model would no longer be
+    watertight. Coincident positions count as one vertex.
     """
     if not parts:
         return
     points = np.concatenate([part.mesh.positions for part in parts]) + 0.0  # turns -0.0 into 0.0
-    # to sort rows takes several times as long as to sort numbers; two places that get the same one
-    # by chance would cost a face its new diagonals, and no more
+    # Hashes are sorted several times faster than rows; a collision only restores a face.
     place = np.unique(hash_pandas_object(pd.DataFrame(points), index=False), return_inverse=True)[1]
     places = np.split(place, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
     before = [sides_of(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
@@ -192,7 +192,7 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
     own, times = np.unique(np.concatenate(after), return_counts=True)
     shared = own[(times > 1) | pd.Index(own).isin(np.concatenate(before))]
     for part, each, edges in zip(parts, made, after, strict=True):
-        bad = np.unique(each.whose[pd.Index(edges).isin(shared)])
+        bad = np.unique(each.diagonal_face[pd.Index(edges).isin(shared)])
         gone = np.isin(each.face, bad)
         each.triangles[gone], each.face[gone] = part.mesh.triangles[gone], -1
         changed = each.face >= 0
@@ -200,10 +200,10 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
         changes.before += _length(part.mesh, part.mesh.triangles[changed])
         changes.after += _length(part.mesh, each.triangles[changed])
         if len(bad):
-            changes.left["a diagonal would be an edge of other triangles, too"] += len(bad)
+            changes.left["a diagonal would also be an edge of other triangles"] += len(bad)
 
 
 def _length(mesh: Mesh, triangles: Ints) -> float:
-    """Return the length of all sides of triangles."""
+    """Return the total side length of triangles."""
     sides = mesh.positions[triangles] - mesh.positions[triangles[:, [1, 2, 0]]]
     return float(np.linalg.norm(sides, axis=2).sum())

@@ -1,7 +1,6 @@
-"""Wavefront OBJ: the triangles of its `f` lines, part by part as materials and groups change.
+"""Editor of Wavefront OBJ files: replaces triangles of `f` lines, and keeps all other text.
 
-A vertex is a triple of position, texture coordinate and normal. New triangles replace words of the
-text, and nothing else.
+A vertex is a triple of position, texture coordinate and normal. Materials and groups delimit parts.
 """
 
 import re
@@ -22,18 +21,18 @@ _NEW_PART = (
     *(b"usemtl", b"usemap", b"mtllib", b"maplib", b"g", b"mg", b"o", b"s"),
     *(b"lod", b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj"),
 )
-_LEAST = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
-"""By how much colours, texture coordinates and normals may be off on a flat face, at least."""
+_MIN_TOLERANCE = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
+"""Lower bound of the tolerance of colours, texture coordinates and normals on a flat face."""
 
-SHARE = 1e-6
-"""Of a model's size, the most that the decimals of a text may leave open."""
+MAX_DECIMAL_STEP = 1e-6
+"""Upper bound of the tolerance that the text's decimals give, relative to a model's size."""
 
 Triple = tuple[int, int, int]
 
 
 @dataclass
 class _Part:
-    """Triangles of one material and group, and where in the text the words of each corner are."""
+    """Triangles of one material and group, and the byte range of each vertex in the text."""
 
     smooth: bool = False
     triples: list[list[Triple]] = field(default_factory=list)
@@ -41,18 +40,18 @@ class _Part:
 
 
 class ObjModel:
-    """An OBJ file; faces of more than three corners, and lines that go on, stay as they are."""
+    """An OBJ file; polygons with more than three vertices and continued lines are not edited."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.left: Counter[str] = Counter()
         self._data = path.read_bytes()
-        self._pieces: list[tuple[int, int, bytes]] = []  # where words stand, and what instead
+        self._pieces: list[tuple[int, int, bytes]] = []  # (first, last, new text) of replaced words
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
         self._parts = [_Part()]
         self._begun: list[bytes] = []
         self._largest = [0, 0, 0]
-        self._smooth: list[int] = []  # the position of each corner to be shaded smooth
+        self._smooth: list[int] = []  # positions of smoothly shaded vertices without normals
         place = 0
         for number, line in enumerate(self._data.splitlines(keepends=True), 1):
             try:
@@ -71,9 +70,9 @@ class ObjModel:
         text = line.partition(b"#")[0]
         whole = not self._begun
         words, self._begun = self._begun, []
-        words += text.split()  # in place: one line may go on for a million
+        words += text.split()  # in place: a line may continue over a million lines
         kind = words[0] if words else b""
-        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):  # it goes on
+        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):  # a continued line
             words += words.pop()[:-1].split()
             self._begun = words
         elif kind in self._lines:
@@ -87,7 +86,7 @@ class ObjModel:
             self._read_face(words[1:], text if whole else b"", place)
 
     def _read_face(self, words: list[bytes], text: bytes, place: int) -> None:
-        """Read a face; text : the line that it is, b"" if it is on several."""
+        """Read a face; text : its line, or b"" if it continues over several lines."""
         part = self._parts[-1]
         triples = [self._triple(word) for word in words]
         if part.smooth:
@@ -97,10 +96,10 @@ class ObjModel:
             part.triples.append(triples)
             part.spans.append([(place + first, place + last) for first, last in found[1:]])
         else:
-            self.left["faces that are no triangles, or on several lines"] += 1
+            self.left["faces that are not triangles, or on several lines"] += 1
 
     def _triple(self, word: bytes) -> Triple:
-        """Return 1 + the index of position, texture coordinate and normal, 0 for none."""
+        """Return 1-based indices of position, texture coordinate and normal, or 0 for none."""
         result = [0, 0, 0]
         for column, (part, lines) in enumerate(
             zip(word.split(b"/"), self._lines.values(), strict=False)
@@ -109,10 +108,10 @@ class ObjModel:
                 given = int(part)
                 result[column] = given if given > 0 else len(lines) + 1 + given
                 if given == 0 or result[column] < 1:
-                    raise ValueError("an index that is of nothing")
+                    raise ValueError("an index out of range")
                 self._largest[column] = max(self._largest[column], result[column])
         if result[0] == 0:
-            raise ValueError("a corner without a position")
+            raise ValueError("a vertex without a position")
         return result[0], result[1], result[2]
 
     def groups(self) -> Iterator[list[Part]]:
@@ -128,7 +127,7 @@ class ObjModel:
             corners = np.array(part.triples, dtype=np.int64).reshape(-1, 3)
             vertices, number = np.unique(corners, axis=0, return_inverse=True)
             positions = xyz[vertices[:, 0] - 1]
-            # what has no texture coordinate, or no normal, agrees with nothing that has one
+            # Vertices with and without texture coordinates or normals do not match.
             fixed = (vertices[:, 1:] > 0).astype(np.float64)
             affine = [values[b"v"][0][vertices[:, 0] - 1, 3:] / values[b"v"][1]]
             for column, kind in ((1, b"vt"), (2, b"vn")):
@@ -144,7 +143,7 @@ class ObjModel:
         yield parts
 
     def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:
-        """(n, width) numbers of lines, and by how much they may be off."""
+        """Return the numbers of lines (n, width), and their tolerance."""
         width = max((len(line) for line in lines), default=0)
         try:
             rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
@@ -156,18 +155,18 @@ class ObjModel:
             raise UsageError(f"{self._path} is not OBJ: a vertex with fewer than 3 coordinates")
         step = _step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
-            _LEAST[kind], min(step, 1e-3)
+            _MIN_TOLERANCE[kind], min(step, 1e-3)
         )
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
-        """Give a part other triangles (m, 3)."""
+        """Replace the triangles (m, 3) of a part."""
         spans, words = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
             for place, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
                 self._pieces.append((*place, words[vertex]))
 
     def write(self, out: Path) -> list[Path]:
-        """Write the model; returns the files."""
+        """Write the model; return the files."""
         parts: list[bytes] = []
         done = 0
         for first, last, word in sorted(self._pieces):
@@ -180,7 +179,7 @@ class ObjModel:
 
 
 def _word(vertex: list[int]) -> bytes:
-    """Write a triple: 7, 7/1, 7//3 or 7/1/3."""
+    """Format a triple: 7, 7/1, 7//3 or 7/1/3."""
     position, texture, normal = (b"%d" % number if number else b"" for number in vertex)
     if normal:
         return b"/".join((position, texture, normal))
@@ -188,17 +187,16 @@ def _word(vertex: list[int]) -> bytes:
 
 
 def _step(words: Iterable[bytes]) -> float:
-    """Return what numbers written so leave open: one of their last decimal."""
+    """Return the unit of the last decimal of numbers in a text."""
     return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in words), default=0)
 
 
 def _tolerance(positions: NDArray[np.float64], step: float) -> float:
-    """Return by how much a face may be bent whose positions (n, 3) were written in a text.
+    """Return the flatness tolerance of a face whose positions (n, 3) were read from a text.
 
-    They are taken from the middle of those that are numbers: how far away it is is exact in a text,
-    where single precision rounds what is far from 0 more.
+    Positions are relative to their centre: unlike single precision, a text is exact far from 0.
     """
     known = positions[np.isfinite(positions).all(axis=1)]
     local = known - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else known
     largest = float(np.abs(local).max(initial=0.0))
-    return max(tolerance_of(local), min(step, SHARE * largest))
+    return max(tolerance_of(local), min(step, MAX_DECIMAL_STEP * largest))

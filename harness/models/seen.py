@@ -18,7 +18,7 @@ from harness.errors import UsageError
 from harness.grid import SUBPIXEL
 from harness.models.diagonals import outlines
 from harness.models.flat_faces import Floats, Ints, Part, flat_faces
-from harness.models.in_place import opened
+from harness.models.in_place import open_model
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
 from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
@@ -138,7 +138,7 @@ def read(
     """
     _refuse(views, pixels, distance, depth)
     try:
-        _, groups = opened(Path(path))
+        _, groups = open_model(Path(path))
     except UsageError as error:
         raise SceneError(str(error)) from error
     polygons: list[shapely.Polygon] = []

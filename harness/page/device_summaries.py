@@ -10,13 +10,13 @@ import numpy as np
 
 from harness import atomic
 from harness.errors import UsageError
-from harness.machine.environment import label_of, same
 from harness.metrics.groups import base_of, groups, of_cpu, time_ratio
 from harness.metrics.per_polygon import rank_correlation
 from harness.metrics.registry import predictions
 from harness.profile.words import model
+from harness.results.processors import may_be_same, processor_label
 from harness.results.run_folder import Record, Run
-from harness.webpages import write_whole
+from harness.webpages import write_atomically
 
 FORMAT = "raster-harness device"
 VERSION = 1
@@ -69,7 +69,7 @@ def summarise(run: Run) -> Summary:
         "rasteriser": rasteriser,
         "device": device,
         "renderer": str(details.get("renderer") or device),
-        "cpu": label_of(run.facts) if any(of_cpu(run, record) for record in timed) else "",
+        "cpu": processor_label(run.facts) if any(of_cpu(run, record) for record in timed) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
         "timer": (known.get("timer") or {}).get("timer"),
@@ -124,12 +124,12 @@ def write_summary(run: Run, file: Path) -> Path:
         if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
             raise UsageError(f"{file} is of {before['rasteriser']} on {before['device']}")
         cpus = [str(each.get("cpu") or "") for each in (before, summary)]
-        if not same(*cpus):
+        if not may_be_same(*cpus):
             raise UsageError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
         new = {_name(view) for view in summary["views"]}
         kept = [view for view in before["views"] if _name(view) not in new]
         summary["views"] = [*kept, *summary["views"]]
-    write_whole(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+    write_atomically(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
     return file
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from harness import __version__
 from harness.errors import UsageError
 from harness.frame import OWN_VIEWS, View
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import USUAL_BASE
 from harness.metrics.registry import predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
@@ -32,7 +32,7 @@ from harness.results import drawings
 from harness.results.drawings import Geometry, view_of
 from harness.results.run_folder import Record, Run
 from harness.style import looks
-from harness.webpages import encoded, packed, static, template, write_whole
+from harness.webpages import encoded, packed, static, template, write_atomically
 
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
@@ -60,7 +60,7 @@ def write_page(content: Content, file: Path) -> None:
         script="\n".join([*shared, *(static(PACKAGE, each) for each in scripts)]),
         data=packed(content | {"shaders": shaders}),
     )
-    write_whole(file, text)
+    write_atomically(file, text)
 
 
 def content_of(run: Run) -> Content:
@@ -138,11 +138,11 @@ STEPS = (1, 2, 4, 8, 16)
 """Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
 
 
-def content_of_profile(bench: Bench) -> Content:
+def content_of_profile(pool: MeasuringPool) -> Content:
     """Return everything that the page holds, JSON-ready; it makes the draws itself."""
     made = draws(SEED)
     fitted, plain = fitted_of(made)
-    sums = {name: terms_of(bench, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
+    sums = {name: terms_of(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
     return {
         "format": PROFILE_FORMAT,
         "version": VERSION,

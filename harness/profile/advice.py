@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import View, make_frame
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.profile.counted import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS, Draw
 from harness.profile.law import COSTS, Law
@@ -37,7 +37,9 @@ CLOSE = 0.005
 """Regret up to which a criterion that needs no file will do as well as the device's own."""
 
 
-def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> dict[str, Any] | None:
+def advise(
+    pool: MeasuringPool, coefficients: Mapping[str, float], seed: int = 0
+) -> dict[str, Any] | None:
     """Return what to triangulate by where draws take what `coefficients`, by `COSTS`, say.
 
     None where no scene can be loaded, or the coefficients give no triangle a cost
@@ -47,7 +49,7 @@ def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> di
         return None
     costs = {}
     for scene in SCENES:
-        found = terms_of(bench, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
+        found = terms_of(pool, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
         if found is not None:
             costs[scene] = {name: rows @ own for name, rows in found.items()}
     return choose(costs) if costs else None
@@ -78,7 +80,7 @@ def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, 
 
 
 def terms_of(
-    bench: Bench,
+    pool: MeasuringPool,
     scene: str,
     triangulators: Sequence[str],
     seed: int = 0,
@@ -102,7 +104,7 @@ def terms_of(
     shown = frame.polygons.take(chosen)
     found, kept = {}, np.ones(len(shown), np.bool_)
     for name in triangulators:
-        made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
+        made = pool.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
         found[name] = np.stack([made.predicted[term] for term in COSTS[1:]], axis=1)
         kept &= np.array([part is not None for part in made.parts])
     return {name: rows[kept] for name, rows in found.items()} if kept.any() else None

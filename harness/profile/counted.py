@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.profile.design import Draw
 from harness.rasterisers import reference
@@ -62,7 +63,12 @@ Design = NDArray[np.float64]
 
 
 def counters(draw: Draw) -> dict[str, int]:
-    """Return the draw's exact counters; `half_perimeter` and `near` in 1/256 px.
+    """Return the exact counters of a draw, see `count_triangles`."""
+    return count_triangles(draw.frame, draw.triangles, draw.work)
+
+
+def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -> dict[str, int]:
+    """Return exact counters of triangles (m, 3); `half_perimeter` and `near` in 1/256 px.
 
     triangles, vertices : drawn, and different ones among their corners
     set_up : triangles whose bounding box holds a pixel centre; covering : that cover one
@@ -73,7 +79,7 @@ def counters(draw: Draw) -> dict[str, int]:
     further_tiles : tiles of 64 px that triangles overlap, but for the first of each
     work : rounds of arithmetic in all lanes
     """
-    points, triangles = draw.frame.points, draw.triangles
+    points = frame.points
     each = reference.predict(points, triangles)
     corners = points[triangles].astype(np.int64)
     sides = np.ptp(corners, axis=1)
@@ -96,7 +102,7 @@ def counters(draw: Draw) -> dict[str, int]:
         "rows": int(np.maximum(last - first + 1, 0).sum()),
         "coarse_blocks": int(each["blocks"][(sides > most).any(axis=1)].sum()),
         "further_tiles": int(np.maximum(tiles - 1, 0).sum()),
-        "work": 4 * sums["quads"] * draw.work,
+        "work": 4 * sums["quads"] * work,
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
-from harness.measuring.processes import Backend, Bench
+from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.records import waiting_of
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
@@ -89,7 +89,7 @@ def settings(budget_s: float, draws: int) -> TimingSettings:
 
 def measure(
     backend: Backend,
-    bench: Bench,
+    pool: MeasuringPool,
     draws: Sequence[Draw],
     timing: TimingSettings,
     seed: int,
@@ -112,7 +112,7 @@ def measure(
         for name, draw in zip(names, draws, strict=True)
     }
     candidates[CONTROL] = candidates[names[len(names) // 2]]
-    groups, failures = bench.time(backend, candidates, timing, seed, tick)
+    groups, failures = pool.time(backend, candidates, timing, seed, tick)
     if failures:
         raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
     times = next(iter(groups.values()))

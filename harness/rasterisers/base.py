@@ -104,7 +104,7 @@ class Sample:
 class Stopwatch:
     """Measures from construction to `stop`, by all clocks of a `Sample` except the GPU's."""
 
-    _queues = system.WaitedFor()
+    _queues = system.RunQueueClock()
 
     def __init__(self) -> None:
         # The slowest clock to read is read first, outside the measured interval.

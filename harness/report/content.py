@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.machine.environment import label_of
 from harness.machine.git import commit_of
 from harness.metrics import per_view
 from harness.metrics.decision import Decision, Standing, advice, decide
@@ -27,6 +26,7 @@ from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.results import drawings
 from harness.results.drawings import Geometry, view_of
+from harness.results.processors import processor_label
 from harness.results.run_folder import Record, Run
 from harness.results.schema import flat
 from harness.stats.run_quality import state_of
@@ -307,7 +307,7 @@ def key_rows(run: Run) -> list[tuple[str, str]]:
     """Return (name, value) of the few facts that times depend on most, where they are known."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
-    found = [("processor", label_of(run.facts)), ("system", machine.get("kernel"))]
+    found = [("processor", processor_label(run.facts)), ("system", machine.get("kernel"))]
     for label, device in (run.facts.get("devices") or {}).items():
         details = device.get("details") or {}
         timer = (device.get("timer") or {}).get("timer", "not timed")

@@ -15,7 +15,6 @@ import pandas as pd
 from harness import atomic
 from harness.errors import UsageError
 from harness.frame import View
-from harness.measuring.worker import Worker
 from harness.metrics.groups import SAME
 from harness.metrics.registry import find, measures, predictions
 from harness.results import drawings
@@ -30,6 +29,7 @@ from harness.study.correlations import (
     ranks_within,
 )
 from harness.study.subjects import MEASURES, count_ways
+from harness.workers.worker import Worker
 
 FILE = "correlations.csv"
 WHERE = ("rasteriser", "device", "measure")

@@ -6,7 +6,7 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.report.content import content_of
 from harness.results.run_folder import Run
-from harness.webpages import packed, static, template, write_whole
+from harness.webpages import packed, static, template, write_atomically
 
 PACKAGE = "harness.report"
 ELEMENTS, SPANS = "elements.js", "spans.js"
@@ -61,5 +61,5 @@ def write_report(run: Run, file: Path | None = None) -> Path:
         script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
         data=packed(content),
     )
-    write_whole(target, text)
+    write_atomically(target, text)
     return target

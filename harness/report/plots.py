@@ -23,7 +23,7 @@ from harness.rasterisers.counters import ESTIMATES
 from harness.results.run_folder import Record, Run
 from harness.style import (
     COLOURS,
-    MOST_VECTOR_MARKS,
+    MAX_VECTOR_MARKS,
     TWO_COLUMNS,
     draw,
     grid,
@@ -127,7 +127,7 @@ def _scatter(
         x = ratios(columns[name], columns[base], PREDICTED + criterion)
         y = ratios(columns[name], columns[base], measure)
         fits = np.isfinite(x) & np.isfinite(y)
-        many = (len(columns) - 1) * len(x) > MOST_VECTOR_MARKS
+        many = (len(columns) - 1) * len(x) > MAX_VECTOR_MARKS
         scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
 
 

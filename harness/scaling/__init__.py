@@ -1,5 +1,5 @@
-"""Work over data sets and devices that are too many for one process, on Dask or in this process.
+"""Data sets that are too large for one process, on Dask or in this process.
 
-What is done is what is in a folder of results (`dataset`), whoever does it (`crew`): so any command
-can be stopped, killed and given again.
+A folder of results records which parts are done (`dataset`), whoever ran them (`executors`), so
+every command can be stopped, killed and run again.
 """

@@ -14,11 +14,10 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from harness.export.apart import triangulate_many
 from harness.frame import MARGIN_STEP_PX, UNBOUNDED
 from harness.grid import SUBPIXEL, snap_polygons
 from harness.rasterisers.reference import predict
-from harness.scaling.dataset import AT_A_TIME, Done, Part, Work
+from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from harness.scaling.sums import (
     BINS,
     FOOTPRINTS,
@@ -29,6 +28,7 @@ from harness.scaling.sums import (
     Sums,
     read_done,
 )
+from harness.triangulating.isolated import triangulate_many
 from scenes.cleaning.notes import NoteCounter
 from scenes.files import Chunk, read_chunks
 from scenes.slices import Chosen, Slices, Tile, cut, cut_tiles, read_tiles
@@ -42,7 +42,7 @@ THIN = "thinner than the grid of 1/256 px"
 
 
 @dataclass(frozen=True)
-class Counting(Work):
+class Counting(PartWork):
     """What both have.
 
     triangulators : full names; the first is the one that the others are compared with
@@ -76,11 +76,11 @@ class Census(Counting):
         """Cut a file by its rows."""
         return cut(path, self.layer, self.where)
 
-    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Count the rows."""
         found = _Found(self.triangulators, threads)
         for chunk in read_chunks(
-            part.path, layer=self.layer, where=self.where, size=AT_A_TIME, rows=part.rows
+            part.path, layer=self.layer, where=self.where, size=CHUNK_ROWS, rows=part.rows
         ):
             found.add_chunk(chunk, self)
         return found.save(part, place)
@@ -99,7 +99,7 @@ class TileCensus(Counting):
         """Cut an archive by its tiles."""
         return cut_tiles(path, self.chosen.zooms)
 
-    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Count the tiles."""
         found = _Found(self.triangulators, threads)
         assert part.rows is not None
@@ -169,7 +169,7 @@ class _Found:
             self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
             labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
             self.waiting.append(_Some(group, own.polygons, labels, tile.times))
-        if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:
+        if sum(len(some.polygons) for some in self.waiting) >= CHUNK_ROWS:
             self.count_waiting(side)
         return layers
 
@@ -221,11 +221,11 @@ class _Found:
             self.counted.add(group, _added_up(whole[:, own], given[own], times[own], lost))
         return kept, whole
 
-    def save(self, part: Part, place: Path) -> Done:
+    def save(self, part: FilePart, place: Path) -> PartResult:
         """Write what was found as the part's file."""
         nothing = Sums.of(len(self.triangulators))
         sums = self.counted.whole() if self.counted.groups else nothing
-        done = Done(
+        done = PartResult(
             polygons=sums.count("polygons"),
             triangles=int(sums.total("triangles")[0]),
             proven=0,

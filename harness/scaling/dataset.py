@@ -1,8 +1,8 @@
-"""A data set of many files, worked through part by part into a folder of results.
+"""A data set of many files, processed part by part into a folder of results.
 
-A part is a run of rows that is read and dealt with by itself. The folder alone says what is done: a
-part's file has its name, a content key, only once it is whole and on the disk. `manifest.json` is
-made of the files, and can be thrown away.
+A part is a range of rows that is processed independently. The folder records which parts are done:
+a part's file gets its name, a content key, when it is complete and on the disk. `manifest.json` is
+derived from these files.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from harness.errors import UsageError, of_system
 from harness.machine import environment
 from harness.progress import Reporter
 from harness.results.run_folder import clear_errors
-from harness.scaling.crew import Crew
+from harness.scaling.executors import Executor
 from scenes import SceneError
 from scenes.slices import Slices, is_folder
 
@@ -35,24 +35,24 @@ MANIFEST = "manifest.json"
 LEFT_OUT = "left_out.csv"
 VERSION = 1
 
-AT_A_TIME = 12_500
-"""Rows that are in memory at a time; a process has 450 MB with them."""
+CHUNK_ROWS = 12_500
+"""Rows in memory at a time; a process takes 450 MB with them."""
 
-BESIDE = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
-"""Parts of a Shapefile, which is read by its .shp."""
+SHAPEFILE_PARTS = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
+"""Suffixes of a Shapefile's files other than .shp."""
 
 _code_version = cache(environment.code_version)
 
 
 @dataclass(frozen=True)
-class Part:
-    """Rows of a file.
+class FilePart:
+    """A range of rows of a file.
 
     path : the file, absolute
-    rows : the first and the one after the last; None for all of them
-    size : how many; 0 where that is not known
-    about : what its result depends on: the file's name (`source`) and content (`identity`), rows,
-        options and code; and its `key`, 16 hexadecimal digits of these
+    rows : (first, last + 1), or None for all rows
+    size : number of rows, or 0 if unknown
+    about : everything that its result depends on: the file's name (`source`) and content
+        (`identity`), rows, options and code; and `key`, 16 hexadecimal digits of these
     """
 
     path: str
@@ -62,7 +62,7 @@ class Part:
 
     @property
     def key(self) -> str:
-        """Name of its file."""
+        """Content key, the name of its file."""
         return str(self.about["key"])
 
     @property
@@ -74,16 +74,16 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Done:
-    """A part that is in the folder.
+class PartResult:
+    """Result of a part whose file is in the folder.
 
-    counts : [kind, reason, polygons] of what was dropped, repaired or failed
+    counts : [kind, reason, polygons] of dropped, repaired and failed polygons
     proven : polygons whose optimum is proven
-    certified : fields of `Certified`, where that was asked for
-    about : that of the part
-    notes : what was done to the file as a whole
-    left_out : (kind, which, reason) of what was dropped or failed, the first of each
-    seconds : what it took; None where the file was there already
+    certified : fields of `Certified`, or None if not requested
+    about : as of the part
+    notes : changes to the file as a whole
+    left_out : (kind, polygon, reason) of dropped and failed polygons, the first of each kind
+    seconds : duration, or None if the file existed already
     """
 
     polygons: int
@@ -98,12 +98,12 @@ class Done:
 
 
 @dataclass(frozen=True)
-class Work:
-    """What is made of each part; the fields of others are what the results depend on.
+class PartWork:
+    """Processing of a part; subclasses have the options that results depend on as fields.
 
-    title : of what goes on, for people
-    unit : what the sizes of parts count
-    suffix : of a part's file
+    title : shown with the progress
+    unit : unit of the sizes of parts
+    suffix : suffix of a part's file
     """
 
     title: ClassVar[str]
@@ -111,93 +111,95 @@ class Work:
     suffix: ClassVar[str]
 
     def cut(self, path: str) -> Slices:
-        """Cut a file into slices; raises SceneError or OSError where it cannot be read."""
+        """Cut a file into slices; raise SceneError or OSError if it cannot be read."""
         raise NotImplementedError
 
-    def make(self, part: Part, place: Path, threads: int | None) -> Done:
-        """Write a part's file, whole or not at all; what it says holds no times."""
+    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+        """Write a part's file atomically; its content does not depend on times."""
         raise NotImplementedError
 
     @staticmethod
-    def read(file: Path) -> Done | None:
-        """Return what a part's file says of itself; None where it is none, or is damaged."""
+    def read(file: Path) -> PartResult | None:
+        """Return the result that a part's file holds, or None if it is invalid."""
         raise NotImplementedError
 
-    def do(self, part: Part, out: str, threads: int | None = 1) -> Done:
-        """Make a part's file in the folder `out`, unless it is there; returns what it says.
+    def do(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
+        """Write a part's file into the folder `out`, unless it exists; return its content.
 
-        threads : one for each core if None
+        threads : number of threads, or None for one per core
 
         Raises
         ------
         UsageError
-            if the part cannot be read or the file cannot be written, or this process has other code
+            if the part cannot be read, the file cannot be written, or the code has another version
         """
         begun = time.perf_counter()
-        own, code = _code_version(), part.about["code"]
-        if own != code:
+        here, code = _code_version(), part.about["code"]
+        if here != code:
             raise UsageError(
-                f"this worker has another version of raster-harness ({own}, not {code}): "
+                f"this worker has another version of raster-harness ({here}, not {code}): "
                 "install the same on all machines"
             )
         place = Path(out) / f"{part.key}{self.suffix}"
-        if (there := self.read(place)) is not None:
-            return there
+        if (existing := self.read(place)) is not None:
+            return existing
         try:
             done = self.make(part, place, threads)
         except SceneError as error:
             raise UsageError(str(error)) from error
         except OSError as error:
-            if (there := self.read(place)) is not None:  # somebody else has made it meanwhile
-                return there
+            if (existing := self.read(place)) is not None:  # written by another process
+                return existing
             raise UsageError(of_system(error)) from error
         _release()
         return replace(done, seconds=time.perf_counter() - begun)
 
 
 def _release() -> None:
-    """Give memory back to the system that libraries keep for later."""
+    """Return cached memory of libraries to the system."""
     with contextlib.suppress(ImportError):
         import pyarrow as pa
 
         pa.default_memory_pool().release_unused()
-    with contextlib.suppress(OSError, AttributeError):  # glibc alone has it
+    with contextlib.suppress(OSError, AttributeError):  # only glibc has it
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def files(pattern: str) -> list[Path]:
-    """Return the files that a name, a folder or a pattern such as 'parts/*.parquet' stands for.
+    """Return the files of a name, a folder or a pattern such as 'parts/*.parquet'.
 
-    A folder of map tiles is one. Raises UsageError if there is none.
+    A folder of map tiles counts as one file. Raises UsageError if there is no file.
     """
     place = Path(pattern)
     if place.is_dir() and not place.suffix and not is_folder(pattern):
-        found = sorted(each for each in place.iterdir() if not each.name.startswith("."))
-        shapes = {each.stem for each in found if each.suffix.lower() == ".shp"}
-        found = [
-            each for each in found if each.suffix.lower() not in BESIDE or each.stem not in shapes
+        paths = sorted(each for each in place.iterdir() if not each.name.startswith("."))
+        shapes = {each.stem for each in paths if each.suffix.lower() == ".shp"}
+        paths = [
+            each
+            for each in paths
+            if each.suffix.lower() not in SHAPEFILE_PARTS or each.stem not in shapes
         ]
     elif place.exists():
-        found = [place]
+        paths = [place]
     else:
         # Path.glob takes no absolute pattern
-        found = sorted(map(Path, glob.glob(pattern, recursive=True)))  # noqa: PTH207
-    if not found:
-        raise UsageError(f"there is no file {pattern}: check the path, and quote a pattern")
-    return [each.absolute() for each in found]
+        paths = sorted(map(Path, glob.glob(pattern, recursive=True)))  # noqa: PTH207
+    if not paths:
+        raise UsageError(f"{pattern}: no such file; check the path, and quote a pattern")
+    return [each.absolute() for each in paths]
 
 
 @dataclass
 class Summary:
-    """What is in the folder of what was asked for.
+    """State of the folder after a command.
 
-    parts, parts_done : all, and those that are there
-    fresh : parts that were made now
-    counts : (kind, reason) to polygons dropped, repaired or failed
-    set_aside : file or rows of a file to the reason why there is no result
-    pruned : rows left out because their row group's statistics exclude the condition
+    parts, parts_done : number of parts, and of those with a result
+    fresh : parts that this command processed
+    counts : polygons dropped, repaired or failed by (kind, reason)
+    set_aside : reason for each file or part without a result
+    pruned : rows skipped because their row group's statistics exclude the condition
     seconds : wall time of this command
-    left_out : (file, kind, which, reason) of what was dropped or failed, the first of each part
+    left_out : (file, kind, polygon, reason) of dropped and failed polygons, the first of each part
     """
 
     parts: int
@@ -215,12 +217,12 @@ class Summary:
 
 
 class Dataset:
-    """The files, cut into parts, and the folder for what is made of them.
+    """Files, cut into parts, and the folder of their results.
 
     pattern : a file, a folder of files, or a pattern
-    work : what is made, and with which options
+    work : the processing, with its options
 
-    parts : in the order of the files and of their rows; done : by key, those that are there
+    parts : in the order of the files and of their rows; done : results in the folder, by key
 
     Raises
     ------
@@ -228,29 +230,29 @@ class Dataset:
         if there is no file, or the folder cannot be written or holds other results
     """
 
-    def __init__(self, pattern: str, out: Path, work: Work) -> None:
+    def __init__(self, pattern: str, out: Path, work: PartWork) -> None:
         self.out = out.absolute()
         self.work = work
-        self.parts: list[Part] = []
-        self.done: dict[str, Done] = {}
+        self.parts: list[FilePart] = []
+        self.done: dict[str, PartResult] = {}
         self._about = {
             "options": json.loads(json.dumps(asdict(work))),
             "code": environment.code_version(),
         }
         self._unreadable: dict[str, str] = {}
         self._pruned = 0
-        found = files(pattern)
-        with clear_errors(self.out, "give the same command again"):
+        paths = files(pattern)
+        with clear_errors(self.out, "run the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
-        self._cut(found)
+        self._cut(paths)
         if not self.parts and self._unreadable:
             raise UsageError(next(iter(self._unreadable.values())))
         self._look({part.key for part in self.parts})
 
-    def _cut(self, found: Iterable[Path]) -> None:
-        """Cut files into parts; one that cannot be read is named, and the others go on."""
+    def _cut(self, paths: Iterable[Path]) -> None:
+        """Cut files into parts; record the files that cannot be read."""
         seen: Counter[str] = Counter()
-        for file in found:
+        for file in paths:
             try:
                 slices = self.work.cut(str(file))
             except (SceneError, OSError) as error:
@@ -259,95 +261,96 @@ class Dataset:
             self._pruned += slices.pruned
             for rows, size in zip(slices.rows, slices.sizes, strict=True):
                 content = json.dumps([slices.identity, rows, self._about], sort_keys=True)
-                # the same file twice gives the same part twice, not one
-                again = seen[content]
+                # A file that is given twice has its parts twice.
+                repetition = seen[content]
                 seen[content] += 1
-                own = {
-                    "key": hashlib.sha256(f"{content} {again}".encode()).hexdigest()[:16],
+                about = {
+                    "key": hashlib.sha256(f"{content} {repetition}".encode()).hexdigest()[:16],
                     "source": file.name,
                     "identity": slices.identity,
                     "rows": None if rows is None else list(rows),
                 }
-                self.parts.append(Part(str(file), rows, size, own | self._about))
+                self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
     def _look(self, wanted: set[str]) -> None:
-        """Find what is there; refuse a folder in which there is something else."""
+        """Read the results in the folder; refuse a folder with other results."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
         for file in sorted(self.out.glob(f"*{self.work.suffix}")):
             done = self.work.read(file)
             if done is None and file.stem in wanted:
-                continue  # damaged: it is made again
+                continue  # damaged: processed again
             if done is None:
-                raise UsageError(f"{file} is not of this command: give a folder of its own with -o")
-            told = done.about
-            for what, own in self._about.items():
-                if told[what] != own:
-                    raise UsageError(
-                        f"{self.out} holds parts that were made with other {what}: give another -o"
-                    )
-            if told["identity"] not in identities.get(told["source"], {told["identity"]}):
                 raise UsageError(
-                    f"{self.out} holds parts of {told['source']} as it was before it changed: "
+                    f"{file} was not written by this command: give another folder with -o"
+                )
+            about = done.about
+            for name, value in self._about.items():
+                if about[name] != value:
+                    raise UsageError(
+                        f"{self.out} holds parts that were made with other {name}: give another -o"
+                    )
+            if about["identity"] not in identities.get(about["source"], {about["identity"]}):
+                raise UsageError(
+                    f"{self.out} holds parts of {about['source']} as it was before it changed: "
                     "give another -o"
                 )
-            if told["key"] in wanted:
-                self.done[told["key"]] = done
+            if about["key"] in wanted:
+                self.done[about["key"]] = done
 
     @property
-    def missing(self) -> list[Part]:
-        """Parts that have no file yet."""
+    def missing(self) -> list[FilePart]:
+        """Parts without a result."""
         return [part for part in self.parts if part.key not in self.done]
 
     @property
     def keys_done(self) -> list[str]:
-        """Keys of the parts that are there."""
+        """Keys of the parts with a result."""
         return [part.key for part in self.parts if part.key in self.done]
 
     def complete(
-        self, crew: Crew, reporter: Reporter, begun_well: Callable[[], None] = lambda: None
+        self, executor: Executor, reporter: Reporter, on_success: Callable[[], None] = lambda: None
     ) -> Summary:
-        """Make what is missing, write the manifest, and say what is there.
+        """Process the missing parts, write the manifest, and return a summary.
 
-        begun_well : told when a part has ended well
+        on_success : called when a part succeeds
 
-        A part that fails time and again is set aside; the others go on. The manifest is written
-        whatever happens.
+        A part that fails repeatedly is set aside. The manifest is written in any case.
         """
         begun, before = time.perf_counter(), len(self.done)
         missing = {part.key: part for part in self.missing}
-        threads = crew.threads_each
+        threads = executor.threads_per_task
         tasks = {
             key: (self.work.do, (part, str(self.out), threads)) for key, part in missing.items()
         }
         total = sum(part.size or 1 for part in missing.values())
         unit = self.work.unit if all(part.size for part in missing.values()) else "parts"
-        aside: dict[str, str] = {}
+        set_aside: dict[str, str] = {}
         amount = 0
         try:
             if missing:
                 with reporter.stage(self.work.title, total, unit) as stage:
-                    for key, answer in crew.answers(tasks):
+                    for key, answer in executor.run_all(tasks):
                         if answer.failed:
-                            aside[missing[key].label] = answer.failed
+                            set_aside[missing[key].label] = answer.failed
                             continue
-                        begun_well()
+                        on_success()
                         self.done[key] = answer.value
                         amount += missing[key].size or 1
                         for note in answer.value.notes:
                             reporter.once(note)
                         stage.complete(amount)
         finally:
-            summary = self._summary(len(self.done) - before, aside, begun)
+            summary = self._summary(len(self.done) - before, set_aside, begun)
             try:
                 self._write_manifest(summary)
-            except UsageError as error:  # the parts are there all the same
+            except UsageError as error:  # the parts are complete without it
                 summary.set_aside[str(self.out / MANIFEST)] = str(error)
         self._tidy()
         return summary
 
-    def _summary(self, fresh: int, aside: dict[str, str], begun: float) -> Summary:
+    def _summary(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
         done = [self.done[key] for key in self.keys_done]
         counts: Counter[tuple[str, str]] = Counter()
         for kind, reason, count in (each for part in done for each in part.counts):
@@ -360,7 +363,7 @@ class Dataset:
             triangles=sum(part.triangles for part in done),
             proven=sum(part.proven for part in done),
             counts=counts,
-            set_aside=self._unreadable | aside,
+            set_aside=self._unreadable | set_aside,
             pruned=self._pruned,
             seconds=time.perf_counter() - begun,
             certified=[part.certified for part in done if part.certified is not None],
@@ -368,20 +371,20 @@ class Dataset:
         )
 
     def _write_manifest(self, summary: Summary) -> None:
-        told = ("polygons", "triangles", "proven", "counts", "seconds")
+        fields = ("polygons", "triangles", "proven", "counts", "seconds")
         parts = [
             {"file": f"{key}{self.work.suffix}"}
             | {name: self.done[key].about[name] for name in ("key", "source", "rows")}
-            | {name: getattr(self.done[key], name) for name in told}
+            | {name: getattr(self.done[key], name) for name in fields}
             for key in self.keys_done
         ]
-        of_all = ("parts", "parts_done", *told[:3], "set_aside", "pruned")
+        totals = ("parts", "parts_done", *fields[:3], "set_aside", "pruned")
         counts = [[*which, count] for which, count in sorted(summary.counts.items())]
         content = {"schema_version": VERSION, **self._about, "parts": parts} | {
-            "summary": {name: getattr(summary, name) for name in of_all} | {"counts": counts}
+            "summary": {name: getattr(summary, name) for name in totals} | {"counts": counts}
         }
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-        with clear_errors(self.out, "give the same command again"):
+        with clear_errors(self.out, "run the same command again"):
             atomic.write(self.out / MANIFEST, text.encode(), forced=True)
             if summary.left_out:
                 table = pd.DataFrame(summary.left_out, columns=["file", "kind", "which", "reason"])
@@ -389,9 +392,9 @@ class Dataset:
                 atomic.write(self.out / LEFT_OUT, rows.encode(), forced=True)
 
     def _tidy(self) -> None:
-        """Remove what processes that were killed have left of parts that are there by now.
+        """Remove temporary folders of finished parts that killed processes have left.
 
-        What is left of others may be another command's, which is still at it.
+        Those of other parts may belong to a running command.
         """
         for folder in self.out.glob(f"{BEGUN}*"):
             if folder.name.removeprefix(BEGUN).partition("-")[0] in self.done:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.results.run_folder import UNREADABLE
-from harness.scaling.dataset import Done
+from harness.scaling.dataset import PartResult
 
 GAINED = (
     *("quads", "helper_lanes", "partial_quads", "blocks", "bbox_tests"),
@@ -91,7 +91,7 @@ class Counted:
         """Add up the groups; there is at least one."""
         return Sums(*(sum(each) for each in zip(*self.groups.values(), strict=True)))
 
-    def save(self, place: Path, done: Done) -> None:
+    def save(self, place: Path, done: PartResult) -> None:
         """Write a part's file, whole or not at all."""
         cells = [_added(self.cells)] if self.cells else []
         told = {
@@ -133,10 +133,10 @@ def _added(cells: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(cells).groupby(["x", "y"], as_index=False).sum()
 
 
-def read_done(file: Path) -> Done | None:
+def read_done(file: Path) -> PartResult | None:
     """Return what a part's file says of itself; None where it is none, or is damaged."""
     try:
         with np.load(file, allow_pickle=False) as arrays:
-            return Done(**json.loads(str(arrays["told"]))["done"])
+            return PartResult(**json.loads(str(arrays["told"]))["done"])
     except (*UNREADABLE, TypeError):
         return None

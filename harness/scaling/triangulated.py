@@ -10,7 +10,7 @@ from harness.atomic import Output
 from harness.errors import UsageError
 from harness.export.export import Certified, Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
-from harness.scaling.dataset import AT_A_TIME, Done, Part, Work
+from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
 from scenes.slices import Slices, cut
 
@@ -19,17 +19,13 @@ FOOTER = "raster_harness_part"
 
 
 @dataclass(frozen=True)
-class Triangulating(Work):
-    """What the triangles depend on, beside the polygons.
-
-    extrude : a height, or the attribute that holds it
-    """
+class Triangulating(PartWork):
+    """Settings of the triangulation of many files; parts are keyed by them."""
 
     title: ClassVar[str] = "triangulating"
     suffix: ClassVar[str] = ".parquet"
 
     triangulator: str
-    extrude: str | float | None = None
     layer: str | None = None
     where: str | None = None
     certify: bool = False
@@ -39,24 +35,24 @@ class Triangulating(Work):
         return cut(path, self.layer, self.where)
 
     @staticmethod
-    def read(file: Path) -> Done | None:
+    def read(file: Path) -> PartResult | None:
         """Read the footer."""
         import pyarrow as pa
         from pyarrow import parquet
 
         try:
             metadata = parquet.read_metadata(file).metadata or {}
-            return Done(**json.loads(metadata[FOOTER.encode()]))
+            return PartResult(**json.loads(metadata[FOOTER.encode()]))
         except (OSError, KeyError, TypeError, ValueError, pa.ArrowException):
             return None
 
-    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Triangulate the rows."""
         report = Report(certified=Certified.of(self.triangulator) if self.certify else None)
         with Output(place, forced=True) as output:
-            how = Meshing(self.triangulator, {"threads": threads}, self.extrude)
+            how = Meshing(self.triangulator, {"threads": threads})
             chunks = read_chunks(
-                part.path, layer=self.layer, where=self.where, rows=part.rows, size=AT_A_TIME
+                part.path, layer=self.layer, where=self.where, rows=part.rows, size=CHUNK_ROWS
             )
             make = partial(GeoParquetWriter, output)
             writer = add_chunks(chunks, make, how, report, empty=True)
@@ -65,9 +61,7 @@ class Triangulating(Work):
             assert isinstance(writer, GeoParquetWriter)
             certified = report.certified
             counts = [[*which, count] for which, count in sorted(report.counts.items())]
-            if report.flat:
-                counts.append(["left flat", f"no usable height in {self.extrude}", report.flat])
-            done = Done(
+            done = PartResult(
                 polygons=report.polygons,
                 triangles=report.triangles,
                 proven=report.proven if certified is None else certified.proven,

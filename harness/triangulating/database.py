@@ -10,7 +10,6 @@ import hashlib
 import importlib.metadata
 import json
 import logging
-import os
 import sqlite3
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from platformdirs import user_cache_path
 
 import triangulators
 from harness.errors import UsageError
@@ -43,13 +41,6 @@ class Timed(NamedTuple):
     seconds: float
 
 
-def default_path() -> Path:
-    """`RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
-    if given := os.environ.get("RASTER_HARNESS_CACHE"):
-        return Path(given)
-    return user_cache_path("raster-harness", appauthor=False) / "triangulations.sqlite"
-
-
 class ModelDatabase:
     """Triangulations by key; see `key`. Use as a context manager, or call `close`.
 
@@ -58,7 +49,7 @@ class ModelDatabase:
     """
 
     def __init__(self, path: Path | None = None, say: Callable[[str], None] = _LOG.warning) -> None:
-        self.path = path or default_path()
+        self.path = path or system.database_path()
         self._say = say
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

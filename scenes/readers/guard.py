@@ -1,11 +1,11 @@
 """What may be opened, and what a failure says: one clear line, whatever a library raises.
 
 A library may raise any exception on bytes that it did not expect, so a list of exceptions is never
-complete. Everything that a reader raises ends at one of the two boundaries here. With
-`RASTER_HARNESS_DEBUG=1` there is no boundary: the error is raised with its traceback.
+complete. Everything that a reader raises ends at one of the two boundaries here; the log has it
+with its traceback.
 """
 
-import os
+import logging
 import re
 import struct
 import zipfile
@@ -17,8 +17,7 @@ from pathlib import Path
 from scenes.scene import Note, SceneError
 from scenes.spec import exists
 
-DEBUG = "RASTER_HARNESS_DEBUG"
-"""Environment variable that switches the boundaries off."""
+_LOG = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -43,8 +42,6 @@ damaged or has another format: write it again)
             f"{name} needs more memory than there is: it is damaged, or give only a part of it"
         ) from error
     except Exception as error:
-        if debugging():
-            raise
         raise SceneError(
             f"{name} cannot be read as {kind}: {reason(error)} "
             "(it is damaged or has another format: write it again)"
@@ -66,8 +63,7 @@ def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
     except MemoryError:
         raise
     except Exception as error:
-        if debugging():
-            raise
+        _LOG.debug("%s: %s", which, what, exc_info=error)
         notes.append((which, f"{what}: {reason(error)}"))
 
 
@@ -81,15 +77,6 @@ def reason(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"no {text}"
     return text or type(error).__name__
-
-
-def debugging() -> bool:
-    """Whether the boundaries are switched off.
-
-    >>> debugging()
-    False
-    """
-    return os.environ.get(DEBUG, "") not in ("", "0")
 
 
 LONGEST = 64 * 2**20

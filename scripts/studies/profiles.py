@@ -40,9 +40,8 @@ from harness.errors import NothingMeasured
 from harness.frame import Frame, View, make_frame
 from harness.grid import coarsen
 from harness.measuring.loading import load_scene
-from harness.measuring.processes import Backend, Bench
+from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
-from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
 from harness.profile.counted import TERMS, counters, design_of
@@ -55,6 +54,7 @@ from harness.stats.intervals import Ratio, mean_interval, paired_ratio
 from harness.study.regret import regret_ends, regret_interval
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
+from harness.workers.worker import Worker
 from scripts.studies.laws import drawn
 
 Draw = tuple[Frame, NDArray[np.int32]]
@@ -138,12 +138,12 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
     device = profile["device"]
     kind = device["rasteriser"]
     backend = Backend(kind, rasterisers.find_device(kind, device["name"]))
-    bench = Bench(Worker, timeout_s=600)
+    pool = MeasuringPool(Worker, timeout_s=600)
     try:
-        draws, polygons, ways = held_out(bench, scene, given, profile["coefficients"])
-        table, empty = timed(backend, bench, given.budget, draws, polygons)
+        draws, polygons, ways = held_out(pool, scene, given, profile["coefficients"])
+        table, empty = timed(backend, pool, given.budget, draws, polygons)
     finally:
-        bench.close()
+        pool.close()
     table = table.assign(polygon=polygons, triangulator=ways)
     seconds = table["seconds"].to_numpy()
     cost = costs_of(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
@@ -187,7 +187,7 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
 
 
 def held_out(
-    bench: Bench, scene: str, given: argparse.Namespace, coefficients: Mapping[str, float]
+    pool: MeasuringPool, scene: str, given: argparse.Namespace, coefficients: Mapping[str, float]
 ) -> tuple[list[Draw], list[str], list[str]]:
     """Return draws of polygons by several triangulators, and each draw's polygon and triangulator.
 
@@ -201,7 +201,7 @@ def held_out(
         frame = make_frame(alone.polygons, View(given.resolution))
         for name in (*TEN, OWN, *RANDOM):
             recipe = parse(name, seed=given.seed, calibration=coefficients)
-            parts = bench.triangulate(recipe, frame.polygons).parts
+            parts = pool.triangulate(recipe, frame.polygons).parts
             if all(part is not None for part in parts):
                 draws.append((frame, frame.join(parts)))
                 polygons.append(str(number))
@@ -210,7 +210,7 @@ def held_out(
 
 
 def timed(
-    backend: Backend, bench: Bench, budget_s: float, draws: list[Draw], polygons: list[str]
+    backend: Backend, pool: MeasuringPool, budget_s: float, draws: list[Draw], polygons: list[str]
 ) -> tuple[pd.DataFrame, float]:
     """Time draws in groups, each together with the reference draw; return those of an empty one.
 
@@ -227,7 +227,7 @@ def timed(
     reference_s, empty_s = [], []
     for seed, members in enumerate(_groups(polygons)):
         candidates = {str(member): (*draws[member], options) for member in members}
-        groups, failures = bench.time(backend, candidates, settings, seed)
+        groups, failures = pool.time(backend, candidates, settings, seed)
         if failures:
             raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
         group = next(iter(groups.values()))

@@ -15,9 +15,9 @@ import scenes
 from harness.frame import Frame, View, bare_frame, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
-from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Triangles, find_device, get
 from harness.rasterisers.reference import disagreements, predict
+from harness.workers.worker import Worker
 from triangulators import triangulate
 
 SIZES = (256, 1024, 4096)

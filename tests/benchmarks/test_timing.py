@@ -13,11 +13,11 @@ from harness import rasterisers
 from harness.frame import Frame, View, bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.stats.intervals import Ratio, paired_ratio
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
+from harness.workers.worker import Worker
 from scenes import load
 
 COMPARISONS_SAME = 200

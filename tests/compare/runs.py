@@ -277,7 +277,7 @@ def same_rounds() -> None:
 
 def now_failing() -> None:
     write_run(BASE, seed=1)
-    crashed = failed("failed", "triangulators died: SIGSEGV | last <output> & `more`")
+    crashed = failed("failed", "triangulators crashed: SIGSEGV | last <output> & `more`")
     write_run(HEAD, seed=2, edits={"delaunay": crashed})
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.measuring import serving
 from harness.measuring.run import run
-from harness.measuring.worker import Limits, Worker
+from harness.workers import serving
+from harness.workers.worker import Limits, Worker
 from scenes.tiles.read import FILE
 from tests.conftest import BLOCK, BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block

@@ -188,8 +188,7 @@ def test_polygons(times, tell, tmp_path):
         else:
             file.write_bytes(spoilt(json.dumps(told).encode(), chance))
         out = "out.glb" if number % 2 else "out.geojson"
-        more = ["--extrude", "height"] if number % 2 else []
-        ended = run_forked(["triangulate", file.name, "-o", out, *more], folder)
+        ended = run_forked(["triangulate", file.name, "-o", out], folder)
         return ended, problem_of(ended) or lost_features(file, ended, folder / "out.geojson")
 
     each(times(300), one, tell, tmp_path)

@@ -14,7 +14,6 @@ from pyarrow import parquet
 from harness.errors import UsageError
 from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
-from harness.export.mesh import heights
 from scenes import SceneError, load
 from scenes.tiles.read import FILE
 from tests.conftest import ends_well, geojson
@@ -72,21 +71,11 @@ def test_obj_far_from_the_origin_keeps_the_sources_coordinates(tmp_path, houses)
     assert "v 386000.123 6672000.456 0.0" in (tmp_path / "b.obj").read_text()
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".obj"])
-@pytest.mark.parametrize("source", [CITY, "glyphs:text=Rag%8", "cad:parts=5,segments=12", "paper"])
-def test_extruded_models_are_closed(tmp_path, source, suffix):
-    out = tmp_path / f"solid{suffix}"
-    export_file(source, out, extrude=12.5)
-    bodies = read_model(out).split(only_watertight=False)
-    assert all(body.is_watertight for body in bodies)
-    assert sum(body.volume for body in bodies) == pytest.approx(12.5 * area_of(source), rel=1e-6)
-
-
 def test_gltf_lies_level_and_names_its_origin(tmp_path, houses):
     out = tmp_path / "houses.gltf"
-    export_file(houses, out, extrude="height")
+    export_file(houses, out)
     low, high = read_model(out).bounds
-    assert (low[1], high[1]) == pytest.approx((0, 12))  # y is up
+    assert (low[1], high[1]) == pytest.approx((0, 0))  # y is up
     assert high[0] - low[0] == pytest.approx(60)
     assert np.abs([low, high]).max() < 100  # viewers use single precision
     document = json.loads(out.read_text())
@@ -98,32 +87,11 @@ def test_gltf_lies_level_and_names_its_origin(tmp_path, houses):
     assert (tmp_path / "houses.gltf.bin").exists()
 
 
-def test_heights_come_from_an_attribute(tmp_path, houses):
-    report = export_file(houses, tmp_path / "houses.obj", extrude="height")
-    bodies = read_model(tmp_path / "houses.obj").split(only_watertight=False)
-    solid = sorted(abs(body.volume) for body in bodies if body.is_watertight)
-    assert solid == pytest.approx([80 * 3.5, 300 * 12])
-    assert report.flat == 1  # no height is known of the third
+def test_obj_attributes_are_in_a_table(tmp_path, houses):
+    export_file(houses, tmp_path / "houses.obj")
     table = pd.read_csv(tmp_path / "houses.obj.attributes.csv")
     assert list(table["feature"]) == [0, 1, 2]
     assert list(table["name"])[:2] == ["a", "b ü"]
-    with pytest.raises(UsageError, match="did you mean 'height'"):
-        export_file(houses, tmp_path / "x.obj", extrude="hieght")
-
-
-@given(st.lists(st.none() | st.text(max_size=8) | st.floats() | st.integers(-5, 5), max_size=9))
-def test_heights_of_any_attribute(values):
-    found, unusable = heights(pd.DataFrame({"h": pd.Series(values, dtype=object)}), "h")
-    assert np.isfinite(found).all()
-    assert (found >= 0).all()
-    assert 0 <= unusable <= len(values)
-
-
-def test_heights_of_text():
-    values = ["12.5 m", "7", " 3,5", "tall", "-4", None]
-    found, unusable = heights(pd.DataFrame({"h": values}), "h")
-    assert found.tolist() == [12.5, 7, 3.5, 0, 0, 0]
-    assert unusable == 3
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
@@ -172,13 +140,6 @@ def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
     assert corners == {tuple(point) for point in ring}
     # and what was written is read again as a scene
     assert load(out).polygons[0].area == pytest.approx(load(source).polygons[0].area, rel=1e-9)
-
-
-def test_maps_extruded_have_heights(tmp_path, houses):
-    export_file(houses, tmp_path / "a.parquet", extrude="height")
-    geometries = shapely.from_wkb(list(pd.read_parquet(tmp_path / "a.parquet")["geometry"]))
-    assert shapely.has_z(geometries).all()
-    assert shapely.get_coordinates(geometries[1], include_z=True)[:, 2].max() == 12
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 1000])
@@ -289,11 +250,6 @@ class TestErrors:
         message = self.refused(tmp_path, "paper", tmp_path / "a.obj", "delauny")
         assert "delaunay" in message
         self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal:prettiness")
-
-    def test_height(self, tmp_path):
-        out = tmp_path / "a.obj"
-        assert "no attribute 'h'" in self.refused(tmp_path, "paper", out, extrude="h")
-        assert "not a height" in self.refused(tmp_path, "paper", out, extrude=-1.0)
 
     def test_an_old_file_stays_when_the_new_one_fails(self, tmp_path, monkeypatch):
         out = tmp_path / "a.obj"

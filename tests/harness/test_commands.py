@@ -11,9 +11,9 @@ import trimesh
 
 from harness.commands.outcome import folder_for
 from harness.commands.triangulate import COMPILING
-from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
+from harness.triangulating.isolated import triangulate_many
 from tests.conftest import assert_one_line, assert_refused, ends_well
 from tests.harness.test_cli import MOCK
 
@@ -21,11 +21,11 @@ pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
 def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
-    out, _ = ends_well(harness("triangulate", str(block), "-o", "block.glb", "--extrude", "3"))
+    out, _ = ends_well(harness("triangulate", str(block), "-o", "block.glb"))
     assert "3 polygons" in out
     mesh = trimesh.load("block.glb", force="mesh")
     # glTF's up is y.
-    assert mesh.extents == pytest.approx([36, 3, 28])
+    assert mesh.extents == pytest.approx([36, 0, 28])
     flat, out, _ = harness("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert flat == 0
     # An L of 72, a courtyard of 256 - 64, a square of 64 square metres.
@@ -118,7 +118,7 @@ def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
         time.sleep(0.2)
         return triangulate_many(*arguments, **options)
 
-    monkeypatch.setattr("harness.commands.triangulate.SAID_AFTER_S", 0.0)
+    monkeypatch.setattr("harness.commands.triangulate.NOTE_AFTER_S", 0.0)
     monkeypatch.setattr("harness.export.export.triangulate_many", slowly)
     _, err = ends_well(harness("triangulate", str(block), "-o", "block.obj"))
     assert COMPILING in err

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -50,9 +51,9 @@ def system_error(number: int) -> OSError:
         (system_error(errno.EROFS), 2, ["somewhere/file", "Read-only file system", "--out"]),
         (system_error(errno.EACCES), 2, ["somewhere/file", "Permission denied"]),
         (MemoryError(), 2, ["out of memory", "smaller scene"]),
-        (SystemExit(0), 2, ["ended the program", "exit code 0"]),
-        (RuntimeError("odd\nlines"), 70, ["defect", "RuntimeError: odd"]),
-        (EOFError("cut off"), 70, ["defect", "cut off"]),
+        (SystemExit(0), 2, ["a plugin called sys.exit(0)"]),
+        (RuntimeError("odd\nlines"), 70, ["internal error", "RuntimeError: odd"]),
+        (EOFError("cut off"), 70, ["internal error", "cut off"]),
     ],
 )
 def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error, code, parts):
@@ -67,6 +68,35 @@ def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error,
     assert all(part in lines[0] for part in parts)
     # Only a defect shows where it is.
     assert ("Traceback" in err) == (code == 70)
+
+
+def test_debug_prints_tracebacks_and_keeps_exit_codes(harness):
+    code, _, err = harness("--debug", "report", "no-such-folder")
+    assert code == 2
+    assert err.startswith("Traceback")
+    assert err.splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in assert_refused(harness("report", "no-such-folder"))
+
+
+def test_the_log_has_workers_retries_and_the_exit_code(harness):
+    shapes = [f"POLYGON ((0 0, {size} 0, {size} {size}, 0 {size}, 0 0))" for size in (1, 40)]
+    Path("squares.wkt").write_text("\n".join(shapes))
+    given = ("triangulate", "squares.wkt", "-o", "squares.obj")
+    given += ("--triangulator", "tests.broken:dies_at_large")
+    assert harness("--log", "events.log", *given)[0] == 5
+    log = Path("events.log").read_text()
+    stamp = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} INFO \[\d+\] harness"
+    for event in (
+        r"\.cli: raster-harness \S+: --log events\.log triangulate squares\.wkt",
+        r"\.workers\.worker: triangulator tests\.broken:dies_at_large: started process \d+",
+        r"\.workers\.worker: triangulator tests\.broken:dies_at_large crashed: SIGSEGV",
+        r"\.triangulating\.isolated: .* retry in halves: polygons 0 to 1",
+        r"\.cli: exit code 5",
+    ):
+        assert re.search(rf"^{stamp}{event}", log, re.MULTILINE), event
+    assert harness("list", "criteria")[0] == 0
+    assert Path("events.log").read_text() == log  # the log ends with the command
+    assert_refused(harness("--log", "/proc/none/events.log", "list"), "/proc/none")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

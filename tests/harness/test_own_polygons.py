@@ -162,6 +162,4 @@ def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
 
 def test_a_model_without_triangles_is_not_judged(harness):
     Path("lines.obj").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
-    assert_refused(
-        harness("triangulate", "lines.obj", "--check"), "there is no triangle in it", code=4
-    )
+    assert_refused(harness("triangulate", "lines.obj", "--check"), "has no triangles", code=4)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from harness.progress import SILENT_S, Reporter, Screen
+from harness.progress import MAX_INTERVAL_S, MIN_INTERVAL_S, Reporter, Screen
 from harness.style import plain_table
 from tests.conftest import assert_refused
 
@@ -52,7 +52,7 @@ def test_the_longer_a_stage_the_fewer_lines_but_never_long_silence():
             stage.advance()
             told += [second] * (len(said.lines) > before)
     gaps = [later - sooner for sooner, later in pairwise(told)]
-    assert (gaps[0], gaps[-1]) == SILENT_S
+    assert (gaps[0], gaps[-1]) == (MIN_INTERVAL_S, MAX_INTERVAL_S)
     assert gaps == sorted(gaps)
 
 

@@ -50,7 +50,7 @@ def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
     ],
 )
 def test_how_a_process_ended(code, said):
-    assert system.ending(code) == said
+    assert system.describe_exit(code) == said
 
 
 def test_a_process_and_its_children_end_without_groups(monkeypatch):
@@ -63,6 +63,6 @@ def test_a_process_and_its_children_end_without_groups(monkeypatch):
     )
     assert parent.stdout is not None
     child = psutil.Process(int(parent.stdout.readline()))
-    system.end_group(parent.pid)
+    system.kill_group(parent.pid)
     assert parent.wait(10) == -9
     assert psutil.wait_procs([child], timeout=10)[1] == []

@@ -66,10 +66,10 @@ def test_dasks_workers_do_not_import_strangers_modules(folder):
     """Python starts them by `python -c`, which searches the current folder first."""
     program = (
         "import sys; sys.path[:] = [sys.argv.pop(1), *sys.path[1:]]\n"
-        "from harness.scaling.crew import DaskCrew\n"
-        "crew = DaskCrew('local:1')\n"
-        "print([answer.value for _, answer in crew.answers({'a': (abs, (-3,))})])\n"
-        "crew.close()\n"
+        "from harness.scaling.executors import DaskExecutor\n"
+        "executor = DaskExecutor('local:1')\n"
+        "print([answer.value for _, answer in executor.run_all({'a': (abs, (-3,))})])\n"
+        "executor.close()\n"
     )
     done = python("-c", program, ROOT, cwd=folder)
     assert done.stdout.strip().endswith("[3]"), done.stderr

@@ -16,13 +16,13 @@ from harness.frame import View
 from harness.measuring import run as running
 from harness.measuring.other_version import triangulate_elsewhere, version
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
 from harness.results import drawings
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import OTHER, Recipe
+from harness.workers.worker import TaskFailed
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git
@@ -157,13 +157,13 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
 @pytest.mark.parametrize("twice", [False, True])
 def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkeypatch):
     drawn: list[str] = []
-    time = Bench.time
+    time = MeasuringPool.time
 
     def watched(self, backend, candidates, *rest):
         drawn.extend(candidates)
         return time(self, backend, candidates, *rest)
 
-    monkeypatch.setattr(Bench, "time", watched)
+    monkeypatch.setattr(MeasuringPool, "time", watched)
     with project(tmp_path / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         measure(PLAN, "out", twice=twice)

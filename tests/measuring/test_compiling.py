@@ -8,12 +8,12 @@ from typing import Any
 from rich.console import Console
 from shapely import box
 
-from harness.measuring import processes
-from harness.measuring.processes import COMPILE_S, SECOND
+from harness.measuring import pool as measuring_pool
+from harness.measuring.pool import COMPILE_TIMEOUT_S, SECOND
 from harness.measuring.run import run
-from harness.measuring.worker import TaskTimedOut
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
+from harness.workers.worker import TaskTimedOut
 from tests.inline import Inline
 from tests.measuring.test_run import plan_for
 from triangulators import triangulate
@@ -30,7 +30,7 @@ class Slow(Inline):
     def call(self, function, *arguments, timeout_s=None, tick=None):
         self._log.append((function.__name__, timeout_s))
         if function.__name__ == self._fails:
-            raise TaskTimedOut("it ran past its time and was stopped")
+            raise TaskTimedOut("it exceeded its time limit and was killed")
         if tick and function.__name__ in ("warm_up", "triangulate_polygons"):
             tick(60.0)
         return super().call(function, *arguments)
@@ -49,12 +49,12 @@ def test_compiling_has_its_own_budget_and_line(block, tmp_path):
     log: list[tuple[str, float | None]] = []
     records, said = measured(block, tmp_path / "out", log)
     assert {record["status"] for record in records} == {"ok"}
-    assert {seconds for name, seconds in log if name == "warm_up"} == {COMPILE_S}
+    assert {seconds for name, seconds in log if name == "warm_up"} == {COMPILE_TIMEOUT_S}
     assert {seconds for name, seconds in log if name == "triangulate_polygons"} == {7.0}
     # Once each, before it is timed: the baseline, which is no case, and the two.
     names = [name for name, _ in log if name in ("warm_up", "triangulate_polygons")]
     assert names == ["warm_up", "triangulate_polygons"] * 3
-    assert ("fewest", COMPILE_S) in log
+    assert ("fewest", COMPILE_TIMEOUT_S) in log
     assert said.count("compiling optimal:overdraw, which only the first run") == 1
 
 
@@ -74,7 +74,7 @@ def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(bl
     assert "triangulating took more than 7 s; give it longer" in slow[0]["reason"]
     compiling, _ = measured(block, tmp_path / "compiling", [], "warm_up")
     assert {record["status"] for record in compiling} == {"skipped"}
-    assert f"compiling it took more than {COMPILE_S:g} s" in compiling[0]["reason"]
+    assert f"compiling it took more than {COMPILE_TIMEOUT_S:g} s" in compiling[0]["reason"]
     assert "smaller scene" not in compiling[0]["reason"]
 
 
@@ -94,24 +94,24 @@ class Recorded(Inline):
 def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(monkeypatch):
     recipes = parse_all(["fan", "refined", "optimal", "tests.broken:right"])
     for kept, cores, expected in (
-        (False, 2, [(SECOND.label, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
+        (False, 2, [(SECOND.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
         (True, 2, []),
         (False, 1, []),
     ):
         log: list[tuple[str, list[str]]] = []
-        monkeypatch.setattr(processes, "is_kept", lambda _, kept=kept: kept)
-        monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
-        bench = processes.Bench(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
-        bench.compile_ahead(recipes)
-        bench.compile_ahead(recipes)
-        for thread in bench._threads.values():
+        monkeypatch.setattr(measuring_pool, "is_kept", lambda _, kept=kept: kept)
+        monkeypatch.setattr(measuring_pool, "cores", lambda cores=cores: cores)
+        pool = measuring_pool.MeasuringPool(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
+        pool.compile_ahead(recipes)
+        pool.compile_ahead(recipes)
+        for thread in pool._threads.values():
             thread.shutdown()
-        bench.close()
-        assert log == [*expected, *[(f"{SECOND.label} closed", ["True"])] * len(expected)]
+        pool.close()
+        assert log == [*expected, *[(f"{SECOND.name} closed", ["True"])] * len(expected)]
 
 
 def test_what_is_compiled_late_is_a_module_with_kernels():
     triangulate(box(0, 0, 2, 1), "optimal:half-perimeter")
-    assert compiled_files.is_kept(processes.COMPILED_LATE)
+    assert compiled_files.is_kept(measuring_pool.COMPILED_LATE)
     assert not compiled_files.is_kept("triangulators.errors")
     assert not compiled_files.is_kept("triangulators.not_there")

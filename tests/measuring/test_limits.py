@@ -9,10 +9,10 @@ import shapely
 
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
-from harness.measuring.processes import Bench
-from harness.measuring.worker import TaskFailed, Worker
+from harness.measuring.pool import MeasuringPool
 from harness.metrics.registry import LEAST, OUTLINE, find
 from harness.rasterisers.reference import outlines
+from harness.workers.worker import TaskFailed, Worker
 from scenes import load
 from tests.inline import Inline
 from tests.measuring.test_run import inline
@@ -21,8 +21,8 @@ from triangulators import triangulate
 
 def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
-    with closing(Bench(open_worker, 60)) as bench:
-        return lower_limits.collect(lower_limits.begin(frame, parts, bench))
+    with closing(MeasuringPool(open_worker, 60)) as pool:
+        return lower_limits.collect(lower_limits.begin(frame, parts, pool))
 
 
 def test_it_lies_between_the_outline_and_every_triangulation():
@@ -97,11 +97,11 @@ COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
 
 
 def test_what_a_triangulator_may_take_does_not_limit_what_is_ours():
-    bench = Bench(Worker, 0.05)
+    pool = MeasuringPool(Worker, 0.05)
     try:
-        assert bench.compute(time.sleep, 0.3).result() is None
+        assert pool.compute(time.sleep, 0.3).result() is None
     finally:
-        bench.close(at_once=True)
+        pool.close(at_once=True)
 
 
 @pytest.mark.parametrize("scene", ["city:buildings=12", "cad:parts=2,segments=12"])

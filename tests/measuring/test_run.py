@@ -19,16 +19,16 @@ from harness import rasterisers
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import Frame, View, bare_frame
 from harness.machine.environment import processor
-from harness.measuring import processes, tasks
+from harness.measuring import tasks
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Backend, Bench
+from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.run import RunOptions, RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
-from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.results.run_folder import Store, read_arrays, read_run
 from harness.triangulating.recipes import Recipe, parse_all
+from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
 from tests.inline import Inline
 from tests.mock import MockRasteriser
@@ -232,10 +232,10 @@ def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
-        ("count:crash", "died: SIGABRT"),
-        ("time:crash", "died: SIGABRT"),
+        ("count:crash", "crashed: SIGABRT"),
+        ("time:crash", "crashed: SIGABRT"),
         ("time:raise", "RuntimeError: scripted failure"),
-        ("count:hang", "ran past 4 s"),
+        ("count:hang", "exceeded the time limit of 4 s"),
     ],
 )
 def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypatch, fault, reason):
@@ -321,14 +321,14 @@ def test_processes_share_a_limit_and_none_begins_when_it_is_over(monkeypatch, to
         return {"a": Times(1, [took], [1])}
 
     clock = SimpleNamespace(perf_counter=lambda: took * len(shares))
-    monkeypatch.setattr(processes, "time", clock)
+    monkeypatch.setattr("harness.measuring.pool.time", clock)
     monkeypatch.setattr(tasks, "time_group", timed)
     backend = Backend(MOCK, rasterisers.find_device(MOCK, None))
     corners = np.array([[0, 0], [8, 0], [0, 8]], np.int32)
     drawn = bare_frame(8, corners), np.arange(3, dtype=np.int32)[None], Options()
     settings = TimingSettings(processes=4, limit_s=20.0)
-    with closing(Bench(inline, timeout_s=1.0)) as bench:
-        groups, failures = bench.time(backend, {"a": drawn}, settings, seed=0)
+    with closing(MeasuringPool(inline, timeout_s=1.0)) as pool:
+        groups, failures = pool.time(backend, {"a": drawn}, settings, seed=0)
     assert not failures
     assert shares == pytest.approx(limits)
     assert groups["a"]["a"].epochs == [1] * len(limits)

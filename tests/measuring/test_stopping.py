@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from harness.frame import View
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.results.run_folder import Store, read_arrays, read_run
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
@@ -27,7 +27,7 @@ def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> No
         os.kill(os.getpid(), number)
         raise AssertionError("it went on")
 
-    patch.setattr(Bench, "time", stopped)
+    patch.setattr(MeasuringPool, "time", stopped)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

@@ -8,21 +8,21 @@ from pathlib import Path
 import pytest
 
 from harness.measuring.run import run
-from harness.measuring.worker import Worker
+from harness.workers.worker import Worker
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import MOCK, measure, plan_for, quiet
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
 REASONS = {
-    "segfault": "died: SIGSEGV",
-    "hang": "ran past",
+    "segfault": "crashed: SIGSEGV",
+    "hang": "exceeded the time limit",
     "devour": "emory",
     "raises": "RuntimeError: no idea",
-    "kills_its_parent": "died: SIGKILL",
-    "shouts": "died: exit code 1; last output: ... xxx",
+    "kills_its_parent": "crashed: SIGKILL",
+    "shouts": "crashed: exit code 1; last output: ... xxx",
     "exits": "SystemExit: 0",
-    "exits_hard": "died: exit code 0",
+    "exits_hard": "crashed: exit code 0",
     "interrupts": "KeyboardInterrupt",
     "raises_no_exception": "NoException: enough",
     "returns_nothing": "shape ()",
@@ -36,7 +36,7 @@ RIGHT = ("delaunay", "tests.broken:right", "tests.broken:forks")
 
 
 def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
-    monkeypatch.setattr("harness.measuring.processes.MEMORY_SHARE", 0.15)
+    monkeypatch.setattr("harness.workers.pool.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
     plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
@@ -64,9 +64,9 @@ def module(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("statement", "reason"),
     [
-        ("os.abort()", "died: SIGABRT"),
+        ("os.abort()", "crashed: SIGABRT"),
         ("sys.exit(0)", "SystemExit: 0"),
-        ("os._exit(0)", "died: exit code 0"),
+        ("os._exit(0)", "crashed: exit code 0"),
         ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     ],
 )
@@ -144,7 +144,7 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
     rasterisers = ("--rasterisers", "theirs:Dying,theirs:Theirs", "--out", "out")
     _, err = ends_well(harness("run", *arguments, *rasterisers))
     assert "rasteriser 'theirs:Dying' is left out" in err
-    assert "died: exit code 0" in err
+    assert "crashed: exit code 0" in err
     lines = Path("out/cases.jsonl").read_text().splitlines()
     assert {json.loads(line)["status"] for line in lines} == {"ok"}
     processes = set((tmp_path / "imported").read_text().split())

@@ -268,7 +268,7 @@ def test_what_host_and_others_took_is_that_of_the_rounds(monkeypatch, others):
     drawings, clock, _ = scripted({"a": 2e-3})
     clock.now = 7.0
     monkeypatch.setattr("harness.machine.system.stolen_s", lambda: 3.0 + 0.5 * clock())
-    monkeypatch.setattr("harness.machine.system.others_s", lambda: 7.0 + others * clock())
+    monkeypatch.setattr("harness.machine.system.other_processes_s", lambda: 7.0 + others * clock())
     times = time_together(drawings, TimingSettings(), WALL, clock=clock)["a"]
     assert times.timing_s == pytest.approx(clock() - 7.0)
     assert times.stolen_s == pytest.approx(0.5 * times.timing_s)

@@ -108,7 +108,7 @@ def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monke
         timed.append(len(polygons))
         return [[0.1] * rounds for _ in recipes]
 
-    monkeypatch.setattr("harness.measuring.processes.time_in_rounds", in_rounds)
+    monkeypatch.setattr("harness.measuring.pool.time_in_rounds", in_rounds)
     slow = replace(FAST, budget_s=0.5)
     measure(plan(model, rasterisers=("binning",), timing=slow), tmp_path / "out")
     assert timed == [70]

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from harness.errors import NoRasteriser
-from harness.measuring.worker import Limits, TaskFailed, TaskTimedOut, Worker
+from harness.workers.worker import Limits, TaskFailed, TaskTimedOut, Worker
 from tests.paths import python
 from triangulators.errors import MOST_TRACED
 
@@ -116,7 +116,7 @@ def test_tasks_run_in_one_process_with_its_own_environment(worker):
 
 
 def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
-    with pytest.raises(TaskFailed, match=r"died: SIGSEGV; last output: .*lost the device"):
+    with pytest.raises(TaskFailed, match=r"crashed: SIGSEGV; last output: .*lost the device"):
         worker.call(shout_and_die)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 
@@ -139,7 +139,7 @@ def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(tas
         assert printing._output.stat().st_size <= 10_000_000
         assert type(found.value) is TaskFailed
     if task is print_and_die:
-        assert "died: exit code 1; last output: ... x" in str(found.value)
+        assert "crashed: exit code 1; last output: ... x" in str(found.value)
         assert str(found.value).endswith("| last")
 
 
@@ -149,14 +149,16 @@ def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(tas
 def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
     who, number, monkeypatch
 ):
-    monkeypatch.setattr("harness.measuring.worker.STOPPED_S", 0.3)
+    monkeypatch.setattr("harness.workers.worker.SUSPENSION_CHECK_S", 0.3)
     with Worker("a device") as other, Worker("a plugin", limits=Limits()) as killing:
         assert other.call(os.getpid) != killing.call(os.getpid)
         start = time.monotonic()
         limit_s = 1.0 if (who, number) == ("the server", signal.SIGSTOP) else 300.0
-        reason = "died: SIGKILL" if number == signal.SIGKILL else "has stopped its process"
+        reason = "crashed: SIGKILL" if number == signal.SIGKILL else "was suspended"
         if who == "the server":  # all go with it; stopped, it starts no other, and is woken then
-            reason = "died: with the process that starts all others" if limit_s > 1 else "ran past"
+            reason = (
+                "crashed: the fork server was killed" if limit_s > 1 else "exceeded the time limit"
+            )
         with pytest.raises(TaskFailed, match=f"^a plugin {reason}"):
             killing.call(send_to, who, number, timeout_s=limit_s)
         assert time.monotonic() - start < 10
@@ -167,7 +169,7 @@ def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
 
 def test_a_hang_is_stopped(worker):
     start = time.monotonic()
-    with pytest.raises(TaskTimedOut, match=r"ran past 0\.5 s and was stopped"):
+    with pytest.raises(TaskTimedOut, match=r"exceeded the time limit of 0\.5 s and was killed"):
         worker.call(time.sleep, 60.0, timeout_s=0.5)
     assert time.monotonic() - start < 20
 
@@ -217,7 +219,7 @@ def test_what_a_task_leaves_holds_nothing_up_and_ends_with_the_worker(tmp_path, 
     """It has copies of all pipes; its parent answers, or dies. Another worker lives on."""
     start = time.monotonic()
     with Worker("another") as other:
-        ends = pytest.raises(TaskFailed, match="died: exit code 1") if code else nullcontext()
+        ends = pytest.raises(TaskFailed, match="crashed: exit code 1") if code else nullcontext()
         with Worker("the forking worker") as forking, ends:
             assert forking.call(leave, str(tmp_path / "pid"), code, timeout_s=300) == 17
         assert time.monotonic() - start < 60
@@ -287,8 +289,8 @@ def test_a_worker_has_the_environment_of_now(monkeypatch):
 CTRL_C = """
 import os, signal
 signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
-from harness.measuring.serving import start
-from harness.measuring.worker import Worker
+from harness.workers.serving import start
+from harness.workers.worker import Worker
 if __name__ == "__main__":
     start()
     os.killpg(0, signal.SIGINT)

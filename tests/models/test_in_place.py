@@ -61,7 +61,7 @@ def test_check_writes_nothing(tmp_path, harness):
     assert all("helper lanes -" in line and "quads -" in line for line in lines)
     assert_refused(
         harness("triangulate", "plate.glb", "--check", "-o", "new.glb"),
-        "give -o or --check, not both",
+        "--check and -o are mutually exclusive",
     )
     assert [path.name for path in tmp_path.iterdir()] == ["plate.glb"]
 
@@ -78,11 +78,11 @@ def test_on_the_command_line(tmp_path, harness):
 @pytest.mark.parametrize(
     ("more", "reason"),
     [
-        (("-o", "out.obj"), "a model stays what it is, so give .glb"),
+        (("-o", "out.obj"), "the output must keep the input format (.glb)"),
         (("-o", "out.glb", "--limit", "3"), "--limit is for polygons"),
         (("-o", "out.glb", "--criterion", "mixed=1/2/0"), "give edge-length"),
         (("-o", "out.glb", "--criterion", "lenght"), "unknown criterion 'lenght'"),
-        ((), "say where to write: -o FILE"),
+        ((), "-o FILE is missing"),
     ],
 )
 def test_what_does_not_go_with_a_model(tmp_path, harness, more, reason):
@@ -219,7 +219,7 @@ def test_two_sides_of_a_sheet_do_not_get_one_diagonal(tmp_path, out):
     source = builder.write(tmp_path / "sheet.glb")
     done = retriangulate(source, out)
     assert out.read_bytes() == source.read_bytes()
-    assert done.left == {"a diagonal would be an edge of other triangles, too": 1}
+    assert done.left == {"a diagonal would also be an edge of other triangles": 1}
 
 
 def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, out):
@@ -227,7 +227,7 @@ def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, ou
     builder.primitive(KITE.copy(), LONG[:, ::-1])
     done = retriangulate(builder.write(tmp_path / "sheets.glb"), out)
     assert triangles_of(out) == [CUT_LONG, CUT_LONG]
-    assert done.left == {"a diagonal would be an edge of other triangles, too": 2}
+    assert done.left == {"a diagonal would also be an edge of other triangles": 2}
 
 
 def test_triangles_that_join_a_strip_are_no_neighbours(tmp_path, out):

@@ -82,7 +82,7 @@ SMOOTH = {"smooth, without normals in the file": 1}
 )
 def test_obj_whose_smooth_normals_are_made_of_its_triangles(tmp_path, beside, left):
     done, _ = of_text(POINTS + beside.format("".join(FACES)), tmp_path)
-    several = "faces that are no triangles, or on several lines"
+    several = "faces that are not triangles, or on several lines"
     done.left.pop(several, None)
     assert (done.left, done.changed) == (left, not left)
 
@@ -103,7 +103,7 @@ def test_what_is_left_is_counted(tmp_path):
     }
     faces = "f 1 2 3 4\nf 1 2 \\\n5\nf 1 3 4\n"
     done, after = of_text(POINTS + faces, tmp_path)
-    assert done.left == {"faces that are no triangles, or on several lines": 2}
+    assert done.left == {"faces that are not triangles, or on several lines": 2}
     assert after == POINTS + faces
 
 
@@ -231,5 +231,8 @@ def test_models_of_other_formats_are_refused(tmp_path, suffix):
     source = tmp_path / f"kite{suffix}"
     source.write_bytes(b"ply")
     for out in (None, tmp_path / f"out{suffix}", tmp_path / "out.obj"):
-        with pytest.raises(UsageError, match=r"kite\.\w+: models are read as \.glb, \.gltf, \.obj"):
+        with pytest.raises(
+            UsageError,
+            match=r"kite\.\w+: unsupported model format; export",
+        ):
             retriangulate(source, out)

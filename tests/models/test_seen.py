@@ -11,7 +11,7 @@ import trimesh
 
 from harness.frame import Frame, frame_of, view_of
 from harness.models import views
-from harness.models.in_place import opened, retriangulate
+from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import submission
@@ -44,7 +44,7 @@ def test_counters_of_what_is_no_face_are_those_that_check_tells(tmp_path):
     """Both count the same pictures, each in its own way."""
     path = tmp_path / "ball.glb"
     trimesh.creation.icosphere(2).export(path)
-    _, groups = opened(path)
+    _, groups = open_model(path)
     parts = [part for group in groups for part in group]
     drawn = [views.Drawn(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (told,) = views.look(drawn, (256,))
@@ -274,7 +274,7 @@ def test_parameters_that_cannot_be(plate_file, wrong, reason):
 
 def test_models_that_cannot_be_seen(tmp_path):
     (tmp_path / "a.txt").write_text("no model")
-    with pytest.raises(SceneError, match="models are read as"):
+    with pytest.raises(SceneError, match="unsupported model format"):
         read(str(tmp_path / "a.txt"))
     with pytest.raises(SceneError, match=r"b\.glb"):
         read(str(tmp_path / "b.glb"))

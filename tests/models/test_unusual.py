@@ -59,7 +59,7 @@ def test_half_a_surrogate_pair_is_kept(tmp_path):
 
 @pytest.mark.parametrize("number", ["1e400", "NaN"])
 def test_a_number_that_json_cannot_hold_is_refused(tmp_path, number):
-    with pytest.raises(SceneError, match="a number in its JSON is none, or too large"):
+    with pytest.raises(SceneError, match="a number in its JSON is invalid or too large"):
         rewritten(kite_text(tmp_path), f'{{"a": {number}}}')
     assert not (tmp_path / "out.gltf").exists()
 
@@ -185,5 +185,5 @@ def test_a_line_that_goes_on_a_hundred_thousand_times_takes_no_square_of_that(tm
     source.write_text(corners + "f 1 2 3\nf 1 3 4\nf " + "1 \\\n" * 100_000 + "2 3\n")
     begun = time.process_time()
     done = retriangulate(source, None)
-    assert done.left == {"faces that are no triangles, or on several lines": 1}
+    assert done.left == {"faces that are not triangles, or on several lines": 1}
     assert time.process_time() - begun < 20

@@ -8,7 +8,7 @@ from harness.frame import frame_of, view_of
 from harness.models import views
 from harness.models.flat_faces import Mesh
 from harness.models.gltf import GltfModel
-from harness.models.in_place import opened, retriangulate
+from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
@@ -134,7 +134,7 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
         totals = {name: each.sum() for name, each in found.predicted.items()}
         counted = predict(frame.points, frame.join(found.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
-    (part,) = [part for group in opened(before)[1] for part in group]
+    (part,) = [part for group in open_model(before)[1] for part in group]
     ball = ball_of([part.mesh.positions])
     scale = pixels * np.sqrt(DISTANCE**2 - 1) / (2 * ball.radius * DISTANCE)
     # `shorter` has each diagonal twice, as a side of two triangles

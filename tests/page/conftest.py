@@ -12,7 +12,7 @@ import pytest
 from harness.compare.matching import latest
 from harness.frame import View
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Bench
+from harness.measuring.pool import MeasuringPool
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.metrics.per_polygon import columns_of
@@ -154,8 +154,8 @@ def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
         patch.setattr("harness.profile.advice.POLYGONS", 8)
-        bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
-        content = content_of_profile(bench)
+        pool = MeasuringPool(inline, timeout_s=60)  # type: ignore[arg-type]
+        content = content_of_profile(pool)
     file = tmp_path_factory.mktemp("profile") / "profile.html"
     write_page(content, file)
     return file

@@ -346,7 +346,7 @@ def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
         assert_refused(
             harness("page", *arguments), "give its folder, or --profile alone", code=BAD_INPUT
         )
-    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr("harness.page.page_data.SCENES", {})
     out, _ = ends_well(harness("page", "--profile", "--out", "p.html"))
     assert "page: p.html; open it in a browser" in out

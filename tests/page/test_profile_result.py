@@ -39,7 +39,7 @@ def brief(monkeypatch):
     """Draws are made and counted once; workers are here, and advice looks at few polygons."""
     monkeypatch.setattr(design, "draws", DRAWS)
     monkeypatch.setattr("harness.page.profile_result.counters", counted_once)
-    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
 

@@ -24,7 +24,7 @@ ON = "tests.profile.charging:"
 def brief(monkeypatch):
     """Workers are in this process, few follow each other, and advice looks at few polygons."""
     monkeypatch.setattr(measured, "EPOCHS", 6)
-    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
 

@@ -10,9 +10,9 @@ import pytest
 from harness.errors import NoRasteriser
 from harness.frame import Frame, bare_frame
 from harness.measuring import tasks
-from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
 from harness.rasterisers.reference import disagreements
+from harness.workers.worker import Worker
 
 Coordinates = list[list[int]]
 Call = Callable[..., Any]

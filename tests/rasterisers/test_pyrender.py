@@ -10,13 +10,13 @@ from shapely import Polygon, box
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import Frame, View, frame_of, make_frame, view_of
 from harness.measuring import tasks
-from harness.measuring.worker import Worker
 from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, submission
 from harness.rasterisers.pyrender import extrude
 from harness.rasterisers.reference import Reference
 from harness.triangulating.carrying import original_triangulation
+from harness.workers.worker import Worker
 from tests.models.various import solid
 from tests.rasterisers import pictures
 from triangulators import triangulate

@@ -99,7 +99,7 @@ def test_without_times_the_counters_rank(copy):
 def test_failures_are_announced(copy, browser):
     records = records_of(copy)
     for record in records[:2]:
-        record |= {"status": "failed", "reason": "died: SIGSEGV"}
+        record |= {"status": "failed", "reason": "crashed: SIGSEGV"}
         del record["time"], record["counters"]
     rewrite(copy, records)
     browser.open(write_report(read_run(copy)))

@@ -15,7 +15,7 @@ from harness.errors import UsageError
 from harness.page import device_summaries
 from harness.profile.profile import read_coefficients
 from harness.results.run_folder import POLYGONS, Run, read_arrays
-from harness.webpages import write_whole
+from harness.webpages import write_atomically
 from tests.compare.runs import write_run
 from tests.conftest import assert_refused
 from tests.page.conftest import read_result
@@ -103,7 +103,7 @@ def endpoint(tmp_path, monkeypatch):
 
 def test_devices_and_sockets_stay(endpoint):
     with pytest.raises(FileExistsError, match=r"it is no regular file: .*endpoint"):
-        write_whole(endpoint, "text")
+        write_atomically(endpoint, "text")
     with pytest.raises(FileExistsError):
         atomic.write(endpoint, b"text")
     assert stat.S_ISSOCK(endpoint.stat().st_mode)
@@ -116,7 +116,7 @@ def test_a_pipe_is_written_into(tmp_path):
     found = []
     reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
     reader.start()
-    write_whole(pipe, "text")
+    write_atomically(pipe, "text")
     reader.join(10)
     assert found == ["text"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
@@ -124,8 +124,8 @@ def test_a_pipe_is_written_into(tmp_path):
 
 @pytest.mark.parametrize("to_file", [False, True])
 def test_standard_output_is_written_into(tmp_path, to_file):
-    code = "from pathlib import Path; from harness.webpages import write_whole;"
-    code += "write_whole(Path('/dev/stdout'), 'text')"
+    code = "from pathlib import Path; from harness.webpages import write_atomically;"
+    code += "write_atomically(Path('/dev/stdout'), 'text')"
     target = tmp_path / "out"
     with target.open("wb") as file:
         done = subprocess.run(

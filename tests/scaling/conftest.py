@@ -10,7 +10,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from harness.scaling.crew import DaskCrew
+from harness.scaling.executors import DaskExecutor
 from scenes import load
 
 PER_FILE = 120
@@ -68,11 +68,11 @@ def parts(tmp_path: Path, footprints: np.ndarray, finely: None) -> Path:
 
 
 @pytest.fixture(scope="module")
-def two_workers() -> Iterator[DaskCrew]:
+def two_workers() -> Iterator[DaskExecutor]:
     """Two workers on this machine."""
-    crew = DaskCrew("local:2")
-    yield crew
-    crew.close()
+    executor = DaskExecutor("local:2")
+    yield executor
+    executor.close()
 
 
 def rows(folder: Path, *columns: str) -> list[pa.Table]:

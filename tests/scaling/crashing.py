@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.export import export
-from harness.scaling.dataset import Done, Part
+from harness.scaling.dataset import FilePart, PartResult
 from harness.scaling.triangulated import Triangulating
 
 FAR = 100_000.0
@@ -14,7 +14,7 @@ FAR = 100_000.0
 class CrashingOnFar(Triangulating):
     """A footprint east of `FAR` ends the process as a fault in C would."""
 
-    def make(self, part: Part, place: Path, threads: int | None) -> Done:
+    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         triangulate = export.triangulate_many
 
         def triangulate_or_crash(polygons: Any, *more: Any, **how: Any) -> Any:

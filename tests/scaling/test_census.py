@@ -12,8 +12,8 @@ from harness.progress import Reporter
 from harness.rasterisers.reference import predict
 from harness.scaling.census import Census, gains, on_pixels
 from harness.scaling.census_report import rows
-from harness.scaling.crew import Crew
 from harness.scaling.dataset import Dataset
+from harness.scaling.executors import Executor
 from harness.scaling.sums import GAINED, Counted
 from tests.conftest import assert_refused, ends_well, geojson
 from tests.scaling.conftest import EVERY
@@ -26,7 +26,7 @@ WORK = Census(NAMES, units_per_pixel=0.25, cell=100.0)
 
 def census(pattern, out):
     dataset = Dataset(str(pattern), out, WORK)
-    summary = dataset.complete(Crew(), Reporter(quiet=True))
+    summary = dataset.complete(Executor(), Reporter(quiet=True))
     return summary, Counted.read(out / f"{key}.npz" for key in dataset.keys_done)
 
 
@@ -134,7 +134,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     (tmp_path / "out" / "census.csv").unlink()
     next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
     _, error = ends_well(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
-    assert "5 of 6 parts are there already" in error
+    assert "5 of 6 parts are done already" in error
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
     assert_refused(
         harness("census", f"{parts}", "-o", "other", "--triangulators", "fan"), "give two or more"

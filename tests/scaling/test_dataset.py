@@ -14,11 +14,11 @@ import shapely
 
 from harness import atomic
 from harness.errors import UsageError
-from harness.export.apart import triangulate_many
 from harness.progress import Reporter
-from harness.scaling.crew import Crew
 from harness.scaling.dataset import MANIFEST, Dataset
+from harness.scaling.executors import Executor
 from harness.scaling.triangulated import Triangulating
+from harness.triangulating.isolated import triangulate_many
 from scenes.files import read_chunks
 from scenes.slices import comparisons, cut
 from tests.conftest import ends_well
@@ -28,7 +28,7 @@ WORK = Triangulating("optimal:half-perimeter")
 
 
 def complete(pattern, out, work=WORK):
-    return Dataset(str(pattern), out, work).complete(Crew(), Reporter(quiet=True))
+    return Dataset(str(pattern), out, work).complete(Executor(), Reporter(quiet=True))
 
 
 def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footprints):
@@ -106,7 +106,7 @@ def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, f
     stranger = tmp_path / "own"
     stranger.mkdir()
     write_parquet(stranger / "mine.parquet", footprints[:10], 0)
-    with pytest.raises(UsageError, match=r"mine\.parquet is not of this command"):
+    with pytest.raises(UsageError, match=r"mine\.parquet was not written by this command"):
         complete(parts, stranger)
 
 
@@ -143,7 +143,7 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
     chosen = dataset.missing[2].key
     with monkeypatch.context() as patch:
         patch.setattr(atomic, "move", full)
-        summary = dataset.complete(Crew(), Reporter(quiet=True))
+        summary = dataset.complete(Executor(), Reporter(quiet=True))
     assert len(refused) == 3
     ((which, why),) = summary.set_aside.items()
     assert which == dataset.parts[2].label
@@ -210,16 +210,16 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
     monkeypatch.setattr(Triangulating, "make", stopping)
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 130
-    assert "stopped; 3 of 6 parts are in out; to go on, give the same command again" in error
+    assert "stopped; 3 of 6 parts are in out; to go on, run the same command again" in error
     assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
     _, error = ends_well(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
-    assert "3 of 6 parts are there already" in error
+    assert "3 of 6 parts are done already" in error
     assert ids(tmp_path / "out") == list(range(EVERY))
 
 
 def test_wrong_uses_are_one_line(harness, parts):
     for arguments, message in (
-        (["nothing-*.parquet", "-o", "out"], "there is no file nothing-*.parquet"),
+        (["nothing-*.parquet", "-o", "out"], "nothing-*.parquet: no such file"),
         ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, for a file of each part"),
         ([f"{parts}/*.parquet", "-o", "out", "--limit", "3"], "--limit is for one file"),
         ([f"{parts}/*.parquet", "-o", "out", "--where", "colour = 3"], None),

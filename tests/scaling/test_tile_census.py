@@ -22,8 +22,8 @@ from harness.grid import SUBPIXEL
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
 from harness.scaling.census import TileCensus
-from harness.scaling.crew import Crew
 from harness.scaling.dataset import Dataset, Summary
+from harness.scaling.executors import Executor
 from harness.scaling.sums import Counted
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -43,7 +43,7 @@ def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counte
     """What the parts say, and the summary."""
     name, what = chosen(text)
     dataset = Dataset(name, out, TileCensus(names, what))
-    summary = dataset.complete(Crew(), Reporter(quiet=True))
+    summary = dataset.complete(Executor(), Reporter(quiet=True))
     return Counted.read(out / f"{key}.npz" for key in dataset.keys_done), summary
 
 
@@ -69,7 +69,7 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
 def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MOST_TILES", 2)
-    monkeypatch.setattr("harness.scaling.census.AT_A_TIME", 300)
+    monkeypatch.setattr("harness.scaling.census.CHUNK_ROWS", 300)
     counted, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
@@ -219,7 +219,7 @@ def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
     name, what = chosen(path)
     dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, what))
-    dataset.complete(Crew(), reporter)
+    dataset.complete(Executor(), reporter)
     assert "1/5000 of 512 px" in told[0]
 
 
@@ -296,7 +296,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["FILE:zoom=12,layers=wood"], "no layer 'wood'; it has: area, building"),
         (["FILE", "--cell", "5"], "--cell is not for map tiles; write FILE:zoom=12-16"),
         (["FILE", "--triangulators", "fan"], "give two or more to compare"),
-        (["no.pmtiles"], "there is no file no.pmtiles"),
+        (["no.pmtiles"], "no.pmtiles: no such file"),
         (["bad.pmtiles"], "is no PMTiles archive: give one, or write it again"),
         (["a.mvt:zoom=3"], "does not say at which zoom its tiles are: leave zoom= out"),
         (["a.gpkg:pixels=512"], "a.gpkg holds no tiles"),

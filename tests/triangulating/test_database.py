@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
+from harness.machine.system import database_path
 from harness.triangulating import database as model
-from harness.triangulating.database import ModelDatabase, Timed, default_path
+from harness.triangulating.database import ModelDatabase, Timed
 
 SOME = Timed(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
 
@@ -163,6 +164,6 @@ def test_several_processes_share_the_file(path, damage):
 def test_default_path(monkeypatch, tmp_path):
     monkeypatch.delenv("RASTER_HARNESS_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert default_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
+    assert database_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
     monkeypatch.setenv("RASTER_HARNESS_CACHE", "/somewhere/else")
-    assert default_path() == Path("/somewhere/else")
+    assert database_path() == Path("/somewhere/else")

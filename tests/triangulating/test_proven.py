@@ -10,7 +10,7 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring import records
-from harness.measuring.processes import FEWEST_ROUNDS, MOST_ROUNDS, Bench
+from harness.measuring.pool import MAX_ROUNDS, MIN_ROUNDS, MeasuringPool
 from harness.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating import database as store
 from harness.triangulating import rounds
@@ -143,13 +143,13 @@ def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "rounds"), [(1e-6, MOST_ROUNDS), (0.04, 8), (0.4, FEWEST_ROUNDS), (0.6, 0)]
+    ("seconds", "rounds"), [(1e-6, MAX_ROUNDS), (0.04, 8), (0.4, MIN_ROUNDS), (0.6, 0)]
 )
 def test_a_budget_gives_the_rounds_and_leaves_out_what_is_too_slow(seconds, rounds):
-    bench = Bench(lambda *_: Inline(), 60.0, None)
+    pool = MeasuringPool(lambda *_: Inline(), 60.0, None)
     once = dict.fromkeys(RECIPES, seconds)
-    found = bench.time_triangulating(once, POLYGONS, 1.0, 0)
-    bench.close()
+    found = pool.time_triangulating(once, POLYGONS, 1.0, 0)
+    pool.close()
     assert {recipe: len(samples) for recipe, samples in found.items()} == (
         dict.fromkeys(RECIPES, rounds) if rounds else {}
     )

@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from harness.measuring import tasks
-from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, find_device
 from harness.rasterisers.reference import SHADED, predict
+from harness.workers.worker import Worker
 from tests.fuzz.target import target
 from tests.rasterisers.conftest import loose_triangles
 from tests.rasterisers.pictures import SIZE, require_exact_counts

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
+from harness import viewport_sizes as sizes
 from harness.frame import View, frame_of
-from harness.profile import sizes
 from harness.profile.counted import TERMS
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
+from harness.viewport_sizes import DeviceCosts
 from scenes import load
 from tests.conftest import assert_refused, ends_well, write_geojson
 
@@ -70,9 +71,9 @@ def test_a_law_makes_seconds_of_counters(city_of_12):
     frame, triangles = city_of_12
     names = list(TERMS)
     for name, count in (("triangles", len(triangles)), ("draw", 1)):
-        law = sizes.Law("scripted", np.array([2e-9 * (each == name) for each in names]))
+        law = DeviceCosts("scripted", np.array([2e-9 * (each == name) for each in names]))
         assert sizes._cost(frame, triangles, 0.0, law)["draw"] == pytest.approx(2e-9 * count)
-    law = sizes.Law("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
+    law = DeviceCosts("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
     cost = sizes._cost(frame, triangles, 0.0, law)
     assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
 
@@ -103,7 +104,9 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         "lanes."
     )
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
-    found = sizes.Sizes("s", sizes.Law("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),))
+    found = sizes.Sizes(
+        "s", DeviceCosts("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),)
+    )
     assert sizes.sentence(found) == (
         "It matters at 64 px, most at 64 px, 32 px a polygon: b saves 25.0% of a's draw time on "
         "phone, which pays after 6 draws."

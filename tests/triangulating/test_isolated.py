@@ -8,8 +8,8 @@ from shapely import Polygon, box
 
 import triangulators
 from harness.errors import UsageError
-from harness.export import apart
-from harness.measuring.worker import TaskFailed
+from harness.triangulating import isolated
+from harness.workers.worker import TaskFailed, shared_worker
 from tests.conftest import write_geojson
 from triangulators.polygon_arrays import PolygonArray
 
@@ -25,19 +25,19 @@ def squares() -> list[Polygon]:
     "given", [squares, lambda: PolygonArray.from_shapely(squares())], ids=["polygons", "arrays"]
 )
 def test_a_crash_costs_its_own_polygon(given):
-    found = apart.triangulate_many(given(), "tests.broken:dies_at_large")
+    found = isolated.triangulate_many(given(), "tests.broken:dies_at_large")
     right = triangulators.triangulate_many(squares(), "ear-clipping")
     assert sorted(found.failed) == CRASHING
-    assert all("died: SIGSEGV" in reason for reason in found.failed.values())
+    assert all("crashed: SIGSEGV" in reason for reason in found.failed.values())
     for number, triangles in enumerate(found):
         wanted = [] if number in CRASHING else np.sort(right[number]).tolist()
         assert np.sort(triangles).tolist() == wanted
 
 
 def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
-    monkeypatch.setattr(apart, "CRASHES", 1)
+    monkeypatch.setattr(isolated, "MAX_CRASHES", 1)
     tried = []
-    worker = apart._worker("tests.broken:dies_at_large")
+    worker = shared_worker("triangulator tests.broken:dies_at_large")
     call = worker.call
 
     def counted(function, *arguments, **more):
@@ -47,7 +47,7 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
 
     monkeypatch.setattr(worker, "call", counted)
     large = [box(0, 0, 20, 20)] * 8
-    found = apart.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:dies_at_large")
+    found = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:dies_at_large")
     assert sorted(found.failed) == list(range(9))
     assert tried == [9, 4, 2, 1, 1, 2, 5]
     assert "after 1 crashes, polygons near another fail with it" in found.failed[8]
@@ -55,14 +55,14 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
 
 
 def test_a_batch_of_nothing():
-    found = apart.triangulate_many([], "tests.broken:right")
+    found = isolated.triangulate_many([], "tests.broken:right")
     assert (len(found), found.triangles.shape, found.failed) == (0, (0, 3), {})
 
 
 @pytest.mark.parametrize(
     ("statement", "error", "reason"),
     [
-        ("os._exit(0)", TaskFailed, "died: exit code 0"),
+        ("os._exit(0)", TaskFailed, "crashed: exit code 0"),
         ("import no_such_package", UsageError, "no_such_package"),
         ("cut = 3", UsageError, "not a function"),
     ],
@@ -72,12 +72,12 @@ def test_what_cannot_be_imported(tmp_path, monkeypatch, statement, error, reason
     (tmp_path / f"{name}.py").write_text(f"import os\n{statement}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(error, match=reason):
-        apart.triangulate_many(squares(), f"{name}:cut")
+        isolated.triangulate_many(squares(), f"{name}:cut")
 
 
 def test_a_module_that_is_not_there():
     with pytest.raises(UsageError, match="no module 'mien'; a module lies in the folder you are"):
-        apart.triangulate_many(squares(), "mien:cut")
+        isolated.triangulate_many(squares(), "mien:cut")
 
 
 def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness, tmp_path):
@@ -86,16 +86,16 @@ def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness
     code, out, err = harness(*made, "-o", "out.geojson")
     assert code == 5, err
     assert "5 polygons" in out
-    assert err.count("died: SIGSEGV") == 1  # counted by reason
+    assert err.count("crashed: SIGSEGV") == 1  # counted by reason
     assert "failed 2" in err
 
 
-@pytest.mark.parametrize("within", [False, True], ids=["apart", "in a worker"])
+@pytest.mark.parametrize("within", [False, True], ids=["isolated", "in a worker"])
 def test_what_is_no_triangulation_is_failed(within, monkeypatch):
     if within:
-        monkeypatch.setattr(apart.multiprocessing, "parent_process", os.getppid)
-        monkeypatch.setattr(apart, "_worker", None)  # and so does the work itself
-    found = apart.triangulate_many([box(0, 0, 2, 1), l_shape()], "tests.broken:forgets_the_rest")
+        monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
+        monkeypatch.setattr("harness.workers.worker.shared_worker", None)  # not called
+    found = isolated.triangulate_many([box(0, 0, 2, 1), l_shape()], "tests.broken:forgets_the_rest")
     assert list(found.failed) == [1]
     assert "gap or overlap" in found.failed[1]
     assert [len(piece) for piece in found] == [2, 0]
@@ -103,15 +103,15 @@ def test_what_is_no_triangulation_is_failed(within, monkeypatch):
 
 def test_what_a_built_in_triangulator_gives_is_verified(monkeypatch):
     square, real = box(0, 0, 2, 1), triangulators.triangulate_many
-    assert apart.triangulate_many([square, l_shape()], "ear-clipping").failed == {}
+    assert isolated.triangulate_many([square, l_shape()], "ear-clipping").failed == {}
 
     def overlapping(*given, **more):
         done = real(*given, **more)
         done.triangles[2:4] = done.triangles[2]  # the first two of the second polygon
         return done
 
-    monkeypatch.setattr(apart.triangulators, "triangulate_many", overlapping)
-    done = apart.triangulate_many([square, l_shape(), square], "ear-clipping")
+    monkeypatch.setattr(isolated.triangulators, "triangulate_many", overlapping)
+    done = isolated.triangulate_many([square, l_shape(), square], "ear-clipping")
     assert list(done.failed) == [1]
     assert [len(piece) for piece in done] == [2, 0, 2]
     assert len(done.compiled) == 3

@@ -1,7 +1,7 @@
-"""At which sizes of the viewport the choice of a triangulator matters: counted, not timed.
+"""Viewport sizes at which the choice of a triangulator matters: counted, not timed.
 
-A scene is triangulated and counted at each size as a run does it, by the exact CPU reference. A
-device's profile converts the counts to milliseconds; triangulation is timed by the clock.
+A scene is triangulated and counted at each size as in a run, by the exact CPU reference. A device's
+profile converts the counts to milliseconds; triangulating is timed.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, did_you_mean
 from harness.frame import Frame, View, frame_of
 from harness.metrics.decision import LEAST_PIXELS
-from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.design import Draw
+from harness.profile.counted import TERMS, count_triangles, design_of
 from harness.profile.profile import read_profile
 from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
 from harness.triangulating.recipes import Recipe
@@ -37,15 +36,15 @@ MATTERS = 0.01
 AGAIN_S, ROUNDS = 0.2, 3
 """Triangulating all that takes less is timed so often; the least counts."""
 
-CONTRIBUTED = Path(__file__).parents[2] / "results" / "reference" / "profiles"
+CONTRIBUTED = Path(__file__).parents[1] / "results" / "reference" / "profiles"
 """Profiles that people brought; a wheel has none."""
 
 
 @dataclass(frozen=True)
-class Law:
+class DeviceCosts:
     """A device's name, and the seconds that each of `counted.TERMS` costs, (t,)."""
 
-    device: str
+    name: str
     costs: NDArray[np.float64]
 
 
@@ -97,20 +96,20 @@ class Sizes:
     """What a scene costs at several sizes, the smallest first, and by which law, if by any."""
 
     scene: str
-    law: Law | None
+    device: DeviceCosts | None
     sizes: tuple[Size, ...]
 
     @property
     def measure(self) -> str:
         """What is saved."""
-        return f"draw time on {self.law.device}" if self.law else "shaded lanes"
+        return f"draw time on {self.device.name}" if self.device else "shaded lanes"
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
         return {
             "scene": self.scene,
-            "device": self.law.device if self.law else None,
-            "unit": "s" if self.law else None,
+            "device": self.device.name if self.device else None,
+            "unit": "s" if self.device else None,
             "sizes": [asdict(size) for size in self.sizes],
             "matters_at": [size.resolution for size in self.sizes if size.matters],
             "matters_share": MATTERS,
@@ -118,7 +117,7 @@ class Sizes:
         }
 
 
-def read_law(name: str, *folders: Path) -> Law:
+def read_costs(name: str, *folders: Path) -> DeviceCosts:
     """Return the law of a profile: a file, or the name of one in `folders` or brought by people.
 
     Raises
@@ -135,16 +134,18 @@ def read_law(name: str, *folders: Path) -> Law:
     if name not in known and not Path(name).exists():
         hint = did_you_mean(name, list(known), otherwise="raster-harness profile makes one")
         raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
-    return read_profile(known.get(name, Path(name)), _law_of)
+    return read_profile(known.get(name, Path(name)), _costs_of)
 
 
-def _law_of(profile: Any) -> Law:
+def _costs_of(profile: Any) -> DeviceCosts:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     every = np.array([costs[term] for term in TERMS])
-    return Law(str(profile["device"]["name"]), every)
+    return DeviceCosts(str(profile["device"]["name"]), every)
 
 
-def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | None) -> Size:
+def count_size(
+    scene: Scene, recipes: Sequence[Recipe], view: View, device: DeviceCosts | None
+) -> Size:
     """Return what the scene costs at one size, by two or more `recipes`.
 
     Raises
@@ -166,16 +167,18 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     costs = {}
     for (name, each), taken in zip(made.items(), seconds, strict=True):
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
-        costs[name] = _cost(frame, frame.join(parts), taken, law)
+        costs[name] = _cost(frame, frame.join(parts), taken, device)
     low, high = frame.polygons.bounds()
     middle = float(np.median((high - low)[done].max(axis=1)))
     kept = int(done.sum())
     return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
 
 
-def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
-    counted = counters(Draw("own", "own", "own", frame, triangles))
-    draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
+def _cost(
+    frame: Frame, triangles: NDArray[np.int32], seconds: float, device: DeviceCosts | None
+) -> Cost:
+    counted = count_triangles(frame, triangles)
+    draw = None if device is None else float((design_of([counted]) @ device.costs)[0])
     return {name: counted[name] for name in EXACT} | {"triangulate_s": seconds, "draw": draw}
 
 
@@ -199,7 +202,7 @@ def sentence(found: Sizes) -> str:
         f"It matters at {across} px, most at {most.resolution} px, {most.polygon_px:.2g} px a "
         f"polygon: {best} saves {saved:.1%} of {base}'s {found.measure}"
     )
-    if found.law:
+    if found.device:
         own, other = (most.costs[name] for name in (best, base))
         more = own["triangulate_s"] - other["triangulate_s"]
         draws = math.ceil(more / (other["draw"] - own["draw"]))
@@ -214,8 +217,8 @@ def tables(found: Sizes) -> Iterator[Table]:
         ("quads", "lanes shaded", 4.0, ",.0f"),
         ("partial_quads", "partial quads", 1.0, ",.0f"),
     ]
-    if found.law:
-        kinds.append(("draw", f"ms of a draw on {found.law.device}", 1e3, ".4g"))
+    if found.device:
+        kinds.append(("draw", f"ms of a draw on {found.device.name}", 1e3, ".4g"))
     base, *others = found.sizes[0].costs
     heads = [f">{name}" for name in ("size", "a polygon", base, *others)]
     for name, what, per, form in kinds:

@@ -1,37 +1,33 @@
-"""Triangulates a batch; a user's triangulator does it in a process of its own, and is verified.
+"""Triangulates a batch of polygons, with third-party triangulators in a worker process.
 
-What crashes there, or is no triangulation, costs its polygon, and neither the others nor the
-command.
+A polygon on which such a triangulator crashes, or returns an invalid triangulation, fails alone.
 """
 
 from __future__ import annotations
 
-import atexit
+import logging
 import multiprocessing
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
 import triangulators
-from harness.measuring.serving import TaskFailed
 from harness.triangulating import recipes
 from harness.triangulating.result import check_triangles
+from harness.workers.serving import TaskFailed
 from triangulators import parse
 from triangulators.batch import Triangulations
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 from triangulators.verify import find_unconfirmed
 
-if TYPE_CHECKING:
-    from harness.measuring.worker import Worker
+_LOG = logging.getLogger(__name__)
 
-CRASHES = 10
-"""Polygons that are found to crash it one by one; then a part that crashes fails as a whole."""
-
-_workers: dict[str, Worker] = {}
+MAX_CRASHES = 10
+"""Polygons that may crash a triangulator one by one; after that, a crashing part fails as one."""
 
 
 def triangulate_many(
@@ -45,33 +41,38 @@ def triangulate_many(
     Raises
     ------
     UsageError
-        if a user's triangulator is not there, or cannot be imported
+        if a third-party triangulator cannot be imported
     TaskFailed
         if importing it ends the process
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
         return _verified(arrays, triangulators.triangulate_many(polygons, name, **more))
-    worker = _worker(name)
+    # Most commands need no worker process, so the modules are loaded here.
+    from harness.workers.pool import third_party_limits
+    from harness.workers.worker import shared_worker
+
+    worker = shared_worker(f"triangulator {name}", third_party_limits)
     worker.call(recipes.parse(name).load)
     task = partial(triangulators.triangulate_many, **more)
     pieces: list[NDArray[np.int32]] = []
     failed: dict[int, str] = {}
-    # What is left to do, the next last: a part that crashes is cut in two, down to one polygon.
+    # A stack of slices. A slice that crashes is halved, down to one polygon.
     parts = [(0, len(polygons))]
     crashes = 0
     while parts:
         first, last = parts.pop()
-        given = arrays[first:last]
+        batch = arrays[first:last]
         try:
-            done = worker.call(task, given, name)
+            done = worker.call(task, batch, name)
         except TaskFailed as error:
-            if last - first > 1 and crashes < CRASHES:
+            if last - first > 1 and crashes < MAX_CRASHES:
+                _LOG.info("%s: retry in halves: polygons %d to %d", name, first, last - 1)
                 middle = (first + last) // 2
                 parts += [(middle, last), (first, middle)]
                 continue
             crashes += 1
-            many = f"; after {CRASHES} crashes, polygons near another fail with it"
+            many = f"; after {MAX_CRASHES} crashes, polygons near another fail with it"
             reason = str(error) + many * (last - first > 1)
             done = Triangulations(
                 np.empty((0, 3), np.int32),
@@ -101,15 +102,3 @@ def _verified(polygons: PolygonArray, done: Triangulations) -> Triangulations:
             failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)
     return _stacked(pieces, {**done.failed, **failed}, done.compiled) if failed else done
-
-
-def _worker(name: str) -> Worker:
-    """Return the process of a user's triangulator, which is kept until this one ends."""
-    if name not in _workers:
-        # Imported where it is needed: most commands need no process of their own.
-        from harness.measuring.processes import foreign_limits
-        from harness.measuring.worker import Worker
-
-        _workers[name] = Worker(f"triangulator {name}", limits=foreign_limits())
-        atexit.register(_workers[name].close, at_once=True)
-    return _workers[name]

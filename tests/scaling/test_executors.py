@@ -13,8 +13,14 @@ import shapely
 
 from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.scaling.crew import ATTEMPTS, WAITING, Crew, DaskCrew, Gone
 from harness.scaling.dataset import Dataset
+from harness.scaling.executors import (
+    MAX_ATTEMPTS,
+    QUEUED_TASKS,
+    DaskExecutor,
+    Executor,
+    SchedulerUnreachableError,
+)
 from harness.scaling.triangulated import Triangulating
 from tests.paths import python
 from tests.scaling import tasks
@@ -33,19 +39,19 @@ def test_what_crashes_is_named_and_costs_nobody_else(two_workers, tmp_path):
     wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
     wanted["t4"] = (tasks.crash, (str(tmp_path), "t4"))
     wanted["t7"] = (tasks.fail, (str(tmp_path), "t7"))
-    answers = list(two_workers.answers(wanted))
+    answers = list(two_workers.run_all(wanted))
     assert Counter(name for name, _ in answers) == Counter(NAMES)
     aside = {name: answer.failed for name, answer in answers if answer.failed}
     assert set(aside) == {"t4", "t7"}
     assert "SIGABRT" in aside["t4"]
     assert aside["t7"] == "not this one"
-    assert tasks.times(tmp_path) == {n: ATTEMPTS if n in aside else 1 for n in NAMES}
+    assert tasks.times(tmp_path) == {n: MAX_ATTEMPTS if n in aside else 1 for n in NAMES}
 
 
 def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
     wanted = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
     done: Counter[str] = Counter()
-    for name, answer in two_workers.answers(wanted):
+    for name, answer in two_workers.run_all(wanted):
         assert not answer.failed
         done[name] += 1
         if len(done) in (2, 5):
@@ -58,22 +64,22 @@ def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
 
 def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts, tmp_path):
     dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
-    crew = DaskCrew("local:1")
+    executor = DaskExecutor("local:1")
     try:
-        with pytest.raises(Gone, match="then give the same command again"):
-            dataset.complete(crew, quiet(), lambda: crew._cluster.close(timeout=60))
+        with pytest.raises(SchedulerUnreachableError, match="then run the same command again"):
+            dataset.complete(executor, quiet(), lambda: executor._cluster.close(timeout=60))
     finally:
-        crew.close()
+        executor.close()
     again = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
     there = len(again.done)
-    summary = again.complete(Crew(), quiet())
+    summary = again.complete(Executor(), quiet())
     assert 1 <= there == summary.parts_done - summary.fresh < summary.parts_done == 6
 
 
 def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
     pattern = str(parts / "*.parquet")
     alone = Dataset(pattern, tmp_path / "alone", WORK)
-    alone.complete(Crew(), quiet())
+    alone.complete(Executor(), quiet())
     spread = Dataset(pattern, tmp_path / "spread", WORK)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
@@ -88,7 +94,7 @@ def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints,
     summary = dataset.complete(two_workers, quiet())
     ((which, why),) = summary.set_aside.items()
     assert which.endswith("0.parquet, rows 40 to 79")
-    assert "died: SIGSEGV" in why
+    assert "crashed: SIGSEGV" in why
     assert ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
 
 
@@ -163,8 +169,8 @@ def test_few_tasks_wait_at_the_workers(two_workers, tmp_path, monkeypatch):
         two_workers._client, "submit", lambda *task, **how: sent.append(1) or submit(*task, **how)
     )
     wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
-    for ended, _ in enumerate(two_workers.answers(wanted)):
-        assert len(sent) <= ended + (1 + WAITING) * 2
+    for ended, _ in enumerate(two_workers.run_all(wanted)):
+        assert len(sent) <= ended + (1 + QUEUED_TASKS) * 2
     assert len(sent) == len(NAMES)
 
 
@@ -180,10 +186,10 @@ def failing(times: int) -> Callable[[], str]:
     return task
 
 
-@pytest.mark.parametrize("times", [0, ATTEMPTS - 1, ATTEMPTS])
+@pytest.mark.parametrize("times", [0, MAX_ATTEMPTS - 1, MAX_ATTEMPTS])
 def test_a_task_that_fails_twice_and_then_works_is_done(times):
-    ((name, answer),) = Crew().answers({"a": (failing(times), ())})
-    assert (name, *answer) == ("a", *(("done", "") if times < ATTEMPTS else (None, "no space")))
+    ((name, answer),) = Executor().run_all({"a": (failing(times), ())})
+    assert (name, *answer) == ("a", *(("done", "") if times < MAX_ATTEMPTS else (None, "no space")))
 
 
 def test_alone_a_defect_is_no_answer():
@@ -191,4 +197,4 @@ def test_alone_a_defect_is_no_answer():
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        list(Crew().answers({"a": (worse, ())}))
+        list(Executor().run_all({"a": (worse, ())}))

@@ -1,0 +1,310 @@
+"""The worker processes of a run: compile, triangulate, count and time in them."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from shapely import Polygon
+
+from harness.frame import Frame
+from harness.measuring import tasks
+from harness.measuring.other_version import OtherVersion, triangulate_elsewhere
+from harness.measuring.timing import Times
+from harness.rasterisers import BUILT_IN
+from harness.rasterisers.base import Counters, Device, Options, Triangles
+from harness.settings import TimingSettings
+from harness.triangulating.recipes import Recipe
+from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.rounds import time_in_rounds
+from harness.triangulating.triangulate import triangulate_polygons, warm_up
+from harness.workers.pool import WorkerPool, WorkerSpec, third_party_limits
+from harness.workers.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut
+from triangulators.compute.compiled_files import is_kept
+from triangulators.devices import cores
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger(__name__)
+
+MIN_IMPORT_TIMEOUT_S = 60.0
+"""Lower bound of the time limit for importing third-party code."""
+
+MIN_ROUNDS, MAX_ROUNDS = 5, 12
+"""Rounds of triangulating; more than 12 narrow an interval little."""
+
+TRIANGULATING_SHARE = 1 / 3
+"""Seconds of repeated triangulating per second of drawing the triangles."""
+
+COMPILE_TIMEOUT_S = 900.0
+"""Time limit for compiling a built-in triangulator; does not count as triangulating."""
+
+COMPILED_LATE = "triangulators.geometry.order"
+"""A module whose kernels are compiled after those of the optimum."""
+
+
+TRIANGULATORS = WorkerSpec("triangulators")
+"""Runs all built-in triangulators."""
+
+SECOND = WorkerSpec("second process")
+"""Compiles and computes while `TRIANGULATORS` triangulates."""
+
+
+def worker_of_rasteriser(name: str) -> WorkerSpec:
+    """Return the worker in which a rasteriser is asked for its devices and options."""
+    return WorkerSpec(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
+
+
+def worker_of_recipe(recipe: Recipe) -> WorkerSpec:
+    """Return the worker in which a recipe's triangulator runs."""
+    if recipe.builtin:
+        return TRIANGULATORS
+    return WorkerSpec(f"triangulator {recipe}", limits=third_party_limits())
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A rasteriser on a device."""
+
+    rasteriser: str
+    device: Device
+
+    @property
+    def label(self) -> str:
+        """Name for messages."""
+        return f"{self.rasteriser} on {self.device.name}"
+
+    @property
+    def worker(self) -> WorkerSpec:
+        """Worker in which the device draws."""
+        limits = worker_of_rasteriser(self.rasteriser).limits
+        return WorkerSpec(self.label, self.device.environment, limits)
+
+
+class MeasuringPool(WorkerPool):
+    """Workers of a run: one for each device, one for built-in triangulators, one for each other.
+
+    open_worker : starts a process
+    timeout_s : time limit of a task, in addition to the requested drawing time
+    database : cache of triangulations, or None
+    other : baseline version of the code, which triangulates as well, or None
+    """
+
+    def __init__(
+        self,
+        open_worker: OpenWorker,
+        timeout_s: float,
+        database: Path | None = None,
+        other: OtherVersion | None = None,
+    ) -> None:
+        super().__init__(open_worker, timeout_s)
+        self.database = database
+        self.other = other
+        self.stopping = False
+        self._opened: dict[str, tasks.Opened] = {}
+        self._compiled: set[str] = set()
+
+    def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
+        """Compile or load the kernels of a triangulator of this version, once.
+
+        Raises
+        ------
+        TaskFailed
+            if its process crashed, hung or ran out of memory
+        """
+        if not recipe.other and recipe.base not in self._compiled:
+            timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s) if recipe.builtin else self.timeout_s
+            message = (
+                f"compiling it took more than {timeout_s:g} s; close other programs, and --resume"
+            )
+            self._run_recipe("compile", message, warm_up, recipe, timeout_s=timeout_s, tick=tick)
+            self._compiled.add(recipe.base)
+
+    def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
+        """Compile in the second process, last recipe first, if no kernel is compiled yet.
+
+        `compile` starts with the first recipe and loads the kernels that the second process has
+        written to disk.
+        """
+        builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
+        if self.is_used(SECOND) or len(builtin) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
+            return
+        self.compute(warm_up, *builtin)
+
+    def triangulate(
+        self,
+        recipe: Recipe,
+        polygons: Sequence[Polygon],
+        tick: Callable[[float], None] | None = None,
+    ) -> FrameTriangulation:
+        """Run a triangulator over polygons in px; compile it first if necessary.
+
+        tick : called while the triangulator runs, with the seconds so far
+
+        Raises
+        ------
+        TaskFailed
+            if its process crashed, hung or ran out of memory
+        """
+        self.compile(recipe)
+        message = (
+            f"triangulating took more than {self.timeout_s:g} s; give it longer with "
+            "--timeout, or a smaller scene (limit=)"
+        )
+        if recipe.other:
+            task = (triangulate_elsewhere, recipe, polygons, self.other)
+            return self._run_recipe("triangulate", message, *task, tick=tick)
+        arguments = (triangulate_polygons, recipe, polygons, self.database)
+        result = self._run_recipe("triangulate", message, *arguments, tick=tick)
+        _LOG.info("%s: %d of %d polygons from the cache", recipe, result.cached, len(polygons))
+        return result
+
+    def _run_recipe(
+        self,
+        stage: str,
+        message: str,
+        function: Callable[..., T],
+        recipe: Recipe,
+        *rest: Any,
+        **how: Any,
+    ) -> T:
+        """Run a function in a recipe's worker; `message` if a built-in one exceeds the limit."""
+        try:
+            with self.clocked(stage):
+                return self.run(worker_of_recipe(recipe), function, recipe, *rest, **how)
+        except TaskTimedOut as error:
+            if recipe.builtin:
+                raise TaskTimedOut(message) from error
+            raise
+
+    def time_triangulating(
+        self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int
+    ) -> dict[Recipe, list[float]]:
+        """Triangulate again in rounds; return the seconds of each round, as `time_in_rounds` does.
+
+        once : seconds that each triangulator took; those that would take too long are skipped
+        budget_s : seconds for which each is drawn; a share of that is spent here
+
+        Third-party triangulators run in separate processes, and so in separate rounds.
+        """
+        chosen = [recipe for recipe, seconds in once.items() if 2 * seconds <= budget_s]
+        if not chosen:
+            return {}
+        mean_s = sum(once[recipe] for recipe in chosen) / len(chosen)
+        wanted = int(TRIANGULATING_SHARE * budget_s / max(mean_s, 1e-9))
+        rounds = min(MAX_ROUNDS, max(MIN_ROUNDS, wanted))
+        together = [recipe for recipe in chosen if recipe.builtin]
+        groups = [together, *([recipe] for recipe in chosen if not recipe.builtin)]
+        seconds: dict[Recipe, list[float]] = {}
+        for group in filter(None, groups):
+            arguments = (group, polygons, rounds, seed)
+            timeout_s = self.timeout_s + 10 * budget_s * len(group)
+            with self.clocked("triangulate"), suppress(TaskFailed):
+                worker = worker_of_recipe(group[0])
+                samples = self.run(worker, time_in_rounds, *arguments, timeout_s=timeout_s)
+                seconds |= dict(zip(group, samples, strict=True))
+        return seconds
+
+    def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Run a built-in function in the second process; no triangulator's time limit applies."""
+        timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
+        return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
+
+    def open(self, backend: Backend) -> tasks.Opened:
+        """Open the device and test its timer, once; return its details.
+
+        Raises
+        ------
+        HarnessError
+            if it cannot be opened
+        """
+        if backend.label not in self._opened:
+            with self.clocked("open"):
+                arguments = (backend.rasteriser, backend.device)
+                self._opened[backend.label] = self.run(
+                    backend.worker, tasks.open_device, *arguments
+                )
+        return self._opened[backend.label]
+
+    def count(
+        self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
+    ) -> Counters:
+        """Count what drawing `triangles` costs.
+
+        Raises
+        ------
+        HarnessError
+            if the device cannot do it, or fails
+        """
+        with self.clocked("count"):
+            drawn = (backend.rasteriser, backend.device, frame, triangles, options)
+            return self.run(backend.worker, tasks.count, *drawn)
+
+    def time(
+        self,
+        backend: Backend,
+        candidates: Mapping[str, tasks.Candidate],
+        settings: TimingSettings,
+        seed: int,
+        tick: Callable[[float], None] | None = None,
+    ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
+        """Time the candidates together, in shuffled rounds.
+
+        The settings say in how many fresh processes, one after another, as time allows. If the
+        device fails, each candidate is timed alone, so that only the failing one is lost.
+
+        Returns ({candidate: its group's times by name}, {candidate: reason of its failure}).
+        """
+        test = self.open(backend).timer
+        timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
+        parts: list[dict[str, Times]] = []
+        report: Callable[[float], None] = tick or (lambda _: None)
+        began = time.perf_counter()
+        try:
+            with self.clocked("time"):
+                for number in range(settings.processes):
+                    spent = time.perf_counter() - began
+                    share = settings.of_process(number, spent)
+                    if share is None:
+                        break
+                    if number > 0:
+                        # A fresh process has another memory layout, which affects times.
+                        self.replace_worker(backend.worker)
+                    drawn = (backend.rasteriser, backend.device, dict(candidates))
+                    parts.append(
+                        self.run(
+                            backend.worker,
+                            tasks.time_group,
+                            *(*drawn, share, test, seed + number),
+                            timeout_s=timeout_s,
+                            tick=lambda waited, spent=spent: report(spent + waited),
+                        )
+                    )
+        except TaskFailed as error:
+            if len(candidates) == 1:
+                return {}, {next(iter(candidates)): str(error)}
+            groups: dict[str, dict[str, Times]] = {}
+            failures: dict[str, str] = {}
+            for name, candidate in candidates.items():
+                more, failed = self.time(backend, {name: candidate}, settings, seed, tick)
+                groups |= more
+                failures |= failed
+            return groups, failures
+        group = {name: Times.of_processes([part[name] for part in parts]) for name in parts[0]}
+        return dict.fromkeys(candidates, group), {}
+
+    def describe(self) -> dict[str, Any]:
+        """Return the details of the opened devices, JSON-ready, by label."""
+        return {label: asdict(opened) for label, opened in self._opened.items()}
+
+    def close(self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND.name,)) -> None:
+        """End all processes; the second one's results are no longer needed."""
+        super().close(at_once=at_once, abandoned=abandoned)
+
+    def _forget(self, spec: WorkerSpec) -> None:
+        if spec == TRIANGULATORS:
+            self._compiled.clear()

@@ -1,0 +1,39 @@
+"""Imports and compiled code that the fork server loads once for all workers."""
+
+import gc
+import os
+import signal
+import warnings
+from contextlib import suppress
+
+from harness.machine import system
+from harness.workers.serving import MARK
+
+
+def preload() -> None:
+    """Load the modules and compiled code of workers into the server."""
+    # A process group of its own: a terminal's signals go to the command, not to the server, which
+    # ends when the command does.
+    system.start_process_group()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # Processes that a task starts in a session of their own become the server's children when
+    # their worker ends.
+    system.become_subreaper()
+    warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
+    from harness.measuring import tasks  # noqa: F401 - for the workers
+    from harness.settings import DEFAULT_TRIANGULATORS
+    from harness.triangulating.recipes import parse
+    from harness.triangulating.triangulate import warm_up
+    from triangulators import many  # noqa: F401 - for the workers
+    from triangulators.compute.storing import NotKept, only_kept
+
+    with suppress(NotKept), only_kept():  # on a new machine nothing is compiled yet
+        for name in DEFAULT_TRIANGULATORS:
+            warm_up(parse(name))
+    # Workers collect only their own garbage: a scan of shared objects would copy their pages.
+    gc.freeze()
+
+
+if os.environ.pop(MARK, None):
+    preload()

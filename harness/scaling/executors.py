@@ -1,0 +1,253 @@
+"""Executors of tasks: this process, or Dask workers, local or of a scheduler at an address.
+
+A task may run more than once, if its process was killed. So its result must be the same each time,
+and be stored under one name.
+
+Each thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that
+process, not the worker, so the failing task is known. If the worker is killed, so is the process
+(on Linux), and the task does not count as failed.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import pickle
+import re
+import warnings
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from harness.errors import INCONCLUSIVE, HarnessError, UsageError
+
+if TYPE_CHECKING:
+    from harness.workers.worker import Worker
+
+MAX_ATTEMPTS = 3
+"""Failures of a task before it is set aside."""
+
+TASK_TIMEOUT_S = 3600.0
+"""Time limit of a task; a task that exceeds it has failed."""
+
+CONNECT_TIMEOUT_S = 60.0
+"""Time limit for the result of a scheduler."""
+
+QUEUED_TASKS = 2
+"""Tasks queued at each busy worker thread; queued tasks are lost with their worker."""
+
+SETTINGS = {
+    # a worker may start processes
+    "distributed.worker.daemon": False,
+    "distributed.comm.timeouts.connect": "20s",
+    # the current folder may hold a stranger's modules
+    "distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH": "1",
+    # only the command handles Ctrl-C, and ends its workers
+    "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+}
+
+_LOG = logging.getLogger(__name__)
+
+Task = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function and its arguments."""
+
+
+class TaskResult(NamedTuple):
+    """The value of a task, or the reason why it `failed` repeatedly."""
+
+    value: Any = None
+    failed: str = ""
+
+
+class SchedulerUnreachableError(HarnessError):
+    """The Dask scheduler does not result."""
+
+    exit_code = INCONCLUSIVE
+
+
+class Executor:
+    """Runs tasks in this process, one after another.
+
+    threads_per_task : threads that a task may use; one for each core if None
+    """
+
+    threads_per_task: int | None = None
+
+    def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
+        """Run named tasks; yield the name and the result of each task when it ends.
+
+        Raises HarnessError if the executor cannot continue; finished tasks remain finished.
+        """
+        for name, (function, arguments) in tasks.items():
+            for _ in range(MAX_ATTEMPTS):
+                try:
+                    result = TaskResult(function(*arguments))
+                    break
+                except HarnessError as error:
+                    result = TaskResult(failed=str(error))
+                    _LOG.info("%s: attempt failed: %s", name, error)
+            yield name, result
+
+    def close(self) -> None:
+        """Release workers and connections."""
+
+
+class DaskExecutor(Executor):
+    """Runs tasks as futures of Dask's distributed scheduler, one per worker thread.
+
+    where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
+
+    Raises
+    ------
+    UsageError
+        if Dask is not installed, or `where` is not an address
+    SchedulerUnreachableError
+        if no scheduler answers at the address
+    """
+
+    threads_per_task = 1
+
+    def __init__(self, where: str) -> None:
+        from scenes.spec import install  # not needed in a worker
+        from triangulators.devices import cores
+
+        try:
+            import dask
+            import distributed
+        except ImportError as error:
+            raise UsageError(f"--dask needs Dask: {install('dask')}") from error
+        self._distributed = distributed
+        self._client: Any = None
+        self._cluster: Any = None
+        dask.config.set(SETTINGS)
+        for name in ("distributed", "distributed.client", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        local = re.fullmatch(r"local(?::(\d+))?", where)
+        if local is None and ":" not in where:
+            raise UsageError(
+                f"--dask {where}: give local, local:N or an address as tcp://host:8786"
+            )
+        self._where = where
+        try:
+            if local is not None:
+                self._where = self._start(where, int(local[1] or cores()))
+            self._client = distributed.Client(
+                self._where, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+            )
+        except KeyboardInterrupt:
+            self.close()
+            raise
+        except OSError as error:
+            raise self._unreachable() from error
+        except ValueError as error:
+            raise UsageError(f"--dask {where}: {error}") from error
+
+    def _start(self, where: str, number: int) -> str:
+        """Start a cluster; a signal that stops the command is delayed until it has started.
+
+        A cluster that is interrupted while it starts cannot be closed and complains at exit.
+        """
+        from harness.machine import system
+        from harness.machine.user_modules import hidden_working_folder
+
+        if not 1 <= number <= 1024:
+            raise UsageError(f"--dask {where}: give 1 to 1024 workers")
+        with hidden_working_folder(), system.signals_delayed(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the port of the dashboard may be taken
+            self._cluster = self._distributed.LocalCluster(
+                n_workers=number,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:8787",  # not reachable from other machines
+                memory_limit=0,  # tasks use the memory of other processes
+                silence_logs=logging.CRITICAL,
+            )
+        return str(self._cluster.scheduler_address)
+
+    @property
+    def dashboard(self) -> str:
+        """Address of the dashboard of the workers."""
+        return str(self._client.dashboard_link)
+
+    @property
+    def threads(self) -> int:
+        """Number of tasks that run at the same time; workers may come and go."""
+        return sum(self._client.nthreads().values())
+
+    def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
+        """Submit tasks, a few at a time, and yield the result of each."""
+        waiting, failures = deque(tasks), Counter[str]()
+        running: dict[str, str] = {}
+        ended = self._distributed.as_completed(loop=self._client.loop)
+        try:
+            while waiting or running:
+                if self._client.status != "running":  # its futures are lost
+                    raise self._unreachable()
+                room = (1 + QUEUED_TASKS) * max(1, self.threads)
+                while waiting and len(running) < room:
+                    name = waiting.popleft()
+                    pickled = pickle.dumps(tasks[name])
+                    future = self._client.submit(run_task, pickled, pure=False)
+                    running[future.key] = name
+                    ended.add(future)
+                future = next(ended)
+                name = running.pop(future.key)
+                result = self._result_of(future)
+                failures[name] += bool(result.failed)
+                if result.failed:
+                    _LOG.info("%s: attempt %d failed: %s", name, failures[name], result.failed)
+                if result.failed and failures[name] < MAX_ATTEMPTS:
+                    waiting.append(name)
+                else:
+                    yield name, result
+        except (OSError, RuntimeError, ValueError, self._distributed.CancelledError) as error:
+            raise self._unreachable() from error
+
+    def _result_of(self, future: Any) -> TaskResult:
+        try:
+            result: TaskResult = future.result(timeout=CONNECT_TIMEOUT_S)
+        except self._distributed.scheduler.KilledWorker:
+            return TaskResult(failed="its workers were killed, each time")
+        except (self._distributed.CancelledError, OSError):
+            raise
+        except Exception as error:  # of Dask: not picklable, or the worker lacks a module
+            text = " ".join(str(error).split())
+            return TaskResult(failed=f"{type(error).__name__}: {text}")
+        return result if result.failed else TaskResult(pickle.loads(result.value))
+
+    def close(self) -> None:
+        """Disconnect from the scheduler, and end a cluster that was started here."""
+        for resource in (self._client, self._cluster):
+            with suppress(Exception):  # the scheduler may be unreachable, or was never reached
+                resource.close(timeout=5)
+
+    def _unreachable(self) -> SchedulerUnreachableError:
+        return SchedulerUnreachableError(
+            f"no scheduler answers at {self._where}: start one (dask scheduler), "
+            "then run the same command again"
+        )
+
+
+def run_task(task: bytes) -> TaskResult:
+    """Run a pickled task in this thread's process; a failure is a result, not an exception.
+
+    Task and value stay pickled in the Dask worker, whose imports would otherwise take 200 MB.
+    """
+    try:
+        return TaskResult(_process().call(_run_pickled, task, timeout_s=TASK_TIMEOUT_S))
+    except HarnessError as error:
+        return TaskResult(failed=str(error))
+
+
+def _run_pickled(task: bytes) -> bytes:
+    function, arguments = pickle.loads(task)
+    return pickle.dumps(function(*arguments))
+
+
+def _process() -> Worker:
+    from harness.workers.worker import shared_worker  # not needed without Dask
+
+    # Dask starts its workers as daemons, which may not start processes; there is no public way to
+    # say that these end with their parent.
+    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+    return shared_worker("the part's process")

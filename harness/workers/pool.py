@@ -1,0 +1,135 @@
+"""A pool of named worker processes, in each of which tasks run one after another."""
+
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import psutil
+
+from harness.workers.worker import Limits, OpenWorker, TaskFailed, Worker
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger(__name__)
+
+MEMORY_SHARE = 0.75
+"""Share of the free memory that a third party's triangulator may allocate."""
+
+POLL_S = 0.1
+"""Longest time, in seconds, in which a caller that waits for a task cannot handle a signal."""
+
+
+def third_party_limits() -> Limits:
+    """Return the limits of a process in which a third party's code triangulates."""
+    return Limits(int(MEMORY_SHARE * psutil.virtual_memory().available))
+
+
+@dataclass(frozen=True)
+class WorkerSpec:
+    """A worker process: name, environment variables, and limits if third-party code runs in it."""
+
+    name: str
+    environment: Mapping[str, str] = field(default_factory=dict)
+    limits: Limits | None = None
+
+
+class WorkerPool:
+    """Worker processes by name, started on first use, replaced after a failure.
+
+    open_worker : starts a process
+    timeout_s : time limit of a task, unless the task has another one
+    """
+
+    def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
+        self._open_worker = open_worker
+        self.timeout_s = timeout_s
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._workers: dict[str, Worker] = {}
+        self._threads: dict[str, ThreadPoolExecutor] = {}
+
+    def submit(
+        self,
+        spec: WorkerSpec,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> Future[T]:
+        """Run a function in a worker, after the tasks that were submitted to it before.
+
+        timeout_s : time limit, if not the pool's
+        tick : called while the function runs, with the seconds so far
+
+        The result raises `TaskFailed` if the process crashed or hung, or the function raised.
+        """
+        if spec.name not in self._threads:
+            self._threads[spec.name] = ThreadPoolExecutor(max_workers=1)
+        limit_s = timeout_s or self.timeout_s
+        return self._threads[spec.name].submit(self._call, spec, function, arguments, limit_s, tick)
+
+    def run(self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **how: Any) -> T:
+        """Run a function in a worker as `submit` does, and wait for the result."""
+        return result_of(self.submit(spec, function, *arguments, **how))
+
+    def is_used(self, spec: WorkerSpec) -> bool:
+        """Return whether a task was ever submitted to a worker."""
+        return spec.name in self._threads
+
+    def replace_worker(self, spec: WorkerSpec) -> None:
+        """End a worker; the next task starts a fresh process."""
+        if worker := self._workers.pop(spec.name, None):
+            worker.close()
+
+    def close(self, *, at_once: bool = False, abandoned: Sequence[str] = ()) -> None:
+        """End all workers; `at_once`, or if `abandoned` by name, without waiting for their task."""
+        for name, thread in self._threads.items():
+            thread.shutdown(wait=not at_once and name not in abandoned, cancel_futures=True)
+        for name, worker in list(self._workers.items()):
+            worker.close(at_once=at_once or name in abandoned)
+        self._workers.clear()
+
+    @contextmanager
+    def clocked(self, stage: str) -> Iterator[None]:
+        """Add the time spent inside to `seconds[stage]`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - start
+
+    def _call(
+        self,
+        spec: WorkerSpec,
+        function: Callable[..., T],
+        arguments: Sequence[Any],
+        timeout_s: float,
+        tick: Callable[[float], None] | None,
+    ) -> T:
+        if spec.name not in self._workers:
+            worker = self._open_worker(spec.name, spec.environment, spec.limits)
+            self._workers[spec.name] = worker
+        try:
+            return self._workers[spec.name].call(
+                function, *arguments, timeout_s=timeout_s, tick=tick
+            )
+        except TaskFailed:
+            _LOG.info("%s: the next task gets a fresh process", spec.name)
+            # A lost graphics context stays lost: the next task gets a fresh process.
+            self.replace_worker(spec)
+            self._forget(spec)
+            raise
+
+    def _forget(self, spec: WorkerSpec) -> None:
+        """Forget what a failed worker had loaded."""
+
+
+def result_of(future: Future[T]) -> T:
+    """Wait for a task and return its result; a signal handler may raise meanwhile."""
+    while not wait([future], POLL_S).done:
+        pass
+    return future.result()

@@ -1,0 +1,214 @@
+"""The fork server of worker processes, and the main loop of a worker.
+
+The server has imported all modules, and loads no driver. A worker that starts from scratch takes
+two seconds for imports and compiled code; a forked worker has both. Python's forkserver makes the
+server, which ends with the process that started it. On systems without a safe fork (macOS, Windows)
+workers start from scratch.
+
+A worker runs tasks one after another and sends back their results. For third-party code there are
+two processes: a parent that only waits, and a child in which the tasks run. A task that kills or
+suspends its parent does not affect the server, from which all other workers are forked.
+"""
+
+import ctypes
+import errno
+import multiprocessing
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
+from pathlib import Path
+from typing import Any
+
+from harness.diagnostics import start_log
+from harness.errors import HarnessError
+from harness.machine import system
+from triangulators.errors import MOST_TRACED, in_short, shortened
+
+MARK = "RASTER_HARNESS_SERVER"
+"""Environment variable of the server alone, by which `PRELOADED` recognises the server."""
+
+PRELOADED = "harness.measuring.preloading"
+"""Module that the server imports before it forks a worker."""
+
+SOURCES = str(Path(__file__).resolve().parents[2])
+
+
+def wake() -> None:
+    """Resume the server if it was suspended; otherwise no process could be started or ended."""
+    server = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    if server is not None:
+        with suppress(ProcessLookupError):
+            os.kill(server, signal.SIGCONT)
+
+
+def start() -> ForkServerContext | SpawnContext:
+    """Start the server, if none runs, without waiting for it; return the context of processes."""
+    if sys.platform != "linux" or not hasattr(os, "fork"):
+        return multiprocessing.get_context("spawn")
+    paths = (SOURCES, os.environ.get("PYTHONPATH", ""))
+    variables = {
+        MARK: "1",
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "PYTHONSAFEPATH": "1",  # no modules of the current folder
+        # Libraries would start threads on import, and a fork does not copy threads.
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        multiprocessing.set_forkserver_preload([PRELOADED])
+        wake()
+        resource_tracker.ensure_running()  # it unblocks signals
+        # Block Ctrl-C until the server has its own process group.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        forkserver.ensure_running()
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return multiprocessing.get_context("forkserver")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a process in which third-party code runs.
+
+    memory_bytes : memory that it may allocate, or None, as drivers map more than they use
+    file_bytes : size of a file that it may write, its output included
+    """
+
+    memory_bytes: int | None = None
+    file_bytes: int = 256 << 20
+
+
+class TaskFailed(HarnessError):  # noqa: N818
+    """A task crashed, hung or raised; the message quotes its last output.
+
+    detail : traceback in the worker, or ""
+    """
+
+    detail = ""
+
+
+class TaskTimedOut(TaskFailed):
+    """A task exceeded its time limit and was killed."""
+
+
+def serve(
+    connection: Connection,
+    output: str,
+    environment: Mapping[str, str],
+    limits: Limits | None,
+) -> None:
+    """Run tasks until there are no more; main function of a worker process.
+
+    environment : all variables of the process
+    limits : None if only built-in code runs in it
+
+    Sends None when it is ready for a task, None again when it has unpickled one, then
+    (True, result) or (False, error).
+    """
+    _prepare(output, environment, limits)
+    if limits is not None and sys.platform == "linux":
+        _wait_for_child(connection)
+    pid = os.getpid()
+    answer: tuple[bool, Any]
+    while True:
+        connection.send(None)
+        try:
+            task = connection.recv()
+            if task is None:
+                break
+            function, arguments = task
+            connection.send(None)
+            answer = (True, function(*arguments))
+        except EOFError:
+            break
+        except HarnessError as error:
+            answer = (False, error if limits is None else _sanitised(error))
+        except BaseException as error:  # a task's sys.exit must not end the run
+            answer = (False, failure(error))
+        if os.getpid() != pid:  # forked off by the task; its parent answers
+            os._exit(0)
+        try:
+            connection.send(answer)
+        except Exception as error:
+            connection.send((False, TaskFailed(f"its result cannot be sent: {in_short(error)}")))
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(0)  # clean-up of drivers and plugins may crash or hang
+
+
+def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
+    """Prepare a fresh process before its first task."""
+    os.environ.clear()
+    os.environ.update(environment)
+    if limits is not None:
+        system.set_limits(limits.memory_bytes, limits.file_bytes)
+    # A process group, so that descendants are killed with it and Ctrl-C reaches the parent alone.
+    system.start_process_group()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with(os.getppid())
+    descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    for stream, number in ((sys.__stdout__, 1), (sys.__stderr__, 2)):
+        os.dup2(descriptor, stream.fileno() if stream else number)
+    os.close(descriptor)
+    with suppress(OSError):
+        start_log()
+
+
+def _end_with(parent: int) -> None:
+    """Have the kernel end this process when its parent is killed; Linux only."""
+    if sys.platform != "linux":
+        return
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+    if os.getppid() != parent:  # it had ended before the call above
+        os._exit(1)
+
+
+def _wait_for_child(connection: Connection) -> None:
+    """Continue in a child of this process, which waits for the child and ends as it does."""
+    waiting = os.getpid()
+    child = os.fork()
+    if child == 0:
+        _end_with(waiting)
+        return
+    connection.close()  # an open copy would hide that the child has ended
+    _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        system.disable_core_dump()
+        with suppress(OSError):  # SIGKILL cannot be handled
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(waiting, -code)
+    os._exit(abs(code))
+
+
+def _sanitised(error: HarnessError) -> HarnessError:
+    """Return an error that third-party code may have raised, shortened, as one of our classes."""
+    kind = type(error) if type(error).__module__.startswith("harness.") else TaskFailed
+    return kind(shortened(str(error)))
+
+
+def failure(error: BaseException) -> TaskFailed:
+    """Return the failure of a task that raised `error`."""
+    if isinstance(error, MemoryError):
+        return TaskFailed("it ran out of memory")
+    if isinstance(error, OSError) and error.errno == errno.EFBIG:
+        return TaskFailed("it exceeded the output limit (256 MiB)")
+    failure = TaskFailed(in_short(error))
+    failure.detail = "".join(traceback.format_exception(error))[:MOST_TRACED]
+    return failure

@@ -1,0 +1,267 @@
+"""A worker process for code that may crash, hang or need its own environment.
+
+A `Worker` is one process, which is started again after a crash. Tasks are module-level functions;
+state that outlives a task (an open device) is a module global of the worker process.
+
+A task may be third-party code and is not trusted: it may exit, be killed, fork, or raise a
+`BaseException`. The operating system is asked whether the process runs, not a pipe, because a
+forked child would keep a pipe open. The process group is killed with the process. A task may also
+suspend its process, kill its parent (see `serving`), or print without end.
+"""
+
+import atexit
+import contextlib
+import logging
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import psutil
+
+from harness.machine import system
+from harness.workers import serving
+from harness.workers.serving import Limits, TaskFailed, TaskTimedOut
+from triangulators.errors import in_short
+
+__all__ = ["Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger(__name__)
+
+MAX_OUTPUT_LINES = 5
+"""Last lines of a process's output that the message of its failure quotes."""
+
+MAX_OUTPUT_CHARACTERS = 500
+
+SUSPENSION_CHECK_S = 4.0
+"""Interval of checks for a suspended process, which is killed at the second check."""
+
+POLL_S = 0.1
+"""Interval at which a waiting caller gets the time waited."""
+
+START_TIMEOUT_S = 120.0
+"""Time limit for starting a process; imports take seconds, longer on a busy machine."""
+
+END_TIMEOUT_S = 2.0
+"""Time limit for a process to end on request."""
+
+
+_STARTING = threading.Lock()
+"""Starting a process changes this process's environment for a moment."""
+
+
+class Worker:
+    """A process with its own environment, in which tasks run one after another.
+
+    Parameters
+    ----------
+    name : shown in messages
+    environment : variables set in the process before the first task
+    limits : limits of a process in which third-party code runs
+
+    The process ends if the thread that made the worker ends.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        environment: Mapping[str, str] | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self.name = name
+        with tempfile.NamedTemporaryFile(prefix="harness-output-", delete=False) as file:
+            self._output = Path(file.name)
+        self._environment = dict(environment or {})
+        self._limits = limits
+        self._process: BaseProcess | None = None
+        self._server: int | None = None
+        self._connection: Connection
+        self._start()
+
+    def call(
+        self,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> T:
+        """Run `function(*arguments)` in the process and return its result.
+
+        `tick` is called every tenth of a second with the seconds waited. The start of the process
+        does not count.
+
+        Raises
+        ------
+        TaskFailed
+            if the process crashes or the function raises
+        TaskTimedOut
+            if the function exceeds `timeout_s`; the process is killed
+        HarnessError
+            as the function raised it
+        """
+        if self._process is not None and self._process.exitcode is not None:
+            self._end(at_once=True)  # killed since its last task
+        if self._process is None:
+            self._start()
+        written = self._output.stat().st_size
+        self._receive(written, START_TIMEOUT_S, None)
+        try:
+            self._connection.send((function, arguments))
+        except OSError:
+            self._raise_crash(written)
+        except Exception as error:
+            # The process has announced that it waits for a task, and does so only once.
+            self._end(at_once=True)
+            raise TaskFailed(f"{self.name}: the task cannot be sent: {in_short(error)}") from error
+        try:
+            # Imports that unpickling the task triggers do not count as the task's time.
+            answer = self._receive(written, START_TIMEOUT_S, None)
+            if answer is None:
+                answer = self._receive(written, timeout_s, tick)
+        except KeyboardInterrupt:
+            # The pending answer would be taken for the next task's.
+            self._end(at_once=True)
+            raise
+        done, result = answer
+        if done:
+            value: T = result
+            return value
+        raise result
+
+    def close(self, *, at_once: bool = False) -> None:
+        """End the process and its descendants."""
+        self._end(at_once=at_once)
+        with contextlib.suppress(OSError):  # Windows does not delete open files
+            self._output.unlink(missing_ok=True)
+
+    def _start(self) -> None:
+        with _STARTING:
+            context = serving.start()
+            forked = context.get_start_method() == "forkserver"
+            self._connection, theirs = context.Pipe()
+            arguments = (
+                theirs,
+                str(self._output),
+                # All variables: the server was started before this process changed its own.
+                {**os.environ, **self._environment},
+                self._limits,
+            )
+            self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
+            self._process.start()
+            theirs.close()
+        _LOG.info("%s: started process %s", self.name, self._process.pid)
+        with contextlib.suppress(psutil.NoSuchProcess):  # it has ended already
+            self._server = psutil.Process(self._process.pid).ppid() if forked else None
+
+    def _receive(
+        self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
+    ) -> Any:
+        """Return the next message of the process; raise `TaskFailed` if there is none."""
+        assert self._process is not None
+        start = time.monotonic()
+        next_check_s, suspended = SUSPENSION_CHECK_S, False
+        while not self._connection.poll(POLL_S):
+            waited = time.monotonic() - start
+            if waited > next_check_s:
+                next_check_s, before = waited + SUSPENSION_CHECK_S, suspended
+                suspended = system.is_suspended(self._process.pid or 0)
+                if suspended and before:
+                    self._end(at_once=True)
+                    self._fail(f"{self.name} was suspended (SIGSTOP) and killed", written)
+            # It may have answered before it ended: then there is a message to read.
+            if self._process.exitcode is not None and not self._connection.poll(0):
+                self._raise_crash(written)
+            if timeout_s is not None and waited > timeout_s:
+                self._end(at_once=True)
+                reason = f"{self.name} exceeded the time limit of {timeout_s:g} s and was killed"
+                self._fail(reason, written, TaskTimedOut)
+            if tick:
+                tick(waited)
+        try:
+            return self._connection.recv()
+        except (EOFError, OSError):
+            self._raise_crash(written)
+        except Exception as error:
+            raise TaskFailed(
+                f"{self.name}: its result cannot be read: {in_short(error)}"
+            ) from error
+
+    def _raise_crash(self, written: int) -> NoReturn:
+        assert self._process is not None
+        self._process.join(END_TIMEOUT_S)
+        cause = system.describe_exit(self._process.exitcode)
+        if self._server is not None and not system.is_running(self._server):
+            cause = "the fork server was killed, by this process or another"
+        self._end(at_once=True)
+        self._fail(f"{self.name} crashed: {cause}", written)
+
+    def _fail(self, reason: str, written: int, kind: type[TaskFailed] = TaskFailed) -> NoReturn:
+        message = self._quote(reason, written)
+        _LOG.info("%s", message)
+        raise kind(message)
+
+    def _end(self, *, at_once: bool = False) -> None:
+        """End the process and all processes that it has started."""
+        process, self._process = self._process, None
+        if process is None or process.pid is None:
+            return
+        if not at_once:
+            with contextlib.suppress(OSError):
+                self._connection.send(None)
+            process.join(END_TIMEOUT_S)
+        serving.wake()
+        # The process leads the group; it may have ended before it made the group.
+        system.kill_group(process.pid)
+        process.kill()
+        process.join()
+        if self._server is not None:
+            system.kill_orphans(self._server)
+        self._connection.close()
+        _LOG.info(
+            "%s: process %s ended, %s",
+            self.name,
+            process.pid,
+            system.describe_exit(process.exitcode),
+        )
+
+    def _quote(self, reason: str, written: int) -> str:
+        with contextlib.suppress(OSError), self._output.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(written, size - 4 * MAX_OUTPUT_CHARACTERS))
+            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_OUTPUT_LINES:]
+            text = " | ".join(line.strip() for line in lines)
+            if text:
+                ellipsis = "... " if len(text) > MAX_OUTPUT_CHARACTERS else ""
+                return f"{reason}; last output: {ellipsis}{text[-MAX_OUTPUT_CHARACTERS:]}"
+        return reason
+
+    def __enter__(self) -> "Worker":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+OpenWorker = Callable[[str, Mapping[str, str], Limits | None], Worker]
+"""Starts a worker process; has the signature of `Worker`."""
+
+_shared = threading.local()
+
+
+def shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
+    """Return this thread's worker of a name, started on first use, ended when the program exits.
+
+    limits : returns the limits of a worker in which third-party code runs
+    """
+    workers: dict[str, Worker] = _shared.__dict__.setdefault("workers", {})
+    if name not in workers:
+        workers[name] = Worker(name, limits=limits() if limits else None)
+        atexit.register(workers[name].close, at_once=True)
+    return workers[name]
