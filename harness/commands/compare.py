@@ -99,7 +99,7 @@ def compare(
     try:
         typer.echo(_text(found, output, grown), nl=False)
         sys.stdout.flush()
-    except BrokenPipeError:  # who stops reading early changes no exit code
+    except BrokenPipeError:  # a closed pipe does not change the exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     for kind, file in {
         "markdown": markdown,
@@ -118,7 +118,7 @@ def compare(
 
 
 def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
-    """Read BASE; None where it is not there and may be missing."""
+    """Read BASE; return None if it does not exist and may be missing."""
     from harness.results.run_folder import read_run
 
     there = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
@@ -127,8 +127,8 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     if allow_missing:
         return None
     raise UsageError(
-        f"no baseline: {path} holds no run; keep one there, or give --allow-missing-baseline "
-        "to let a first run pass"
+        f"no baseline: {path} is not a run; store one there, or give --allow-missing-baseline "
+        "so that a first run passes"
     )
 
 

@@ -16,8 +16,8 @@ LATER = "results/city-20260102-120000"
 class Entry(NamedTuple):
     """A command.
 
-    panel : the heading under which `--help` lists it
-    function : where it is, "module:function" in `harness.commands`
+    panel : heading of `--help` that lists it
+    function : "module:function" in `harness.commands`
     examples : shown by its `--help`; a test runs each of them
     """
 
@@ -113,20 +113,20 @@ COMMANDS = {
 GROUPS = {
     "study": "Study criteria and choices: validate, gains and pareto; all of them on your data."
 }
-"""What commands do that have commands of their own: in `COMMANDS`, theirs begin with this name."""
+"""Help of command groups; names of their commands in `COMMANDS` begin with the group's name."""
 
 
 def load(name: str) -> Any:
-    """Import a command and return it as click has it, its examples below its help."""
+    """Import a command and return it as a click command, with its examples below its help."""
     if name in GROUPS:
         settings: Any = {"name": name, "help": GROUPS[name], "rich_help_panel": STUDY}
         return CommandGroup(before=f"{name} ", no_args_is_help=True, **settings)
     entry = COMMANDS[name]
     module, _, attribute = entry.function.partition(":")
     function = getattr(import_module(f"harness.commands.{module}"), attribute)
-    # Paragraphs wrap at any width.
+    # Unwrap paragraphs, which click wraps at the terminal's width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
-    # In plain text: Rich's table of options would cut long defaults off.
+    # Plain text: Rich's table of options cuts long defaults.
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     alone.command(
         name.rpartition(" ")[2],
@@ -139,10 +139,10 @@ def load(name: str) -> Any:
 
 
 class CheckedCommand(typer.core.TyperCommand):
-    """A command whose given values are names, places and numbers: none empty, none infinite."""
+    """A command that rejects empty texts, NUL bytes and numbers that are not finite."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Check what the user gave, and call the function."""
+        """Check the values on the command line, and call the function."""
         for parameter in self.params:
             source = ctx.get_parameter_source(parameter.name)
             value = ctx.params.get(parameter.name)
@@ -152,21 +152,21 @@ class CheckedCommand(typer.core.TyperCommand):
 
 
 def _wrong(value: Any) -> str:
-    """Return why a value cannot be meant, "" where it can."""
+    """Return why a value is invalid, or ""."""
     if isinstance(value, list):
         return next(filter(None, map(_wrong, value)), "")
     if isinstance(value, float) and not isfinite(value):
-        return f"{value} is not a number that can be used"
-    # The path of an empty text is "."; nobody means this folder by it.
+        return f"{value} is not a finite number"
+    # The path of an empty text is ".", which is hardly meant.
     if isinstance(value, str | Path) and (value == Path() or not str(value).strip()):
-        return "it is empty"
-    return "it holds a null" if "\0" in str(value) else ""
+        return "is empty"
+    return "contains a NUL byte" if "\0" in str(value) else ""
 
 
 class CommandGroup(typer.core.TyperGroup):
-    """A group of commands: each is imported when it is called or listed.
+    """A group of commands, which are imported when they are called or listed.
 
-    before : what the names of its commands begin with in `COMMANDS`; "" for the group of all
+    before : prefix of the names of its commands in `COMMANDS`; "" for the root group
     """
 
     def __init__(self, before: str = "", **settings: Any) -> None:
@@ -176,5 +176,5 @@ class CommandGroup(typer.core.TyperGroup):
         self.commands = dict.fromkeys((name.partition(" ")[0] for name in own), cast("Any", None))
 
     def get_command(self, _ctx: Any, cmd_name: str) -> Any:
-        """Import a command; None where there is none of the name."""
+        """Import a command; return None if the name is unknown."""
         return load(self._before + cmd_name) if cmd_name in self.commands else None

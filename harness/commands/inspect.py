@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 SIDE_BY_SIDE = ("ear-clipping", "optimal:half-perimeter")
 COMPARED = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Triangulators whose pictures are drawn, and those that --sizes compares with the first."""
+"""Default triangulators of the pictures, and of --sizes, which compares with the first."""
 
 
 def _sizes(text: str) -> options.Several:
-    """Read 16-1024 as 16, 32, ... 1024: sizes that double, and the last one."""
+    """Parse 16-1024 as 16, 32, ... 1024: doubling sizes and the last one."""
     size = options.number(int, *RESOLUTIONS, " pixels")
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
     if first > last:
         raise typer.BadParameter(f"{text!r} begins with the larger size")
-    found = [first]
-    while 2 * found[-1] < last:
-        found.append(2 * found[-1])
-    return options.Several(dict.fromkeys([*found, last]))
+    sizes = [first]
+    while 2 * sizes[-1] < last:
+        sizes.append(2 * sizes[-1])
+    return options.Several(dict.fromkeys([*sizes, last]))
 
 
 def inspect(
@@ -105,7 +105,7 @@ def inspect(
     from scenes.spec import joined
 
     if every is not None and sizes is not None:
-        raise UsageError("--every and --sizes are two questions: leave one out")
+        raise UsageError("--every and --sizes are mutually exclusive")
     for name in ("profile", "as_json") if sizes is None else ("resolution",):
         if options.is_given(context, name):
             reason = "goes with" if sizes is None else "is of one picture: leave it out, or"
@@ -144,7 +144,7 @@ def _draw(
     if not frame.polygons:
         raise UsageError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
     frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
-    file = _place(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
+    file = _prepare_file(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
     drawn = {}
     for recipe in recipes:
         recipe.load()
@@ -170,13 +170,13 @@ def _say_if_it_matters(
     *,
     as_json: bool,
 ) -> None:
-    """Count a file at several sizes, and say what a triangulator saves there."""
+    """Count a file at several sizes, and print the savings of each triangulator."""
     from harness import viewport_sizes
 
     costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
-        raise UsageError(f"{recipes[0]} alone has nothing to be compared with: name two or more")
-    file = _place(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
+        raise UsageError(f"{recipes[0]} alone cannot be compared: name two or more")
+    file = _prepare_file(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
     reporter = Reporter(quiet=as_json)
     for recipe in recipes:
         recipe.load()
@@ -201,8 +201,8 @@ def _say_if_it_matters(
     typer.echo(f"chart: {file}")
 
 
-def _place(out: Path, *endings: str) -> Path:
-    """Return a file in a folder that is there; refuse what it cannot be, before any work."""
+def _prepare_file(out: Path, *endings: str) -> Path:
+    """Check the suffix of a file, create its folder, and return the file."""
     if out.suffix.lower() not in endings:
         raise UsageError(
             f"cannot write {out}: give --out a name that ends in {' or '.join(endings)}"

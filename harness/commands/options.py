@@ -1,6 +1,6 @@
-"""Options that several commands have: each with one meaning, one help, one type and one check.
+"""Options shared by commands: meaning, help, type and validation of each.
 
-A value that cannot be is refused here, before anything is imported or made: one line, exit code 2.
+Invalid values are refused before anything is imported or created: one line, exit code 2.
 """
 
 import re
@@ -14,38 +14,38 @@ from harness.errors import UsageError
 from harness.settings import MOST_S, MOST_SEED, MOST_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
 PROFILES = Path("results") / "profiles"
-"""Where `profile` writes unless told otherwise."""
+"""Default folder of `profile`."""
 
-LEAST_S = 1e-9
+MIN_S = 1e-9
 
 Read = Callable[[str], Any]
 
 
 class Several(tuple[Any, ...]):
-    """Values of an option that were written with commas between them."""
+    """Comma-separated values of an option."""
 
     def __str__(self) -> str:
-        """Return them as they are written."""
+        """Return the comma-separated text."""
         return ",".join(f"{each:g}" if isinstance(each, float) else str(each) for each in self)
 
 
 def several(read: Read = str) -> Callable[[Any], Several]:
-    """Return what reads values with commas between them, each by `read`."""
+    """Return a parser of comma-separated values, each parsed by `read`."""
 
     def parse(value: Any) -> Several:
         if isinstance(value, Several):  # a default
             return value
-        # Not at the commas within a name's parameters (`name:a=1,b=2`).
+        # Keep commas within a name's parameters (`name:a=1,b=2`).
         parts = [each.strip() for each in re.split(r",(?![a-z_]+=)", value) if each.strip()]
         if not parts:
-            raise typer.BadParameter("give one or more, with commas between them")
+            raise typer.BadParameter("give one or more values, comma-separated")
         return Several(map(read, parts))
 
     return parse
 
 
 def number(kind: type[int] | type[float], least: float, most: float, unit: str = "") -> Read:
-    """Return what reads a number; `least` itself is allowed."""
+    """Return a parser of numbers from `least` to `most`."""
 
     def read(text: str) -> int | float:
         try:
@@ -61,13 +61,13 @@ def number(kind: type[int] | type[float], least: float, most: float, unit: str =
 
 
 def one_of(*known: Any) -> Read:
-    """Return what reads one of some values."""
+    """Return a parser of one of the `known` values."""
 
     def read(text: str) -> Any:
         for value in known:
             if str(value) == text:
                 return value
-        raise typer.BadParameter(f"{text!r} is none of {', '.join(map(str, known))}")
+        raise typer.BadParameter(f"{text!r} is unknown (choose from {', '.join(map(str, known))})")
 
     return read
 
@@ -94,13 +94,15 @@ StudyFolder = Annotated[
 ]
 Quick = Annotated[
     bool,
-    typer.Option("--quick", help="Short times, few polygons in a study: a look, not a result."),
+    typer.Option(
+        "--quick", help="Short times, few polygons in a study: low precision, for a first look."
+    ),
 ]
 Base = Annotated[
     str | None,
     typer.Option(
         help="Triangulator that the others are compared with; by default ear-clipping, "
-        "original in a model's views, else the first that did most polygons.",
+        "original in a model's views, otherwise the one that triangulated most polygons.",
     ),
 ]
 Json = Annotated[
@@ -170,7 +172,7 @@ Orders = Annotated[
 Budget = Annotated[
     float,
     typer.Option(
-        min=LEAST_S,
+        min=MIN_S,
         max=MOST_S,
         metavar="SECONDS",
         help="Seconds of drawing per case, on average.",
@@ -179,7 +181,7 @@ Budget = Annotated[
 Timeout = Annotated[
     float | None,
     typer.Option(
-        min=LEAST_S,
+        min=MIN_S,
         max=MOST_S,
         metavar="SECONDS",
         help="Seconds after which a triangulator or device is stopped; by default 600, or 60 with "
@@ -204,33 +206,33 @@ Precision = Annotated[
 ]
 
 
-def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str, ...]:
-    """Return those of --rasterisers; where there are none, what works here.
+def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple[str, ...]:
+    """Return the rasterisers of --rasterisers, or those that work on this machine.
 
-    beside : of OpenGL, too, those that are drawn on besides opengl
+    with_opengl : added if opengl is the default
     """
     if names:
         return tuple(names)
     from harness.rasterisers import usual
 
     first = usual()
-    return (first, *beside) if first == "opengl" else (first,)
+    return (first, *with_opengl) if first == "opengl" else (first,)
 
 
 def refuse_given(given: Mapping[str, object], why: str) -> None:
-    """Raise UsageError for the first option that was given; `why` goes after its name."""
+    """Raise UsageError for the first option that was given; `why` follows its name."""
     for option, value in given.items():
         if value not in (None, False):
             raise UsageError(f"{option} {why}")
 
 
 def refuse_own_source(source: str, out: Path | None) -> None:
-    """Raise UsageError where what is written would take the place of what is read."""
+    """Raise UsageError if the output would overwrite the input."""
     from scenes.spec import parsed
 
     place = Path(parsed(source)[0])
     if out is not None and out.is_file() and place.is_file() and out.samefile(place):
-        raise UsageError(f"{out} is the file that is read: give another name")
+        raise UsageError(f"-o {out}: would overwrite the input; give another name")
 
 
 def is_given(context: typer.Context, *names: str) -> bool:

@@ -130,7 +130,7 @@ def test_what_is_read_is_never_written_over(harness):
         ("inspect", "own.svg", "--sizes", "16", "--out", "own.svg"),
     ):
         before = Path(command[1]).read_bytes()
-        assert_refused(harness(*command), "is the file that is read: give another name")
+        assert_refused(harness(*command), "would overwrite the input; give another name")
         assert Path(command[1]).read_bytes() == before
 
 
