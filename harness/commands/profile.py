@@ -102,11 +102,11 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
         if it is refused
     """
     from harness.profile import words
-    from harness.profile.profile import keep
+    from harness.profile.profile import write_profile as write_file
 
     device = content["device"]
     name = file_stem(f"{device['rasteriser']}-{device['name']}")
-    file = keep(content, out or options.PROFILES / f"{name}.json")
+    file = write_file(content, out or options.PROFILES / f"{name}.json")
     for line in words.sentences(content):
         typer.echo(line)
     Screen(highlight=False).print(words.table(content))

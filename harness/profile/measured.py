@@ -1,4 +1,4 @@
-"""The design timed on a device: the time of every draw in every epoch."""
+"""Times of the design on a device: each draw in each epoch."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,29 +18,28 @@ from harness.stats.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.stats.run_quality import judge
 
 CONTROL = "(control)"
-"""Name under which one draw of the design is drawn a second time."""
+"""Name of the second copy of one draw of the design."""
 
 EPOCHS = 12
-"""Each in a process of its own: in some, a draw takes half as long again as in most others."""
+"""Each in a separate process, because in some processes a draw takes 1.5 times as long."""
 
-MOST_DRIFT = 1.5
-"""Slowest in ratio to fastest epoch beyond which a machine was not in one state."""
+MAX_DRIFT = 1.5
+"""Tolerated ratio of the slowest to the fastest epoch."""
 
-MOST_APART = 0.03
-"""By which the control's two times may differ; equal drawings differ by where their buffers lie."""
+MAX_CONTROL_DIFFERENCE = 0.03
+"""Tolerated relative difference of the control; memory layout makes equal drawings differ."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The seconds of each draw of a design.
+    """Seconds of each draw of a design.
 
-    epochs : (e, k) times of each of k draws in each of e epochs, with what all draws of a round
-        have in common, the machine's speed, made equal
-    drift : the slowest epoch's mean time in ratio to the fastest one's
-    empty : median time of a draw of nothing
-    control : one draw in ratio to itself under another name
-    rounds : of each epoch
-    disturbed : what the machine's state was, if it was not quiet, else ""
+    epochs : (e, k) times of k draws in e epochs, normalised by the machine's speed in each round
+    drift : mean time of the slowest epoch relative to the fastest
+    empty : median time of an empty draw
+    control : ratio of one draw to its copy
+    rounds : rounds of each epoch
+    disturbed : state of the machine if it was not quiet, or ""
     """
 
     epochs: NDArray[np.float64]
@@ -52,30 +51,30 @@ class Measured:
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """The time of each draw, (k,)."""
+        """Geometric mean time of each draw, (k,)."""
         return np.asarray(np.exp(np.log(self.epochs).mean(axis=0)))
 
     @property
     def trouble(self) -> str:
-        """Why the times cannot be trusted; "" where nothing is wrong."""
+        """Reason why the times are unreliable, or ""."""
         if self.disturbed:
             return self.disturbed
-        if self.drift > MOST_DRIFT:
+        if self.drift > MAX_DRIFT:
             return f"the machine's speed changed by a factor of {self.drift:.2f} meanwhile"
         apart = min(abs(self.control.low - 1.0), abs(self.control.high - 1.0))
-        if not self.control.low <= 1.0 <= self.control.high and apart > MOST_APART:
+        if not self.control.low <= 1.0 <= self.control.high and apart > MAX_CONTROL_DIFFERENCE:
             return f"one draw under two names took {self.control.value:.3f} times its own time"
         return ""
 
 
-LIMIT_S = 100.0
-"""Seconds after which a slow device's rounds end, or twice the budget if that is more."""
+MIN_LIMIT_S = 100.0
+"""Time limit of the rounds; twice the budget if that is longer."""
 
 
 def settings(budget_s: float, draws: int) -> TimingSettings:
-    """Return how a profile of so many draws is timed: `budget_s` a draw, in `EPOCHS` epochs."""
+    """Return the timing of a profile: `budget_s` per draw, in `EPOCHS` epochs."""
     return TimingSettings(
-        precision=1e-4,  # never reached: every profile has the same rounds for its seconds
+        precision=1e-4,  # never reached, so that the budget alone determines the rounds
         budget_s=budget_s / EPOCHS,
         min_batch_s=2e-3,
         warm_up_s=0.005,
@@ -83,7 +82,7 @@ def settings(budget_s: float, draws: int) -> TimingSettings:
         paired=False,
         epochs=1,
         processes=EPOCHS,
-        limit_s=max(LIMIT_S, 2 * budget_s * draws),
+        limit_s=max(MIN_LIMIT_S, 2 * budget_s * draws),
     )
 
 
@@ -102,7 +101,7 @@ def measure(
     NothingMeasured
         if the device fails under one of them
     Inconclusive
-        if it is too slow to tell anything in time
+        if it is too slow for enough epochs
     HarnessError
         if it cannot be opened
     """
@@ -120,7 +119,7 @@ def measure(
     if epochs < FEWEST_EPOCHS:
         raise Inconclusive(
             f"{backend.label} is too slow: {timing.limit_s:g} s were over after {epochs} of "
-            f"{EPOCHS} parts, and {FEWEST_EPOCHS} tell a law; draw longer, e.g. --budget 4"
+            f"{EPOCHS} parts, and a law needs {FEWEST_EPOCHS}; draw longer, e.g. --budget 4"
         )
     found = of_times(times, names)
     state = judge(
@@ -146,10 +145,10 @@ def measure(
 
 
 def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
-    """Return what rounds say of the draws called `names`; all were timed together.
+    """Return the times of the draws `names`, which were timed together.
 
-    A round's level is the geometric mean of its draws' times: what it has in common with the next
-    round is the design, what differs is the machine's speed.
+    The level of a round is the geometric mean of its draws' times. All rounds draw the same design,
+    so levels differ by the machine's speed only.
     """
     first: Any = times[names[0]]
     samples = np.array([times[name].samples_s for name in names])

@@ -1,4 +1,4 @@
-"""A profile: what was measured and what follows from it, as one JSON file.
+"""A profile: measurements of a device and the law derived from them, as one JSON file.
 
 Its `coefficients` are the costs in seconds of each of `law.COSTS`, which `optimal:calibrated`
 minimises. All values follow from the stored times of each epoch, so a reader can recompute them.
@@ -24,9 +24,9 @@ FORMAT, VERSION = "raster-harness profile", 1
 
 Told = TypeVar("Told")
 
-LEAST_R2 = 0.8
-"""A law that explains less than this share of the variance of draws held out, over all of them or
-within groups, is refused: its optimum would follow the noise. Quiet machines reach 0.98."""
+MIN_R2 = 0.8
+"""Lower bound of the explained variance of held-out draws, over all draws and within groups. A law
+below it is refused: its optimum would follow the noise. Quiet machines reach 0.98."""
 
 
 def profile(
@@ -38,7 +38,7 @@ def profile(
 ) -> dict[str, Any]:
     """Return a profile's content, JSON-ready.
 
-    counted : the draws' `counters`; device : what is known of it
+    counted : the draws' `counters`; device : its details
     """
     design = design_of(counted)
     fitted, plain = fitted_of(draws)
@@ -57,17 +57,17 @@ def profile(
         "device": dict(device),
         "unit": "s",
         "terms": [
-            {"name": name, "unit": f"s{'/px' * (name in IN_PX)}", **_told(law, one)}
+            {"name": name, "unit": f"s{'/px' * (name in IN_PX)}", **_interval_of(law, one)}
             for name, one in zip(TERMS, np.eye(len(TERMS)), strict=True)
         ],
         "sums": [
-            {"name": name} | _told(law, np.array([parts.get(term, 0.0) for term in TERMS]))
+            {"name": name} | _interval_of(law, np.array([parts.get(term, 0.0) for term in TERMS]))
             for name, parts in laws.SUMS.items()
         ],
         "fewest": list(laws.fewest(design[fitted], measured.times[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
-        "refused": not min(law.r2_over, law.r2_within) >= LEAST_R2,
+        "refused": not min(law.r2_over, law.r2_within) >= MIN_R2,
         "aspects": aspects(draws, design, measured, law),
         "second_filling": _second_filling(draws, measured),
         "coefficients": dict(zip(COSTS, coefficients, strict=True)),
@@ -88,10 +88,10 @@ def profile(
     }
 
 
-def keep(content: Mapping[str, Any], file: Path) -> Path:
-    """Write a profile's content to `file`, or to `<name>.refused.json` where it is refused.
+def write_profile(content: Mapping[str, Any], file: Path) -> Path:
+    """Write a profile to `file`, or to `<name>.refused.json` if it is refused; return the file.
 
-    So an older, good one stays. Returns the file that was written.
+    A refused profile does not replace an older one.
     """
     if content["refused"]:
         file = file.with_name(f"{file.stem}.refused.json")
@@ -124,31 +124,31 @@ def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
 
 
 def read_coefficients(file: Path) -> dict[str, float]:
-    """Return what `optimal:calibrated` minimises by a profile's file, by `COSTS`.
+    """Return the coefficients of `optimal:calibrated` from a profile's file, by `COSTS`.
 
-    Raises what `read_profile` raises.
+    Raises as `read_profile` does.
     """
     return read_profile(file, lambda told: {n: float(told["coefficients"][n]) for n in COSTS})
 
 
 def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
-    """Return the places of the draws that a law is fitted to, and a criterion's costs.
+    """Return the indices of the draws to which a law, and a criterion's costs, are fitted.
 
-    A device may leave out what is covered by what follows. A criterion knows nothing of the
-    arithmetic of a fragment.
+    Excluded are draws that a device may skip because later ones cover them and, for the criterion,
+    draws with arithmetic per fragment.
     """
     fitted = [n for n, draw in enumerate(draws) if draw.kind != "twice"]
     return fitted, [n for n in fitted if draws[n].work == 0]
 
 
-def _told(law: Law, weights: Seconds) -> dict[str, Any]:
-    """Return what is known of a weighed sum of terms; some may not be told apart."""
+def _interval_of(law: Law, weights: Seconds) -> dict[str, Any]:
+    """Return cost and interval of a weighted sum of terms."""
     cost, low, high = law.sum_of(weights, laws.CONFIDENCE)
     return {"cost": cost, "low": low, "high": high, "shown": law.is_shown(weights)}
 
 
 def _second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
-    """Return what filling the same pixels again takes, in ratio to the first time, by group."""
+    """Return the relative time of filling the same pixels again, by group."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]
     return {
