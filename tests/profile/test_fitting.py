@@ -13,7 +13,7 @@ from harness.profile.counted import TERMS, counters
 from harness.profile.design import Draw
 from harness.profile.law import COSTS, costs_of
 from harness.profile.measured import CONTROL
-from harness.profile.profile import fitted_of, keep, read_coefficients
+from harness.profile.profile import fitted_of, write_profile, read_coefficients
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, go
 from scripts.studies.laws import designed as designed_for_laws
@@ -100,14 +100,14 @@ CONTENT = {"refused": False, "coefficients": dict.fromkeys(COSTS, 2.0)}
 
 def test_a_profile_is_written_and_read_back(tmp_path):
     file = tmp_path / "made" / "device.json"
-    assert keep(CONTENT, file) == file
+    assert write_profile(CONTENT, file) == file
     assert read_coefficients(file) == CONTENT["coefficients"]
 
 
 def test_a_refused_profile_leaves_the_good_one(tmp_path):
-    good = keep(CONTENT, tmp_path / "device.json")
+    good = write_profile(CONTENT, tmp_path / "device.json")
     before = good.read_bytes()
-    refused = keep({**CONTENT, "refused": True}, good)
+    refused = write_profile({**CONTENT, "refused": True}, good)
     assert refused.name == "device.refused.json"
     assert good.read_bytes() == before
     with pytest.raises(UsageError, match=r"refused.*repeat raster-harness profile"):
