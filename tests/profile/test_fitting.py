@@ -13,7 +13,7 @@ from harness.profile.counted import TERMS, counters
 from harness.profile.design import Draw
 from harness.profile.law import COSTS, costs_of
 from harness.profile.measured import CONTROL
-from harness.profile.profile import fitted_of, write_profile, read_coefficients
+from harness.profile.profile import fitted_of, read_coefficients, write_profile
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, go
 from scripts.studies.laws import designed as designed_for_laws
