@@ -361,5 +361,5 @@ def test_gltf_with_a_buffer_beside_it(tmp_path):
     assert made.is_watertight
     assert (source.parent / "gltf_buffer_0.bin").read_bytes() == before
     (tmp_path / "b").mkdir()
-    with pytest.raises(UsageError, match="copy that there first"):
+    with pytest.raises(UsageError, match="copy it first"):
         retriangulate(source, tmp_path / "b" / "other.gltf")
