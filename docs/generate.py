@@ -7,7 +7,7 @@ import importlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,15 +80,22 @@ def commands() -> str:
     return re.sub(r"^raster-harness .*$", r"`\g<0>`", text, flags=re.MULTILINE)  # examples
 
 
-def devices() -> str:
-    """Return a table of the devices whose summaries people brought."""
-    return summaries(ROOT / "results" / "devices")
+def devices(*columns: str) -> str:
+    """Return a table of the contributed summaries of devices, or some of its columns."""
+    return _columns(summaries(ROOT / "results" / "devices"), columns)
 
 
-def profiles() -> str:
-    """Return a table of the devices' laws."""
+def profiles(*columns: str) -> str:
+    """Return a table of the devices' laws, or some of its columns."""
     headings, rows = devices_table(ROOT / "results" / "reference" / "profiles")
-    return _table(" | ".join(headings), rows, plain_cell)
+    return _columns(_table(" | ".join(headings), rows, plain_cell), columns)
+
+
+def _columns(table: str, columns: Sequence[str]) -> str:
+    """Return some columns of a table, by number from 0; all without numbers."""
+    rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.splitlines()]
+    chosen = [int(column) for column in columns] or range(len(rows[0]))
+    return "\n".join(f"|{'|'.join(row[column] for column in chosen)}|" for row in rows)
 
 
 def python(*names: str) -> str:
