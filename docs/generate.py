@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from docs.figures import ROOT, render, without_comments
 from harness import rasterisers
 from harness.commands.index import COMMANDS, load
-from harness.metrics.registry import figures
+from harness.metrics.registry import list_metrics
 from harness.page.device_summaries import plain_cell
 from harness.page.device_summaries import table as summaries
 from harness.profile.words import devices_table
@@ -164,7 +164,7 @@ PARTS: dict[str, Callable[..., str]] = {
         "figure | kind | unit | better | what it is",
         (
             (f"`{each.name}`", each.kind, each.unit, each.better, each.description)
-            for each in figures().values()
+            for each in list_metrics().values()
         ),
     ),
     "devices": devices,

@@ -12,9 +12,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import UsageError
+from harness.errors import UsageError, unknown
 from harness.grid import SUBPIXEL, snap_polygons, to_grid
-from harness.settings import RESOLUTIONS, Fit
+from harness.settings import FITS, RESOLUTIONS, Fit
 from harness.viewing import Viewing, viewing_of
 from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
@@ -34,7 +34,7 @@ UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 """The window of a frame that nothing cuts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class View:
     """How a scene is laid on the viewport.
 
@@ -54,6 +54,8 @@ class View:
         least, most = RESOLUTIONS
         if not least <= self.resolution <= most:
             raise UsageError(f"resolution {self.resolution} is outside {least}..{most} pixels")
+        if self.fit not in FITS:
+            raise unknown("fit", self.fit, FITS)
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
         if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):

@@ -21,14 +21,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.compare.matching import case_name, latest
+from harness.compare.matching import case_name
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.machine.git import commit_of
-from harness.metrics import groups
-from harness.metrics.registry import figures, figures_of, find
-from harness.results.run_folder import Record, Run, read_facts, read_run
+from harness.metrics.processors import by_processor
+from harness.metrics.registry import find_metric, list_metrics, metrics_of
+from harness.results.cases import latest
+from harness.results.record import CaseId, Record
+from harness.results.run_folder import Run, read_facts, read_run
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import state_of
 from harness.style import COLOURS, MARKERS, draw, grid, legend_below
@@ -126,7 +128,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     UsageError
         if a metric is unknown
     """
-    known = figures() | figures_of(record for run in runs for record in run.records)
+    known = list_metrics() | metrics_of(record for run in runs for record in run.records)
     for metric in metrics:
         if metric != TIME and metric not in known:
             raise unknown("metric", metric, [TIME, *known])
@@ -134,15 +136,17 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     found = []
     for metric in metrics:
         if metric == TIME:
-            quiet = [
-                run if state_of(run.facts, run.records).is_quiet else replace(run, records=[])
-                for run in runs
-            ]
+            quiet = [run if state_of(run).is_quiet else replace(run, records=[]) for run in runs]
             # Where the processor is the device, it is part of the content.
-            found += _times(_cases(groups.by_processor(quiet, "scene_hash", "{} on {}")))
+            found += _times(_cases(by_processor(quiet, _mark_content)))
         else:
             found += [_series(name, metric, records) for name, records in cases.items()]
     return [series for series in found if np.isfinite(series.values).any()]
+
+
+def _mark_content(case: CaseId, processor: str) -> CaseId:
+    """Return the case with the processor as a part of its content."""
+    return replace(case, scene_hash=f"{case.scene_hash} on {processor}")
 
 
 def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
@@ -150,17 +154,17 @@ def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
     cases: dict[CaseName, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
     for number, run in enumerate(runs):
         for record in run.records:
-            if record.get("status") == "ok":
+            if record.is_ok:
                 cases[case_name(record)][number] = record
     return dict(cases)
 
 
 def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:
     if metric == MEASURED_ONCE:
-        records = [None if (record or {}).get("polygons_cached") else record for record in records]
-    figures = [find(metric)(record) if record else None for record in records]
+        records = [None if record and record.polygons_cached else record for record in records]
+    figures = [find_metric(metric)(record) if record else None for record in records]
     values = np.array([np.nan if value is None else value for value in figures], np.float64)
-    return Series(name, metric, find(metric).exact, values, _contents(records))
+    return Series(name, metric, find_metric(metric).exact, values, _contents(records))
 
 
 def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
@@ -192,12 +196,12 @@ def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
 
 
 def _log_time(record: Record | None) -> float:
-    seconds = low_quantile(((record or {}).get("time") or {}).get("samples_s") or [])
+    seconds = low_quantile(record.time.samples_s) if record and record.time else None
     return np.nan if seconds is None else float(np.log(seconds))
 
 
 def _contents(records: Sequence[Record | None]) -> tuple[str, ...]:
-    return tuple(str((record or {}).get("scene_hash") or "") for record in records)
+    return tuple(record.id.scene_hash if record else "" for record in records)
 
 
 MOST = 12
@@ -317,7 +321,7 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
     titles = list(dict.fromkeys(entry.name.where for entry in series))
     names = list(dict.fromkeys(entry.name.triangulator for entry in series))
     of = series[0].metric
-    label = "time, relative" if of == TIME else f"{find(of).title}, {find(of).unit}"
+    label = "time, relative" if of == TIME else f"{find_metric(of).title}, {find_metric(of).unit}"
     figure, panels = grid((7.0, 0.8 + 2.4 * len(titles)), len(titles), sharex=True)
     for panel, title in zip(panels, titles, strict=True):
         for entry in series:

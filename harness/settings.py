@@ -22,7 +22,10 @@ MODEL_TRIANGULATORS = (
 )
 """Of a model that is seen from several sides: the length is the mean of H over rotations."""
 
-HISTORY_METRICS = ("quads", "helper_lanes", "bbox_tests", "time")
+COST_COUNTERS = ("helper_lanes", "quads", "bbox_tests")
+"""Counters that stand for the cost, the best first."""
+
+HISTORY_METRICS = (*COST_COUNTERS, "time")
 """What `history` follows: the counters that stand for the cost, and time."""
 
 RESOLUTIONS = (8, 16384)
@@ -30,6 +33,8 @@ RESOLUTIONS = (8, 16384)
 
 Fit = Literal["box", "circle", "tile", "view"]
 """How the scene is laid on the viewport."""
+
+FITS: tuple[Fit, ...] = get_args(Fit)
 
 CHOSEN_FITS = Literal["box", "circle"]
 """Those of scenes that do not bring their view along."""

@@ -6,7 +6,7 @@ get the remaining looks in the order in which they appear.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -230,3 +230,15 @@ def step(before: float, after: float) -> str:
     """Write `99,275 → 111,496 (+12.3 %)`."""
     growth = f" ({percent(after / before - 1)})" if before else ""
     return f"{figure(before)} → {figure(after)}{growth}"
+
+
+def flat(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:
+    """Return nested values with joined names: {"timing": {"precision": 1}} as timing.precision."""
+    flattened: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping) and value:
+            inner = flat(value, between).items()
+            flattened |= {f"{name}{between}{deeper}": each for deeper, each in inner}
+        else:
+            flattened[name] = value
+    return flattened

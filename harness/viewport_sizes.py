@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
 from harness.frame import Frame, View, frame_of
-from harness.metrics.decision import LEAST_PIXELS
+from harness.metrics.decision import MIN_PIXELS
 from harness.profile.counted import TERMS, count_triangles, design_of
 from harness.profile.profile import read_profile
 from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
@@ -88,7 +88,7 @@ class Size:
     @property
     def matters(self) -> bool:
         """Whether something is saved, of enough pixels to tell."""
-        return max(self.saved.values()) >= MATTERS and self.covered >= LEAST_PIXELS
+        return max(self.saved.values()) >= MATTERS and self.covered >= MIN_PIXELS
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def sentence(found: Sizes) -> str:
     """Return whether it matters, at which sizes, and where most."""
     base = next(iter(found.sizes[0].costs))
     covered = max(size.covered for size in found.sizes)
-    if covered < LEAST_PIXELS:
+    if covered < MIN_PIXELS:
         return f"It cannot be told: {covered:,} pixels or fewer are covered. Give a larger size."
     mattering = [size for size in found.sizes if size.matters]
     ends = (mattering or found.sizes)[:: max(1, len(mattering or found.sizes) - 1)]

@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import os
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -25,7 +26,7 @@ def static(package: str, name: str) -> str:
     return (resources.files(package) / "static" / name).read_text(encoding="utf-8")
 
 
-def packed(content: dict[str, Any]) -> str:
+def packed(content: Mapping[str, Any]) -> str:
     """Return the content as base64 of compressed JSON, which is safe inside HTML."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 
-from harness.metrics.groups import group_of, groups, time_ratio, without_twins
-from harness.results.run_folder import Record, read_run
+from harness.metrics.groups import group_records, time_ratio, without_twins
+from harness.results.record import Record
+from harness.results.run_folder import read_run
 from harness.stats.intervals import UNDECIDED
 
 MAX_KEYS_PRINTED = 5
@@ -31,10 +32,10 @@ def compare_repeated(
     (faster, slower, or no difference shown), decided in both, decided in both and with the same
     verdict.
     """
-    others = {record["key"]: record for record in second if record["status"] == "ok"}
-    common = [r for r in first if r["status"] == "ok" and r["key"] in others]
-    unequal = [r["key"] for r in common if r["counters"] != others[r["key"]]["counters"]]
-    one, other = _verdicts(common), _verdicts([others[record["key"]] for record in common])
+    others = {record.key: record for record in second if record.is_ok}
+    common = [record for record in first if record.is_ok and record.key in others]
+    unequal = [each.key for each in common if each.counters != others[each.key].counters]
+    one, other = _verdicts(common), _verdicts([others[record.key] for record in common])
     agreement = {}
     for device, verdicts in one.items():
         pairs = verdicts.keys() & other[device].keys()
@@ -49,12 +50,12 @@ def compare_repeated(
 def _verdicts(records: Sequence[Record]) -> dict[tuple[str, str], dict[tuple[object, ...], str]]:
     """Return (rasteriser, device) -> pair -> verdict, of pairs that were timed together."""
     verdicts: dict[tuple[str, str], dict[tuple[object, ...], str]] = defaultdict(dict)
-    for members in groups(records):
-        ordered = sorted(members, key=lambda record: str(record["triangulator"]))
+    for group in group_records(records):
+        ordered = sorted(group.records, key=lambda record: record.name)
         for one, other in combinations(without_twins(ordered), 2):
             if ratio := time_ratio(one, other):
-                pair = (*group_of(one), one["triangulator"], other["triangulator"])
-                verdicts[one["rasteriser"], one["device"]][pair] = ratio.verdict
+                device = group.id.rasteriser, group.id.device_name
+                verdicts[device][group.id, one.name, other.name] = ratio.verdict
     return verdicts
 
 

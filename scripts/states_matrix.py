@@ -24,8 +24,9 @@ from statistics import median
 from typing import Any
 
 from harness.errors import REGRESSION
-from harness.metrics.decision import advice, decide
-from harness.metrics.groups import groups, time_ratio
+from harness.metrics.advice import advice
+from harness.metrics.decision import decide_all
+from harness.metrics.groups import time_ratio
 from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
@@ -177,13 +178,13 @@ def judged(folder: Path, quiet: list[Path]) -> list[object]:
     wrong = own is not None and not any(
         own[0] == name and own[1] <= high and low <= own[2] for name, low, high in others
     )
-    drawn = [s for r in run.records for s in (r.get("time") or {}).get("reference_s", ())]
+    drawn = [s for r in run.records if r.time for s in r.time.reference_s]
     return [told, f"{1e3 * median(drawn):.3f}", code, " ".join(map(str, own or ())), wrong]
 
 
 def ratios_of(folder: Path) -> Iterator[list[str]]:
     """Yield each triangulator's draw time in ratio to ear clipping's, with its interval."""
-    records = {record["triangulator"]: record for record in read_run(folder).records}
+    records = {record.name: record for record in read_run(folder).records}
     for name, record in records.items():
         if name != BASE and (ratio := time_ratio(record, records[BASE])):
             yield [name, *(f"{end:.4f}" for end in (ratio.value, ratio.low, ratio.high))]
@@ -198,8 +199,8 @@ def compared(base: Path, head: Path) -> int:
 @cache
 def shown(folder: Path) -> tuple[str, float, float] | None:
     """Return the triangulator that a run's first sentence shows to save, and the interval, in %."""
-    for members in groups(read_run(folder).records):
-        if found := SHOWN.search(advice(decide(members))):
+    for _, decision in decide_all(read_run(folder)):
+        if found := SHOWN.search(advice(decision)):
             return found[1], float(found[2]), float(found[3])
     return None
 

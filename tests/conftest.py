@@ -178,7 +178,7 @@ def briefly(patch: pytest.MonkeyPatch) -> None:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-    patch.setattr("harness.measuring.run.judge", lambda *_: RunState(QUIET))
+    patch.setattr("harness.measuring.run.judge_records", lambda *_: RunState(QUIET))
     patch.setattr("harness.measuring.tasks.choose_timer", _timer_tested_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_Filling, "sample", once)

@@ -58,7 +58,7 @@ def history(
     """
     from harness import atomic
     from harness.history import find_runs, matching, plot_history, read_series, worth_showing
-    from harness.metrics import groups
+    from harness.metrics.processors import format_processors, several_processors
     from harness.style import count
 
     runs, studies = find_runs(folders, studies=everything)
@@ -78,8 +78,8 @@ def history(
     for run in runs:
         for problem in run.problems:
             typer.echo(f"warning: {problem}")
-    if mixed := groups.several_processors(runs):
-        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    if mixed := several_processors(runs):
+        typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
     for line in changes(runs, shown):
         typer.echo(line)
     left = len(series) - len(shown)

@@ -56,19 +56,20 @@ def import_(
     writes its --summary and nothing else.
     """
     from harness.commands.outcome import folder_for, make_run
-    from harness.compare.matching import latest
     from harness.page import profile_result
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import Measured, device_name, read_saved
-    from harness.results.run_folder import file_stem, read_run
+    from harness.progress import Reporter
+    from harness.results.cases import read_latest
+    from harness.results.run_folder import file_stem
 
     if file.is_dir():
         if summary is None:
             raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
-        here = latest(read_run(file))
+        here = read_latest(file, Reporter().warn)
         if device:
-            here = replace(here, records=[r for r in here.records if r["device"] == device])
+            here = replace(here, records=[r for r in here.records if r.id.device_name == device])
         typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
     kinds: dict[str, type[Measured]] = {
@@ -83,7 +84,7 @@ def import_(
         _import_profile(file, result, name, out)
         return
     assert isinstance(result, Result)
-    origin = latest(read_run(run)) if run else None
+    origin = read_latest(run, Reporter().warn) if run else None
     folder = folder_for(name, out)
     stored = make_run(folder, lambda made: import_result(result, made, name, origin), quiet=quiet)
     for warning in stored.facts["warnings"]:

@@ -60,10 +60,10 @@ def _criteria() -> Iterator[Row]:
 
 
 def _metrics() -> Iterator[Row]:
-    from harness.metrics.registry import figures
+    from harness.metrics.registry import list_metrics
 
     fields = ("kind", "unit", "better", "best_case", "description")
-    for metric in figures().values():
+    for metric in list_metrics().values():
         row = {field.replace("_", " "): getattr(metric, field) for field in fields}
         yield {"figure": metric.name, **row}
 

@@ -1,6 +1,5 @@
 """`harness merge`: several runs as one."""
 
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -30,13 +29,10 @@ def merge(
     Counters of one kind of device must be equal on all hosts.
     """
     from harness.commands.outcome import make_run
-    from harness.compare.matching import latest
-    from harness.results.run_folder import read_run
+    from harness.results.cases import read_latest
     from harness.scaling import merging
 
-    read = [latest(read_run(run)) for run in runs]
-    for problem in chain.from_iterable(run.problems for run in read):
-        Reporter().warn(problem)
+    read = [read_latest(run, Reporter().warn) for run in runs]
     if hosts:
         if len(hosts) != len(read):
             raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")

@@ -14,8 +14,8 @@ from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageErro
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
-from harness.metrics.decision import COVERED
-from harness.metrics.groups import machine_words
+from harness.metrics.decision import COVERED, decide_all
+from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, clear_errors, file_stem, read_run
 from harness.stats.run_quality import state_of
@@ -53,10 +53,10 @@ def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> No
         if not quiet:
             typer.echo(f"stopped early; {how}")
         raise typer.Exit(INTERRUPTED)
-    if not any(record["status"] == "ok" for record in outcome.records):
+    if not any(record.is_ok for record in outcome.records):
         where = os.path.relpath(outcome.path)
-        first = outcome.records[0] if outcome.records else {}
-        why = f" ({first['triangulator']}: {first['reason']})" if first.get("reason") else ""
+        first = next(iter(outcome.records), None)
+        why = f" ({first.name}: {first.reason})" if first and first.reason else ""
         raise NothingMeasured(
             f"nothing was measured: every case was skipped or failed{why}; all reasons are in "
             f"{where}/cases.jsonl"
@@ -93,9 +93,9 @@ def measure_study(
 
 def require_all(outcome: RunResult | Run) -> None:
     """Raise `Inconclusive` if a case failed; what is skipped for a stated reason is no failure."""
-    failed = [record for record in outcome.records if record["status"] == "failed"]
+    failed = [record for record in outcome.records if record.status == "failed"]
     if failed:
-        named = ", ".join(dict.fromkeys(str(record["triangulator"]) for record in failed))
+        named = ", ".join(dict.fromkeys(record.name for record in failed))
         raise Inconclusive(
             f"{len(failed)} of {len(outcome.records)} cases failed ({named}); what was measured is "
             f"in {os.path.relpath(outcome.path)}"
@@ -104,7 +104,7 @@ def require_all(outcome: RunResult | Run) -> None:
 
 def finish_study(run: Run) -> None:
     """Print what disturbed a study's times, its folder and report; raise if a case failed."""
-    for line in state_of(run.facts, run.records).words:
+    for line in state_of(run).words:
         typer.echo(line)
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
     require_all(run)
@@ -115,7 +115,7 @@ def format_json(outcome: RunResult) -> dict[str, Any]:
     return {
         "results": os.path.relpath(outcome.path),
         "interrupted": outcome.interrupted,
-        "cases": rows_of(read_run(outcome.path).records),
+        "cases": rows_of(outcome.decided),
     }
 
 
@@ -131,29 +131,28 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     """
     where = os.path.relpath(outcome.path)
     again = f"raster-harness report {where}"
-    measured = [record for record in outcome.records if record["status"] == "ok"]
-    stored = read_run(outcome.path)
+    measured = [record for record in outcome.records if record.is_ok]
     with clear_errors(outcome.path, again):
-        write_csv(stored.records, outcome.path / "summary.csv")
-    print_summary(stored.records, console)
-    for line in machine_words(stored):
+        write_csv(outcome.decided, outcome.path / "summary.csv")
+    print_summary(outcome.decided, console)
+    for line in describe_machine(outcome.run):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
-    if measured and not outcome.hurried:
+    if measured and not outcome.aborted:
         from harness.report import matrix
         from harness.report.page import write_report
         from harness.report.plots import plot_run
 
         with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
-            matrix.write(stored)
+            matrix.write(outcome.run)
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
-            write_report(stored)
+            write_report(outcome.run, decided=outcome.decided)
             if plots:
-                plot_run(stored)
+                plot_run(outcome.run)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     how = f"continue with: raster-harness run --resume {outcome.path}"
     require_finished(outcome, how, quiet=console.quiet)
-    covered = [(record.get("counters") or {}).get(COVERED) for record in measured]
+    covered = [record.counters.get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
         raise NothingMeasured(
             "no pixel is covered in any case: if a polygon lies far away, leave it out by --where"
@@ -169,10 +168,11 @@ def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> R
     with clear_errors(folder), atomic.folder(folder) as made:
         write(made)
         stored = read_run(made)
-        write_csv(stored.records, made / "summary.csv")
-        write_report(stored)
+        decided = decide_all(stored)
+        write_csv(decided, made / "summary.csv")
+        write_report(stored, decided=decided)
     stored = read_run(folder)
     console = Screen(quiet=quiet)
-    print_summary(stored.records, console)
+    print_summary(decided, console)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
     return stored

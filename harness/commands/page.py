@@ -26,20 +26,27 @@ def page(
     nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
     as a file for `raster-harness import`.
     """
-    from harness.compare.matching import latest
     from harness.measuring.pool import MeasuringPool
-    from harness.page.page_data import content_of, content_of_profile, write_page
-    from harness.results.run_folder import read_run
+    from harness.page.page_data import (
+        PageContent,
+        ProfileContent,
+        content_of,
+        content_of_profile,
+        write_page,
+    )
+    from harness.progress import Reporter
+    from harness.results.cases import read_latest
     from harness.webpages import is_stream
     from harness.workers.worker import Worker
 
     if profile == (run is not None):
         raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
+    content: PageContent | ProfileContent
     if run is None:
         with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
             content = content_of_profile(pool)
     else:
-        content = content_of(latest(read_run(run)))
+        content = content_of(read_latest(run, Reporter().warn))
     write_page(content, out)
     message = f"page: {os.path.relpath(out)}; open it in a browser with WebGPU"
     typer.echo(message, err=is_stream(out))

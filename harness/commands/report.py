@@ -21,15 +21,13 @@ def report(
 
     Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
     """
-    from harness.compare.matching import latest
     from harness.metrics.groups import with_base
+    from harness.progress import Reporter
     from harness.report.page import write_report
-    from harness.results.run_folder import read_run
+    from harness.results.cases import read_latest
     from harness.webpages import is_stream
 
-    stored = latest(read_run(run))
-    for problem in stored.problems:
-        typer.echo(f"warning: {problem}", err=True)
+    stored = read_latest(run, Reporter().warn)
     file = write_report(with_base(stored, base) if base else stored, out)
     if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
         from harness.report.plots import plot_run

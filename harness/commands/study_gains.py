@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,15 +37,16 @@ def study_gains(
     ] = options.Several(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
-    from harness.metrics import groups
-    from harness.results.run_folder import read_run
+    from harness.metrics.processors import format_processors, several_processors
+    from harness.progress import Reporter
+    from harness.results.cases import read_latest
     from harness.triangulating.recipes import parse_all
 
-    stored = [read_run(path) for path in runs]
+    stored = [read_latest(path, Reporter().warn) for path in runs]
     names = [str(recipe) for recipe in parse_all(bases)]
     gains = write_gains(stored, names, out)
-    if mixed := groups.several_processors(stored):
-        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    if mixed := several_processors(stored):
+        typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
     for line in gains.disturbances:
         typer.echo(f"left out: {line}")
     for name in names:
@@ -74,12 +75,16 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     """
     import pandas as pd
 
-    from harness.metrics import groups
+    from harness.metrics.processors import by_processor
+    from harness.results.record import CaseId
     from harness.stats.run_quality import state_of
     from harness.study.gains import by_order, gain_table, plot
 
-    table = gain_table([run.records for run in groups.by_processor(runs)], bases)
-    disturbances = [line for run in runs for line in state_of(run.facts, run.records).words]
+    def mark(case: CaseId, processor: str) -> CaseId:
+        return replace(case, device=f"{case.device_name} ({processor})", host="")
+
+    table = gain_table(by_processor(runs, mark), bases)
+    disturbances = [line for run in runs for line in state_of(run).words]
     if table.empty:
         if disturbances:
             raise Inconclusive(disturbances[0])
@@ -95,7 +100,9 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
 
 def _print_faster_views(table: pd.DataFrame, base: str) -> None:
     """Print in how many views another triangulator was significantly faster than `base`."""
-    from harness.metrics.groups import condition
+    from harness.frame import View
+    from harness.rasterisers.base import Options
+    from harness.results.record import CaseGroup
     from harness.study.gains import best
 
     views = best(table, base)
@@ -105,7 +112,9 @@ def _print_faster_views(table: pd.DataFrame, base: str) -> None:
     kept = len(views) - len(faster)
     typer.echo(f"{base}: no other was shown to be faster in {kept} of {len(views)} views")
     for row in faster.head(MAX_VIEWS_NAMED).to_dict("records"):
-        where = f"{row['scene']} {condition(row)}, {row['rasteriser']} on {row['device']}"
-        typer.echo(f"  {where}: {row['faster']} faster")
+        view = View(int(row["resolution"]), float(row["rotation"]), row["fit"])
+        options = Options(int(row["samples"]), int(row["work"]), row["order"])
+        group = CaseGroup(row["scene"], row["rasteriser"], row["device"], "", view, options)
+        typer.echo(f"  {group}: {row['faster']} faster")
     if len(faster) > MAX_VIEWS_NAMED:
         typer.echo(f"  and {len(faster) - MAX_VIEWS_NAMED} more views")

@@ -10,13 +10,11 @@ from harness.compare import times
 from harness.compare.matching import (
     Match,
     changes,
-    latest,
     machine,
     machines_differ,
     match,
     missing_from,
     other_hardware,
-    printable,
 )
 from harness.compare.model import (
     CaseChange,
@@ -33,9 +31,11 @@ from harness.compare.model import (
 )
 from harness.errors import UsageError
 from harness.machine.git import commit_of
-from harness.metrics import groups
-from harness.metrics.registry import METRICS, PREDICTED, find, in_order, predictions
-from harness.results.run_folder import Record, Run
+from harness.metrics.processors import format_processors, several_processors
+from harness.metrics.registry import METRICS, PREDICTED, find_metric, in_order, predictions
+from harness.results.cases import latest
+from harness.results.record import Record, printable
+from harness.results.run_folder import Run
 from harness.stats.run_quality import state_of
 
 
@@ -91,7 +91,7 @@ def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
 
 def _across(matches: Sequence[Match]) -> bool:
     """Whether any case ran on another device in BASE."""
-    return any(m.base["device"] != m.head["device"] for m in matches if m.base and m.head)
+    return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
 
 
 def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
@@ -105,7 +105,7 @@ def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
         return CaseChange(found.name, status, reason)
     before, after = exact_figures(base), exact_figures(head)
     changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
-    lost = (counter_name(name) for name in base["counters"] if name not in head["counters"])
+    lost = (counter_name(name) for name in base.counters if name not in head.counters)
     # Of gated counters that BASE has and HEAD does not, nothing can be said.
     gated = (name for name in lost if settings.threshold(name) is not None)
     return CaseChange(found.name, status, reason, tuple(changes), tuple(gated))
@@ -115,31 +115,32 @@ def _status(found: Match, run: Run) -> tuple[Status, str]:
     """Say whether a case's records can be compared, and the reason their runs give if not."""
     base, head = found.base, found.head
     if base is None or head is None:
-        record = head or base or {}
+        record = head or base
+        assert record is not None  # a match has a record
         missing = missing_from(run, found.name) if head is None else None
-        if missing and record["status"] == "ok":
+        if missing and record.is_ok:
             return "not-done", missing
-        told = "" if record["status"] == "ok" else f"{record['status']}: {_reason(record)}"
+        told = "" if record.is_ok else f"{record.status}: {_reason(record)}"
         return ("only-head" if base is None else "only-base"), told
-    good = base["status"] == "ok", head["status"] == "ok"
+    good = base.is_ok, head.is_ok
     if good == (True, False):
-        return ("now-failing" if head["status"] == "failed" else "now-skipped"), _reason(head)
+        return ("now-failing" if head.status == "failed" else "now-skipped"), _reason(head)
     if good == (False, True):
         return "now-measured", f"BASE: {_reason(base)}"
     if good == (False, False):
         return "not-measured", _reason(head)
-    hashes = base.get("scene_hash"), head.get("scene_hash")
+    hashes = base.id.scene_hash, head.id.scene_hash
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
-    before, after = base.get("polygons"), head.get("polygons")
-    if before is not None and after is not None and before != after:
+    before, after = base.polygons, head.polygons
+    if before and after and before != after:  # the first runs do not have them
         status: Status = "fewer-polygons" if after < before else "more-polygons"
         return status, f"{before} then, {after} now; {_reason(head)}".rstrip("; ")
     return "compared", ""
 
 
 def _reason(record: Record) -> str:
-    return printable(record.get("reason") or "")
+    return printable(record.reason or "")
 
 
 def _timed(
@@ -150,7 +151,9 @@ def _timed(
     groups: dict[str, dict[int, times.Pair]] = defaultdict(dict)
     for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
         if case.status == "compared" and found.base and found.head:
-            counted = [c for c in case.counters if find(c.metric).kind in ("counter", "count")]
+            counted = [
+                c for c in case.counters if find_metric(c.metric).kind in ("counter", "count")
+            ]
             same_work = bool(counted) and all(change.exact == "equal" for change in counted)
             pair = times.read_pair(
                 found.base, found.head, same_work=same_work, machines_differ=machines_differ
@@ -187,7 +190,7 @@ def _notes(base: Run, head: Run, differ: bool) -> list[str]:
     notes = []
     for name, run in (("BASE", base), ("HEAD", head)):
         told = [*run.problems, *(run.facts.get("warnings") or [])]
-        told += state_of(run.facts, run.records).words
+        told += state_of(run).words
         told += ["it holds no cases"] * (not run.records)
         told += ["it was stopped before its end"] * bool(run.facts.get("interrupted"))
         notes += [f"{name}: {line}" for line in told]
@@ -196,10 +199,10 @@ def _notes(base: Run, head: Run, differ: bool) -> list[str]:
             "the runs are of different machines: times are relative to the other cases, or to the "
             "reference draw, of their own run"
         )
-    if mixed := groups.several_processors([base, head]):
+    if mixed := several_processors([base, head]):
         notes.append(
             f"ratios of times of what draws on the processor differ between processors by some per "
-            f"cent: {groups.processor_words(mixed)}"
+            f"cent: {format_processors(mixed)}"
         )
     return notes
 
@@ -223,20 +226,20 @@ def exact_figures(record: Record) -> dict[str, float]:
     What somebody's rasteriser counts under the name of a figure that is none of its counters is
     called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
     """
-    counted = record.get("counters") or {}
-    found = {counter_name(name): counted[name] for name in in_order(counted)}
+    counted = record.counters
+    found: dict[str, float] = {counter_name(name): counted[name] for name in in_order(counted)}
     for name, figure in {**METRICS, **predictions()}.items():
         value = figure(record) if figure.exact else None
         if value is not None:
             found[name] = value
-    predicted = record.get("predicted") or {}
+    predicted = record.predicted
     features = (name for name in sorted(predicted) if name not in found)
     return found | {f"{PREDICTED}{name}": predicted[name] for name in features}
 
 
 def counter_name(name: str) -> str:
     """Return what a comparison calls the counter `name`."""
-    return name if find(name).kind == "counter" else f"counted_{name}"
+    return name if find_metric(name).kind == "counter" else f"counted_{name}"
 
 
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
@@ -244,12 +247,12 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
     whole = float(base).is_integer() and float(head).is_integer()
     # Sums of square roots may differ in their last digits.
     if base != head and (whole or not math.isclose(base, head, rel_tol=1e-12)):
-        less, better = head < base, find(name).better
+        less, better = head < base, find_metric(name).better
         exact = "better" if less == (better == "lower") else "worse"
         exact = "changed" if better == "none" else exact
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
-    wrong = exact == "worse" or (exact == "changed" and find(name).is_shared)
+    wrong = exact == "worse" or (exact == "changed" and find_metric(name).is_shared)
     growth = relative(base, head)
     return CounterChange(name, base, head, growth, exact, threshold, beyond and wrong)
 
@@ -258,7 +261,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     """Sum each figure over the compared cases; ratios, which have no sum, are left out."""
     columns = defaultdict(list)
     for change in chain.from_iterable(cases):
-        if find(change.metric).unit != "x":
+        if find_metric(change.metric).unit != "x":
             columns[change.metric].append(change)
     found = []
     for name, column in columns.items():
@@ -266,7 +269,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
         kinds = Counter(each.exact for each in column)
         affected = len(column) - kinds["equal"]
         told = (len(column), affected, kinds["better"], kinds["worse"])
-        found.append(Total(name, find(name).unit, *told, base, head, relative(base, head)))
+        found.append(Total(name, find_metric(name).unit, *told, base, head, relative(base, head)))
     return tuple(found)
 
 

@@ -7,15 +7,16 @@ plan, software and machine, is told.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from harness.compare.model import CaseName
 from harness.errors import UsageError
 from harness.results.processors import may_be_same, processor_label
-from harness.results.run_folder import Record, Run
-from harness.results.schema import flat
+from harness.results.record import Record, printable
+from harness.results.run_folder import Run
+from harness.style import flat
 
 ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
 """What of a run's environment is compared."""
@@ -32,35 +33,17 @@ class Match:
 
 def case_name(record: Record) -> CaseName:
     """Return what the record's case means."""
-    names = ("scene", "triangulator", "rasteriser", "device", "fit")
+    case = record.id
     return CaseName(
-        **{name: printable(record[name]) for name in names},
-        resolution=int(record["resolution"]),
-        rotation=float(record["rotation"]),
-        options=tuple(sorted(record["options"].items())),
+        scene=printable(case.scene),
+        triangulator=printable(record.name),
+        rasteriser=printable(case.rasteriser),
+        device=printable(case.device_name),
+        fit=case.view.fit,
+        resolution=case.view.resolution,
+        rotation=case.view.rotation,
+        options=tuple(sorted(vars(case.options).items())),
     )
-
-
-def latest(run: Run) -> Run:
-    """Return the run with one record a case, and a problem for each that is left out.
-
-    A run that was resumed by force may hold two contents of a scene.
-    """
-    problems = list(run.problems)
-    found: dict[CaseName, Record] = {}
-    for record in run.records:
-        name = case_name(record)
-        if name in found:
-            problems.append(f"{name}: measured twice; the later counts")
-            del found[name]
-        found[name] = record
-    return replace(run, records=list(found.values()), problems=problems)
-
-
-def printable(text: object) -> str:
-    """Write any text in one line that neither a terminal nor XML takes for more than text."""
-    line = " ".join(str(text).split())
-    return "".join(sign if sign.isprintable() else "\ufffd" for sign in line)
 
 
 def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
@@ -78,7 +61,7 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     for record in base.records:
         name = case_name(record)
         device = renamed.get((name.rasteriser, name.device), name.device)
-        before[case_name({**record, "device": device})] = record
+        before[case_name(record.with_id(device=device, host=""))] = record
     after = {case_name(record): record for record in head.records}
     names = [*after, *(name for name in before if name not in after)]
     return [Match(name, before.get(name), after.get(name)) for name in names]
@@ -87,7 +70,7 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
 def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
     found = defaultdict(set)
     for record in records:
-        found[record["rasteriser"]].add(record["device"])
+        found[record.id.rasteriser].add(record.id.device_name)
     return found
 
 
@@ -167,10 +150,10 @@ def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
         if isinstance(plan.get(name), list) and wanted not in plan[name]:
             return False
     # The scene of a file that was moved has another path in the plan, and its name in the records.
-    scenes = {Path(str(plan.get("scene", case.scene))).name, *(r["scene"] for r in head.records)}
+    scenes = {Path(str(plan.get("scene", case.scene))).name, *(r.id.scene for r in head.records)}
     # Where no device is named, HEAD's records tell which was chosen.
     devices = plan.get("devices")
-    used = [r["device"] for r in head.records if r["rasteriser"] == case.rasteriser]
+    used = [r.id.device_name for r in head.records if r.id.rasteriser == case.rasteriser]
     named = (*used, *(devices if isinstance(devices, list) else ()))
     return case.scene in scenes and (not used or case.device in named)
 

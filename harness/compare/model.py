@@ -9,12 +9,11 @@ from typing import Any, Literal
 
 from harness import errors
 from harness.errors import UsageError, unknown
-from harness.metrics.groups import condition
-from harness.metrics.registry import figures as registered
-from harness.metrics.registry import find
-
-FIRST = ("helper_lanes", "quads", "bbox_tests")
-"""Counters that stand for the cost best, the best first."""
+from harness.frame import View
+from harness.metrics.registry import find_metric, list_metrics
+from harness.rasterisers.base import Options
+from harness.results.record import CaseGroup
+from harness.settings import Fit
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""
@@ -81,7 +80,7 @@ class CaseName:
     device: str
     resolution: int
     rotation: float
-    fit: str
+    fit: Fit
     options: tuple[tuple[str, Any], ...]
 
     def __str__(self) -> str:
@@ -91,8 +90,9 @@ class CaseName:
     @property
     def where(self) -> str:
         """The case without its triangulator."""
-        how = condition({**vars(self), "options": dict(self.options)})
-        return f"{self.scene} {how}, {self.rasteriser} on {self.device}"
+        view = View(self.resolution, self.rotation, self.fit)
+        options = Options(**dict(self.options))
+        return str(CaseGroup(self.scene, self.rasteriser, self.device, "", view, options))
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ class Settings:
 
     def threshold(self, counter: str) -> float | None:
         """Relative growth of a counter that is let pass; None where it is not gated."""
-        figure = find(counter)
+        figure = find_metric(counter)
         # A counter that every triangulation shares is gated in both directions.
         gated = figure.is_cost or (counter in self.thresholds and figure.has_direction)
         if "counters" not in self.gates or not gated:
@@ -351,7 +351,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not find(name).has_direction:
+    if name not in ("time", "counters") and not find_metric(name).has_direction:
         raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
@@ -366,7 +366,7 @@ def require_known(thresholds: Mapping[str, float], figures: Iterable[str]) -> No
     UsageError
         if one is not
     """
-    exact = (name for name, figure in registered().items() if figure.exact)
+    exact = (name for name, figure in list_metrics().items() if figure.exact)
     known = {"time", "counters", *exact, *figures}
     for name in thresholds:
         if name not in known:

@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from harness.compare.matching import printable
 from harness.compare.model import BROKEN, CaseChange, Comparison, Drift, TimeChange
 from harness.compare.wording import (
     NOT_GATED,
@@ -27,6 +26,7 @@ from harness.compare.wording import (
     totals,
     within,
 )
+from harness.results.record import printable
 from harness.style import count, plain_table
 from harness.webpages import template
 

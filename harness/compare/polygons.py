@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compare.matching import Match, latest, match
-from harness.compare.model import FIRST, Comparison
+from harness.compare.matching import Match, match
+from harness.compare.model import Comparison
 from harness.frame import Frame, frame_of_grid
 from harness.grid import SUBPIXEL
 from harness.results import drawings
-from harness.results.run_folder import Record, Run, read_arrays
+from harness.results.cases import latest
+from harness.results.record import Record
+from harness.results.run_folder import Run, read_arrays
+from harness.settings import COST_COUNTERS
 
 MOST = 3
 """Polygons that are shown, of all cases that regressed."""
@@ -69,8 +72,10 @@ def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
 
 def _growth(base: Run, head: Run, found: Match) -> Iterator[tuple[str, int, int, int]]:
     """Yield the largest growths of a case's polygons: of what, at which place, from and to."""
-    before, after = _counted(base, found.base or {}), _counted(head, found.head or {})
-    for metric in FIRST:
+    if found.base is None or found.head is None:
+        return
+    before, after = _counted(base, found.base), _counted(head, found.head)
+    for metric in COST_COUNTERS:
         if metric in before and metric in after and len(before[metric]) == len(after[metric]):
             both = np.stack([before[metric], after[metric]], axis=1)
             for place in np.argsort(both[:, 0] - both[:, 1], kind="stable")[:MOST].tolist():
@@ -82,13 +87,13 @@ def _growth(base: Run, head: Run, found: Match) -> Iterator[tuple[str, int, int,
 
 def _counted(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
     """Return what was counted of each polygon, (p,) each; one polygon's are the totals."""
-    columns = read_arrays(run, record["key"])
-    if columns is None and record.get("polygons") == 1:
-        columns = {name: np.array([value]) for name, value in record["counters"].items()}
+    columns = read_arrays(run, record.key)
+    if columns is None and record.polygons == 1:
+        columns = {name: np.array([value]) for name, value in record.counters.items()}
     return {
         name: column.astype(np.int64)
         for name, column in (columns or {}).items()
-        if name in FIRST and column.ndim == 1 and np.issubdtype(column.dtype, np.number)
+        if name in COST_COUNTERS and column.ndim == 1 and np.issubdtype(column.dtype, np.number)
     }
 
 
@@ -96,9 +101,10 @@ def _grown(
     base: Run, head: Run, found: Match, metric: str, place: int, old: int, new: int
 ) -> Grown | None:
     triangles, alone = {}, None
-    for side, run, record in (("BASE", base, found.base or {}), ("HEAD", head, found.head or {})):
-        geometry = drawings.read(run, drawings.view_of(record))
-        rows = None if geometry is None else geometry.triangles.get(record["triangulator"])
+    for side, run, record in (("BASE", base, found.base), ("HEAD", head, found.head)):
+        assert record is not None  # only matched cases grow
+        geometry = drawings.read(run, record.id.view)
+        rows = None if geometry is None else geometry.triangles.get(record.name)
         if geometry is None or rows is None or place >= len(geometry.source):
             return None
         first, last = geometry.grid.vertex_offsets[place : place + 2].tolist()
@@ -110,6 +116,6 @@ def _grown(
             frame_of_grid(side_px, replace(grid, coords=points.astype(np.int32))),
             source=geometry.source[place : place + 1],
         )
-        triangles[f"{side}: {record['triangulator']}"] = own.astype(np.int32)
+        triangles[f"{side}: {record.name}"] = own.astype(np.int32)
     assert alone is not None
     return Grown(str(found.name), metric, old, new, int(alone.source[0]), alone, triangles)

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
-from harness.results.run_folder import Record
+from harness.results.record import Record, Time
 from harness.stats import run_quality
 from harness.stats.intervals import paired_ratio
-from harness.stats.run_quality import ENOUGH, kept_pairs
+from harness.stats.run_quality import ENOUGH, select_rounds
 
 QUANTILE = 0.1
 """Of the samples: low enough to be clear of other programs, not as fickle as the fastest one."""
@@ -97,33 +97,30 @@ def read_pair(
     base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
 ) -> Pair | TimeChange | None:
     """Return the times of a case, why they cannot be compared, or None if neither run has any."""
-    before, after = base.get("time") or {}, head.get("time") or {}
-    if not before and not after:
+    if base.time is None and head.time is None:
         return None
-    first, second = (positive(times.get("samples_s") or []) for times in (before, after))
+    before, after = base.time or Time(), head.time or Time()
+    first, second = (positive(time.samples_s) for time in (before, after))
     reason = ""
     if not len(first) or not len(second):
         reason = f"{'HEAD' if len(first) else 'BASE'} was not timed"
-    elif before.get("timer") != after.get("timer"):
-        reason = f"timed by {before.get('timer')} clock in BASE, by {after.get('timer')} in HEAD"
+    elif before.timer != after.timer:
+        reason = f"timed by {before.timer} clock in BASE, by {after.timer} in HEAD"
     elif min(len(first), len(second)) < MIN_ROUNDS:
         reason = f"{len(first)} and {len(second)} samples are too few"
     if reason:
         return _undecided(first, second, reason)
-    references = (
-        positive(before.get("reference_s") or []),
-        positive(after.get("reference_s") or []),
-    )
+    references = (positive(before.reference_s), positive(after.reference_s))
     if not all(map(len, references)):
         return Pair(first, second, None, same_work)
     # A sample that was left out would move those after it to other rounds.
-    whole = [len(first), len(second)] == [len(times["samples_s"]) for times in (before, after)]
-    same_rounds = whole and len(first) == len(second) and np.array_equal(*references)
-    parts = (after.get("epochs"), after.get("processes")) if same_rounds else (None, None)
-    kept = kept_pairs(before, after) if same_rounds else None
-    unlike = (
-        "" if same_rounds else run_quality.apart(before, after, machines_differ=machines_differ)
-    )
+    complete = len(first) == len(before.samples_s) and len(second) == len(after.samples_s)
+    same_rounds = complete and before.is_paired_with(after)
+    parts: Parts = (after.epochs or None, after.processes or None) if same_rounds else (None, None)
+    kept = select_rounds(before, after) if same_rounds else None
+    unlike = ""
+    if not same_rounds:
+        unlike = run_quality.explain_apart(before, after, machines_differ=machines_differ)
     return Pair(first, second, references, same_work, same_rounds, parts, kept, unlike)
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from harness.compare.model import (
     BROKEN,
-    FIRST,
     STATUS_TEXT,
     CaseChange,
     Comparison,
@@ -19,7 +18,8 @@ from harness.compare.model import (
     TimeChange,
     Total,
 )
-from harness.metrics.registry import find
+from harness.metrics.registry import find_metric
+from harness.settings import COST_COUNTERS
 from harness.style import count, figure, percent, step
 
 if TYPE_CHECKING:
@@ -140,8 +140,9 @@ def spaced(names: Iterable[str]) -> str:
 
 def in_order(names: Iterable[str]) -> list[str]:
     """Return the counters `names` once each, those first that stand for the cost best."""
-    found = list(dict.fromkeys(names))
-    return [name for name in FIRST if name in found] + [n for n in found if n not in FIRST]
+    counters = list(dict.fromkeys(names))
+    first = [name for name in COST_COUNTERS if name in counters]
+    return list(dict.fromkeys([*first, *counters]))
 
 
 Kind = Literal["bad", "unsure", "good", "plain"]
@@ -186,7 +187,7 @@ def judged(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
 def _ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     """Say in a word or two each what differs and does not decide the exit code."""
     gates, found = comparison.settings.gates, []
-    costs = (change for change in case.counters if find(change.metric).is_cost)
+    costs = (change for change in case.counters if find_metric(change.metric).is_cost)
     if "counters" not in gates and any(change.exact != "equal" for change in costs):
         found.append("counters differ")
     words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}
@@ -224,7 +225,7 @@ class Group:
     drifted: bool
 
 
-def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
+def groups(comparison: Comparison, counters: int = len(COST_COUNTERS)) -> list[Group]:
     """Return the cases as one table for each scene, view, rasteriser and device.
 
     counters : most counters to show, so that a narrow terminal can show the rest
@@ -247,7 +248,7 @@ def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
 def _shown(cases: Sequence[CaseChange]) -> list[str]:
     """Return the counters worth a column, those that regressed first."""
     changes = [change for case in cases for change in case.counters]
-    counted = [change for change in changes if find(change.metric).is_cost]
+    counted = [change for change in changes if find_metric(change.metric).is_cost]
     regressed = in_order(change.metric for change in counted if change.regressed)
     worth = (c.metric for c in counted if c.exact != "equal" or c.metric not in PLAIN)
     return list(dict.fromkeys([*regressed, *in_order(worth)]))
@@ -278,7 +279,7 @@ def totals(comparison: Comparison, *, counted: bool) -> list[tuple[str, ...]]:
     counted : those that say what drawing costs; otherwise predictions and a driver's opinions
     """
     differing = [total for total in comparison.totals if total.affected]
-    return [_cells(total) for total in differing if find(total.metric).is_cost == counted]
+    return [_cells(total) for total in differing if find_metric(total.metric).is_cost == counted]
 
 
 def _cells(total: Total) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
-"""What a run is to do: the plan as the user gave it, and the cases it spells out."""
+"""The plan of a run: what it measures, as the user gave it."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -39,7 +38,7 @@ class Plan:
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = asdict(self)
         timing = values["timing"]
-        # What is as ever is not worth telling.
+        # Omit fields with default values.
         if self.timing.processes == 1:
             del timing["processes"]
         if self.timing.limit_s is None:
@@ -73,40 +72,3 @@ class Plan:
         except ValidationError as error:
             first = error.errors()[0]
             raise UsageError(f"plan: {first['loc'][0]}: {first['msg']}") from None
-
-
-@dataclass(frozen=True)
-class Case:
-    """The unit that is run, stored, resumed and compared."""
-
-    scene: str
-    scene_hash: str
-    view: View
-    triangulator: str
-    rasteriser: str
-    device: str
-    options: Options
-
-    @classmethod
-    def of(cls, record: Mapping[str, Any]) -> "Case":
-        """Return the case that a record is of."""
-        return cls(
-            scene=record["scene"],
-            scene_hash=record.get("scene_hash") or "",
-            view=View(record["resolution"], record["rotation"], record.get("fit", "box")),
-            triangulator=record["triangulator"],
-            rasteriser=record["rasteriser"],
-            device=record["device"],
-            options=Options(**record["options"]),
-        )
-
-    @property
-    def key(self) -> str:
-        """16 hexadecimal digits that stand for the content of the case."""
-        content = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()[:16]
-
-    def identity(self) -> dict[str, Any]:
-        """Return the fields a record of this case begins with."""
-        content = asdict(self)
-        return {"key": self.key, **content.pop("view"), **content}

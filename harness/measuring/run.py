@@ -3,9 +3,10 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,15 +20,25 @@ from harness.machine.environment import processor
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
-from harness.measuring.plan import Case, Plan
+from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
-from harness.measuring.records import Keeper
+from harness.measuring.records import RunWriter
+from harness.measuring.reference_draws import default_path, reference_draws
 from harness.measuring.scene import SceneRun
+from harness.metrics.decision import Decided, decide_all
 from harness.progress import Reporter, detach_terminal
 from harness.results.processors import may_be_same, processor_label
-from harness.results.run_folder import FACTS, Record, Store, read_counted, read_run
-from harness.stats.run_quality import default_path, judge, reference_draws
-from harness.triangulating.recipes import ORIGINAL, OTHER, Recipe
+from harness.results.record import Record
+from harness.results.run_folder import (
+    FACTS,
+    SCHEMA_VERSION,
+    Run,
+    Store,
+    read_counted,
+    read_run,
+)
+from harness.stats.run_quality import judge_records
+from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.viewing import viewing_of
 from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
@@ -58,18 +69,31 @@ Split = Callable[[str, Scene], list[Part]]
 
 @dataclass(frozen=True)
 class RunResult:
-    """What became of a run.
+    """Result of a measurement.
 
-    path : its folder
-    records : of finished cases, in the order written
-    interrupted : whether it was stopped before all were done
-    hurried : whether whoever stopped it does not wait
+    run : the run, with the records of finished cases in the order written
+    interrupted : whether it was stopped before all cases were done
+    aborted : True if a second signal arrived: reports are skipped
     """
 
-    path: Path
-    records: list[Record]
+    run: Run
     interrupted: bool
-    hurried: bool = False
+    aborted: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The run's folder."""
+        return self.run.path
+
+    @property
+    def records(self) -> Sequence[Record]:
+        """The records of finished cases."""
+        return self.run.records
+
+    @cached_property
+    def decided(self) -> list[Decided]:
+        """The groups of the run with the decision about each."""
+        return decide_all(self.run)
 
 
 @dataclass(frozen=True)
@@ -177,17 +201,17 @@ def _measure(
         (own,) = plans
         others = [replace(recipe, other=True) for recipe in own.triangulators]
         plans = [replace(own, triangulators=(*own.triangulators, *others))]
-    stores, records = open_stores(out, facts, resume=how.resume, force=how.force)
+    stores, records = open_stores(out, facts, reporter.warn, resume=how.resume, force=how.force)
     counted = {} if how.force else read_counted(out)
     pool.seconds["prepare"] = time.perf_counter() - began
-    hurried = False
+    aborted = False
     with ExitStack() as stack:
         for store in stores:
             stack.enter_context(store)
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        keeper = Keeper(stores, records, reporter, drawings_too=not how.split)
-        keeper.write_facts({**facts, "interrupted": True})  # until it has come to its end
+        writer = RunWriter(stores, records, reporter, with_drawings=not how.split)
+        writer.write_facts({**facts, "interrupted": True})  # until it has come to its end
         # BASE's code triangulates elsewhere, in no round of HEAD's.
         rounds = not (how.split or how.beside)
         try:
@@ -203,24 +227,26 @@ def _measure(
                         broken=broken,
                         pool=pool,
                         reporter=reporter,
-                        keeper=keeper,
+                        writer=writer,
                         counted=counted,
                         rounds=rounds,
                     ).measure()
         except KeyboardInterrupt:
-            hurried = pool.stopping = True
+            aborted = pool.stopping = True
         finally:
-            facts["frames"] = keeper.frames or facts["frames"]
+            facts["frames"] = writer.frames or facts["frames"]
             facts["devices"] |= pool.describe()
             facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = pool.stopping
             draws = reference_draws(records.values(), default_path())
-            facts["state"] = {**vars(judge(records.values(), draws)), "draws": draws}
-            keeper.write_facts(facts)
+            facts["state"] = {**vars(judge_records(records.values(), draws)), "draws": draws}
+            writer.write_facts(facts)
         if not pool.stopping:
             stores[0].drop_counted()
-    ours = [each for each in records.values() if not each["triangulator"].startswith(OTHER)]
-    return RunResult(out, ours, pool.stopping, hurried)
+    ours = [record for record in records.values() if not record.id.version]
+    return RunResult(
+        Run(out, {"schema_version": SCHEMA_VERSION, **facts}, ours), pool.stopping, aborted
+    )
 
 
 @contextmanager
@@ -247,13 +273,19 @@ def _stopped_in_order(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]
 
 
 def open_stores(
-    out: Path, facts: dict[str, Any], *, resume: bool, force: bool
+    out: Path,
+    facts: dict[str, Any],
+    warn: Callable[[str], None],
+    *,
+    resume: bool,
+    force: bool,
 ) -> tuple[list[Store], dict[str, Record]]:
     """Return the folders to write to and the records that they have, by key.
 
     The first is the run's, the second, if there is one, that of another version's run in it.
 
     facts : content of the new run.json; what the old one had of the run so far is taken over
+    warn : gets each problem of the old run, such as a damaged record
     force : go on even if plan, scene, code or machine differ
 
     Raises
@@ -266,6 +298,8 @@ def open_stores(
         return [Store.create(folder) for folder in [out, *base]], {}
     store = Store.resume(out)
     before = read_run(out)
+    for problem in before.problems:
+        warn(problem)
     if not force:
         try:
             _refuse_other(before.facts, facts, out)
@@ -283,10 +317,8 @@ def open_stores(
         if folder.is_symlink():
             raise UsageError(f"{folder} is a link, which is not followed; copy what it names here")
         stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
-        for record in read_run(folder).records:
-            marked = {**record, "triangulator": OTHER + record["triangulator"]}
-            records.append({**marked, "key": Case.of(marked).key})
-    return stores, {record["key"]: record for record in records}
+        records += [record.with_id(version="base") for record in read_run(folder).records]
+    return stores, {record.id.key: record for record in records}
 
 
 def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:

@@ -10,11 +10,12 @@ from harness.errors import HarnessError
 from harness.frame import Frame, View, frame_of
 from harness.measuring import lower_limits, records
 from harness.measuring.loading import Usable
-from harness.measuring.plan import Case, Plan
+from harness.measuring.plan import Plan
 from harness.measuring.pool import Backend, MeasuringPool
+from harness.metrics.registry import PREDICTED
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.results.run_folder import Record
+from harness.results.record import CaseId, Record, Status
 from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.result import FrameTriangulation
@@ -37,20 +38,20 @@ class Group:
 
     backend: Backend
     options: Options
-    cases: dict[Recipe, Case]
+    cases: dict[Recipe, CaseId]
 
 
 @dataclass
 class _View:
     """What a view's groups share: its frame, what triangulators made of it, what is known of it.
 
-    made, triangles : by recipe; and what is drawn of each, (m, 3), by its name
+    made, triangles : triangulations by recipe, and the triangles (m, 3) that are drawn of each
     limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     """
 
     frame: Frame
     made: dict[Recipe, FrameTriangulation] = field(default_factory=dict)
-    triangles: dict[str, NDArray[np.int32]] = field(default_factory=dict)
+    triangles: dict[Recipe, NDArray[np.int32]] = field(default_factory=dict)
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
 
@@ -60,8 +61,8 @@ class SceneRun:
 
     label : the scene's name in records
     broken : triangulators that cannot be run at all, and why
-    keeper : is told what comes to light, as soon as it does; the cases of its records that are ok
-        or skipped are left alone
+    writer : stores results as soon as they are there; cases of its records that are ok or skipped
+        are not measured again
     counted : records by key of cases that need only be timed
     rounds : whether to triangulate in rounds, as drawings are timed
     """
@@ -73,7 +74,7 @@ class SceneRun:
     broken: Mapping[Recipe, str]
     pool: MeasuringPool
     reporter: Reporter
-    keeper: records.Keeper
+    writer: records.RunWriter
     counted: Mapping[str, Record]
     rounds: bool = False
 
@@ -85,11 +86,11 @@ class SceneRun:
                 continue
             now = _View(frame_of(self.scene, view))
             self._tell_of_snapping(now.frame)
-            self.keeper.framed(now.frame)
+            self.writer.add_frame(now.frame)
             self._prepare(now, groups)
             if self.rounds:
                 self._time_triangulating(now)
-            self.keeper.triangulated(now.frame, now.triangles)
+            self.writer.add_triangulations(now.frame, now.triangles)
             for group in groups:
                 left = {recipe: case for recipe, case in group.cases.items() if recipe in now.made}
                 if left and not self.pool.stopping:
@@ -99,23 +100,29 @@ class SceneRun:
         for backend, every in self.usable:
             for options in every:
                 cases = {
-                    recipe: Case(
+                    recipe: CaseId(
                         scene=self.label,
-                        scene_hash=self.scene.content_hash,
                         view=view,
-                        triangulator=str(recipe),
+                        triangulator=recipe.base,
                         rasteriser=backend.rasteriser,
                         device=backend.device.name,
                         options=options,
+                        number=recipe.number,
+                        upright=recipe.upright,
+                        version="base" if recipe.other else "",
+                        scene_hash=self.scene.content_hash,
                     )
                     for recipe in self.plan.triangulators
                 }
-                left = {
-                    recipe: case
-                    for recipe, case in cases.items()
-                    if self.keeper.records.get(case.key, {}).get("status") not in DONE
-                }
+                left = {recipe: case for recipe, case in cases.items() if not self._is_done(case)}
                 yield Group(backend, options, left)
+
+    def _is_done(self, case: CaseId) -> bool:
+        record = self.writer.records.get(case.key)
+        return record is not None and record.status in DONE
+
+    def _add_unmeasured(self, case: CaseId, status: Status, reason: str) -> None:
+        self.writer.add_finished(Record(case, status, reason))
 
     def _tell_of_snapping(self, frame: Frame) -> None:
         for verb, entries in (("dropped", frame.dropped), ("repaired", frame.repaired)):
@@ -142,20 +149,21 @@ class SceneRun:
         limits: lower_limits.Begun = {}
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for recipe in wanted:
-                result = (
-                    ("failed", self.broken[recipe])
-                    if recipe in self.broken
-                    else self._prepare_one(now, recipe, stage.wait)
+                result: FrameTriangulation | tuple[Status, str] = (
+                    "failed",
+                    self.broken.get(recipe, ""),
                 )
+                if recipe not in self.broken:
+                    result = self._prepare_one(now, recipe, stage.wait)
                 if isinstance(result, FrameTriangulation):
                     now.made[recipe] = result
-                    now.triangles[str(recipe)] = now.frame.join(result.parts)
+                    now.triangles[recipe] = now.frame.join(result.parts)
                     if recipe == BASELINE:
                         limits = lower_limits.begin(now.frame, result.parts, self.pool)
                 else:
                     for group in groups:
                         if recipe in group.cases:
-                            self.keeper.finished(records.problem(group.cases[recipe], *result))
+                            self._add_unmeasured(group.cases[recipe], *result)
                 stage.advance()
         said = "looking for the fewest quads, by which regret is told ..."
         with self.reporter.if_long(said, SAID_AFTER_S):
@@ -163,7 +171,7 @@ class SceneRun:
 
     def _prepare_one(
         self, now: _View, recipe: Recipe, tick: Callable[[float], None]
-    ) -> FrameTriangulation | tuple[str, str]:
+    ) -> FrameTriangulation | tuple[Status, str]:
         """Return a triangulator's result, or (status, reason) if it has none.
 
         What another version has as it is here is triangulated once.
@@ -197,7 +205,7 @@ class SceneRun:
         for note in result.notes:
             self.reporter.once(note, warn=True)
         if not any(part is not None and len(part) for part in result.parts):
-            status = "failed" if result.failed else "skipped"
+            status: Status = "failed" if result.failed else "skipped"
             return status, records.incomplete(
                 result
             ) or "no polygon is left on the grid of 1/256 px: draw larger, or fewer"
@@ -242,11 +250,11 @@ class SceneRun:
             opened = self.pool.open(group.backend)
         except HarnessError as error:
             for case in group.cases.values():
-                self.keeper.finished(records.problem(case, "failed", str(error)))
+                self._add_unmeasured(case, "failed", str(error))
             return
         timed = opened.timer is not None
-        ready = {
-            recipe: {**self.counted[case.key], "status": "ok"}
+        ready: dict[Recipe, Record] = {
+            recipe: replace(self.counted[case.key], status="ok")
             for recipe, case in group.cases.items()
             if timed and case.key in self.counted
         }
@@ -270,22 +278,23 @@ class SceneRun:
         names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.made]
         with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
             for recipe in names:
-                triangulation, triangles = now.made[recipe], now.triangles[str(recipe)]
+                triangulation, triangles = now.made[recipe], now.triangles[recipe]
                 try:
                     counters = self.pool.count(backend, frame, triangles, options)
                 except HarnessError as error:
                     if recipe in cases:
-                        self.keeper.finished(records.problem(cases[recipe], "failed", str(error)))
+                        self._add_unmeasured(cases[recipe], "failed", str(error))
                 else:
                     if recipe == BASELINE:
-                        covered = records.covered(counters, triangulation.drawn)
+                        covered = records.count_covered(counters, triangulation.drawn)
                     if recipe in cases:
                         made = (frame, triangulation, counters, covered, limits)
-                        record = records.measured(cases[recipe], *made)
+                        record = records.make_counted(cases[recipe], *made)
                         columns = _columns(now, triangulation, counters, limits)
                         if timed:
                             ready[recipe] = record
-                        (self.keeper.counted if timed else self.keeper.finished)(record, columns)
+                        add = self.writer.add_counted if timed else self.writer.add_finished
+                        add(record, columns)
                 stage.advance()
         return ready
 
@@ -301,26 +310,29 @@ class SceneRun:
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.pool.time(
                 backend,
-                {n: (now.frame, now.triangles[n], group.options) for n in drawn_as.values()},
+                {
+                    str(drawn): (now.frame, now.triangles[drawn], group.options)
+                    for drawn in drawn_as.values()
+                },
                 settings,
                 self.plan.seed,
                 lambda waited: stage.complete(min(waited, likely_s)),
             )
         for recipe, record in ready.items():
-            name = drawn_as[recipe]
+            name = str(drawn_as[recipe])
             if name in failures:
-                self.keeper.finished(records.problem(group.cases[recipe], "failed", failures[name]))
+                self._add_unmeasured(group.cases[recipe], "failed", failures[name])
             else:
-                times = records.time_fields(groups[name], name, test, settings)
-                self.keeper.finished({**record, "time": times})
+                time = records.make_time(groups[name], name, test, settings)
+                self.writer.add_finished(replace(record, time=time))
 
-    def _drawn_as(self, now: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> str:
-        """Return whose drawing is timed: HEAD's for what both versions have alike."""
-        name, own, other = str(recipe), replace(recipe, other=False), self.pool.other
+    def _drawn_as(self, now: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> Recipe:
+        """Return whose drawing is timed: HEAD's if both versions have the same triangles."""
+        own, other = replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or own not in ready:
-            return name
-        alike = np.array_equal(now.triangles[name], now.triangles[str(own)])
-        return str(own) if alike else name
+            return recipe
+        alike = np.array_equal(now.triangles[recipe], now.triangles[own])
+        return own if alike else recipe
 
 
 def _columns(
@@ -332,5 +344,5 @@ def _columns(
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(now.frame.source) == 1:
         return None
-    predicted = {f"predicted_{name}": each for name, each in triangulation.predicted.items()}
+    predicted = {PREDICTED + name: each for name, each in triangulation.predicted.items()}
     return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

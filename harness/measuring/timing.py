@@ -25,9 +25,10 @@ import numpy as np
 
 from harness.machine import system
 from harness.rasterisers.base import Drawing, Sample
+from harness.results.record import Time
 from harness.settings import TimingSettings
 from harness.stats.intervals import median_interval, paired_ratio
-from harness.stats.run_quality import kept_pairs
+from harness.stats.run_quality import select_rounds
 
 Timer = Literal["gpu", "cpu", "wall"]
 
@@ -128,9 +129,10 @@ class Times:
     @property
     def undisturbed_s(self) -> list[float]:
         """Samples that did not wait for a core, or all samples if these are too few."""
-        own = {"samples_s": self.samples_s, "waited_s": self.waited_s, "wall_s": self.wall_s}
-        kept = kept_pairs(own, own)
-        return [sample for sample, good in zip(self.samples_s, kept, strict=True) if good]
+        wall_s, waited_s = tuple(self.wall_s), tuple(self.waited_s)
+        time = Time("", tuple(self.samples_s), wall_s, waited_s)
+        rounds = select_rounds(time, time)
+        return [sample for sample, quiet in zip(self.samples_s, rounds, strict=True) if quiet]
 
     @property
     def median_s(self) -> float:

@@ -1,170 +1,121 @@
-"""Records that may be compared with each other, and what they are compared against.
+"""Groups of records that may be compared with each other, and ratios of their times."""
 
-Times of software rasterisers on different processors stay apart: to them it is the device.
-"""
-
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
-from typing import Any
 
 from harness.errors import unknown
-from harness.results.processors import list_different, processor_label
-from harness.results.run_folder import Record, Run
-from harness.stats.intervals import Ratio, of_any_run, paired_ratio
-from harness.stats.run_quality import QUIET, kept_pairs, state_of
-from triangulators.devices import is_software
+from harness.results.record import CaseGroup, Record
+from harness.results.run_folder import Run
+from harness.stats.intervals import FASTER, Ratio, of_any_run, paired_ratio
+from harness.stats.run_quality import QUIET, STATES, State, select_rounds
 
 USUAL_BASE = "ear-clipping"
-"""What ratios are given against unless told otherwise: what most programs use today."""
+"""Default base of ratios: what most programs use today."""
 
 SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
-"""Criteria that, when they are all equal, show two names for one triangulation."""
+"""Criteria that are all equal only if two names stand for one triangulation."""
 
 
-CONDITIONS = {
-    "rotation": (0.0, "turned {:g}°"),
-    "fit": ("box", "fit to a {}"),
-    "samples": (1, "{} samples per pixel"),
-    "work": (0, "work {}"),
-    "order": ("native", "{} order"),
-    "seed": (0, "seed {}"),
-}
-"""How something is drawn usually, and what is said where it is not."""
+@dataclass(frozen=True)
+class RecordGroup:
+    """Records that differ in the triangulator alone.
+
+    base_name : the base that the user chose, "" if none
+    state : of the machine during the run; unless it was quiet, times show nothing
+    """
+
+    id: CaseGroup
+    records: tuple[Record, ...]
+    base_name: str = ""
+    state: State = QUIET
+
+    @cached_property
+    def measured(self) -> list[Record]:
+        """The records that are ok."""
+        return [record for record in self.records if record.is_ok]
+
+    @cached_property
+    def base(self) -> Record | None:
+        """The record that the others are compared with, or None if none was measured.
+
+        It is the chosen base, else ear clipping, else the first with the most polygons.
+        """
+        by_name = {record.name: record for record in self.measured}
+        for name in (self.base_name, USUAL_BASE):
+            if name in by_name:
+                return by_name[name]
+        return max(self.measured, key=lambda record: record.polygons, default=None)
+
+    def compare(self, record: Record, base: Record | None, among: int = 1) -> Ratio | None:
+        """Return `time_ratio` of two records of the group."""
+        return time_ratio(record, base, among, quiet=self.state == QUIET)
 
 
-def condition(record: Mapping[Any, Any]) -> str:
-    """Say how what a record is of was drawn: `128 px, turned 30°, work 8`."""
-    told = {**record, **(record.get("options") or {})}
-    unusual = (
-        form.format(told[name])
-        for name, (usual, form) in CONDITIONS.items()
-        if told.get(name) not in (None, usual)
-    )
-    return ", ".join([f"{record['resolution']} px", *unusual])
+def group_records(
+    records: Iterable[Record], base_name: str = "", state: State = QUIET
+) -> list[RecordGroup]:
+    """Split records into groups, in order; records of a group keep their order."""
+    ordered = sorted(records, key=lambda record: record.id.group)
+    return [
+        RecordGroup(group, tuple(members), base_name, state)
+        for group, members in groupby(ordered, key=lambda record: record.id.group)
+    ]
 
 
-def group_of(record: Record) -> tuple[Any, ...]:
-    """Return what the records that may be compared with each other have in common."""
-    options = tuple(sorted((record.get("options") or {}).items()))
-    names = ("scene", "rasteriser", "device", "resolution", "rotation", "fit")
-    return (*(record.get(name) for name in names), options)
-
-
-def groups(records: Sequence[Record]) -> list[list[Record]]:
-    """Split records into those measured alike but for the triangulator."""
-    ordered = sorted(records, key=lambda record: repr(group_of(record)))
-    return [list(members) for _, members in groupby(ordered, key=group_of)]
+def groups_of(run: Run) -> list[RecordGroup]:
+    """Return the groups of a run's records, with the run's base and state."""
+    stored = (run.facts.get("state") or {}).get("state")
+    known: State = QUIET
+    state = next((state for state in STATES if state == stored), known)
+    return group_records(run.records, run.base, state)
 
 
 def without_twins(records: Sequence[Record]) -> list[Record]:
     """Return the records of one polygon and view, the first of each triangulation."""
-    seen: dict[tuple[float, ...], Record] = {}
+    first: dict[tuple[float, ...], Record] = {}
     for record in records:
-        predicted = record["predicted"]
+        predicted = record.predicted
         if all(name in predicted for name in SAME):  # damage can take one away
-            seen.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
-    return list(seen.values())
-
-
-def base_of(members: Sequence[Record]) -> Record | None:
-    """Return the record of a group that the others are measured against; None if none was measured.
-
-    It is the base that the run chose (`base` of its records, as they are read), else ear clipping,
-    else the first that left no polygon out.
-    """
-    measured = [record for record in members if record["status"] == "ok"]
-    by_name = {record["triangulator"]: record for record in measured}
-    for name in (*(record.get("base") for record in measured[:1]), USUAL_BASE):
-        if name in by_name:
-            return by_name[name]
-    return max(measured, key=lambda record: record.get("polygons") or 0, default=None)
+            first.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
+    return list(first.values())
 
 
 def with_base(run: Run, name: str) -> Run:
-    """Return the run with the triangulator `name` as what ratios are given against.
+    """Return the run with the triangulator `name` as the base of ratios.
 
     Raises
     ------
     UsageError
-        if the run holds no such triangulator
+        if the run has no such triangulator
     """
-    known = dict.fromkeys(record["triangulator"] for record in run.records)
-    if run.records and name not in known:
-        raise unknown("base", name, known)
-    return replace(run, records=[{**record, "base": name} for record in run.records])
+    names = dict.fromkeys(record.name for record in run.records)
+    if run.records and name not in names:
+        raise unknown("base", name, names)
+    return replace(run, facts={**run.facts, "base": name})
 
 
-def time_ratio(record: Record, base: Record | None, among: int = 1) -> Ratio | None:
-    """Return the paired ratio of two records' times, None where they are not comparable.
+def time_ratio(
+    record: Record, base: Record | None, among: int = 1, *, quiet: bool = True
+) -> Ratio | None:
+    """Return the paired ratio of two records' times, or None if they are not comparable.
 
-    Its interval is that of a run like theirs, not of theirs alone (`of_any_run`). It shows nothing
-    where the run's state was not quiet.
+    Its interval is that of any run like theirs (`of_any_run`).
 
-    among : how many there are of which one is chosen by its ratio
+    among : number of ratios of which this one may be chosen by its value; if there are several, a
+        ratio that shows a gain has a `joint` one
+    quiet : False if the run was disturbed, so that the ratio shows nothing
     """
-    if base is None or record.get("polygons") != base.get("polygons"):
+    if base is None or record.polygons != base.polygons:
         return None
-    times, base_times = record.get("time") or {}, base.get("time") or {}
-    # Without the rounds of both, which damage can take away, nothing is paired.
-    if not all({"samples_s", "reference_s"} <= each.keys() for each in (times, base_times)):
+    time, other = record.time, base.time
+    if time is None or other is None or not time.is_paired_with(other):
         return None
-    if times["reference_s"] != base_times["reference_s"]:
-        return None
-    if len(times["samples_s"]) != len(base_times["samples_s"]):
-        return None
-    parts = times.get("epochs"), times.get("processes")
-    kept = kept_pairs(times, base_times)
-    found = paired_ratio(times["samples_s"], base_times["samples_s"], *parts, kept, among)
-    return replace(of_any_run(found, among), quiet=record.get("state", QUIET) == QUIET)
-
-
-ON_THE_CPU = ("cpu", "zink", "osmesa")
-"""Names of devices that are software besides those whose name says so."""
-
-
-def of_cpu(run: Run, record: Record) -> bool:
-    """Whether the processor draws on a record's device."""
-    name = str(record.get("device") or "")
-    device = (run.facts.get("devices") or {}).get(f"{record.get('rasteriser')} on {name}") or {}
-    renderer = str((device.get("details") or {}).get("renderer") or name)
-    return is_software(renderer) or name.partition("@")[0] in ON_THE_CPU
-
-
-def several_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
-    """Return the software devices that were timed on several processors, with these."""
-    labels: dict[str, set[str]] = {}
-    for run in runs:
-        for record in run.records:
-            if record.get("time") and of_cpu(run, record):
-                labels.setdefault(str(record["device"]), set()).add(processor_label(run.facts))
-    return {name: kinds for name, found in labels.items() if (kinds := list_different(found))}
-
-
-def by_processor(runs: Sequence[Run], field: str = "device", how: str = "{} ({})") -> list[Run]:
-    """Return the runs with the processor in a field of what drew on a device that several had."""
-    mixed = several_processors(runs)
-
-    def named(run: Run, record: Record) -> Record:
-        if record.get("device") not in mixed or not of_cpu(run, record):
-            return record
-        return {**record, field: how.format(record.get(field), processor_label(run.facts))}
-
-    return [replace(run, records=[named(run, each) for each in run.records]) for run in runs]
-
-
-def processor_words(mixed: dict[str, list[str]]) -> str:
-    """Name the devices and their processors, in one line."""
-    return "; ".join(f"{device} on {', '.join(kinds)}" for device, kinds in mixed.items())
-
-
-def machine_words(run: Run) -> list[str]:
-    """Say, a line each, which processor drew, where it did, and where it was slower than it can be.
-
-    What is of processors is said of runs alone that were timed on them.
-    """
-    timed = [each for each in run.records if each.get("time") and of_cpu(run, each)]
-    devices = ", ".join(dict.fromkeys(str(each["device"]) for each in timed))
-    label = processor_label(run.facts)
-    lines = [f"times of {devices} are of this processor: {label}"] if timed and label else []
-    return lines + state_of(run.facts, run.records).words
+    parts = (time.epochs or None, time.processes or None)
+    samples = (time.samples_s, other.samples_s, *parts, select_rounds(time, other))
+    ratio = replace(of_any_run(paired_ratio(*samples)), quiet=quiet)
+    if among > 1 and ratio.verdict == FASTER:
+        joint = of_any_run(paired_ratio(*samples, among), among)
+        ratio = replace(ratio, joint=joint)
+    return ratio

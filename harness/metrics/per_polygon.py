@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from harness.metrics.registry import PREDICTED
 from harness.rasterisers.counters import compute_estimates
-from harness.results.run_folder import Record, Run, read_arrays
+from harness.results.record import Record
+from harness.results.run_folder import Run, read_arrays
 
 Column = NDArray[np.float64]
 Columns = dict[str, Column]
@@ -16,7 +17,7 @@ Columns = dict[str, Column]
 
 def columns_of(run: Run, record: Record) -> Columns | None:
     """Return a case's columns, each (p,), or None where the run did not keep them."""
-    arrays = read_arrays(run, record["key"])
+    arrays = read_arrays(run, record.key)
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
     columns = {name: np.asarray(column, np.float64) for name, column in arrays.items()}

@@ -1,12 +1,12 @@
-"""Every figure there is, by name: what it is, its unit, which way is better, how to compute it.
+"""Registry of metrics: name, unit, direction, and the function that computes it from a record.
 
 A record holds raw samples and counters only. Tables, plots, comparisons, studies and reports
-choose from this registry and compute through it, so that one name means one thing everywhere:
+compute through this registry, so that a name means the same everywhere. Metrics are
 
-- what a rasteriser counts is a figure, declared in `harness.rasterisers.counters` or by a third
-  party's rasteriser; a counter that nobody declared is one too;
-- what `triangulators.criteria` predicts is a figure;
-- what is derived from both, and from times, is in `METRICS` below.
+- counters, declared in `harness.rasterisers.counters` or by a third party's rasteriser; a counter
+  that nobody declared is a metric, too;
+- predictions of `triangulators.criteria`;
+- what is derived from both, and from times: `METRICS` below.
 """
 
 import statistics
@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 from harness.rasterisers import counters
 from harness.rasterisers.counters import ESTIMATES
-from harness.results.run_folder import Record
+from harness.results.record import Record
+from harness.settings import COST_COUNTERS
 from triangulators import criteria
 
 Kind = Literal["counter", "ratio", "prediction", "time", "count"]
@@ -27,30 +28,28 @@ Read = Callable[[Record], float | None]
 PREDICTED = "predicted_"
 """Prefix of a prediction's column where counters stand beside it."""
 
-LANES = 4
-"""Of a quad."""
+LANES_PER_QUAD = 4
 
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
 LEAST = "least"
-"""Field of a record: of the polygons whose fewest quads are known, how many they are, their fewest
-`quads`, and the `shaded` quads and `fragments` of the record's own triangles."""
+"""Column of each polygon's minimum number of quads; their sums are `Record.least`."""
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One figure of a record.
+class Metric:
+    """A metric of a record.
 
     name : its key and its column in files
     label, symbol, unit : how tables and plots show it; a ratio's unit is "x"
-    function : record -> value, or None where the record has no such figure
-    kind : "counter", "ratio" of exact figures, "prediction", "time", or "count" of something else
+    function : record -> value, or None if the record lacks it
+    kind : "counter", "ratio" of exact metrics, "prediction", "time", or "count" of something else
     better : "lower" or "higher" is better, or "none" where neither is
     best_case : the value no triangulation can beat, None where it depends on the scene
     heading : its heading in the terminal's table; "" leaves it out
     form : how the table writes it
-    instead_of : the figure whose place it takes in that table, where there is no room for both
+    instead_of : the metric that it replaces in that table, which has no room for both
     """
 
     name: str
@@ -67,7 +66,7 @@ class Figure:
     instead_of: str = ""
 
     def __call__(self, record: Record) -> float | None:
-        """Return the figure for `record`."""
+        """Return the value of `record`."""
         return self.function(record)
 
     @property
@@ -100,19 +99,19 @@ class Figure:
         return self.kind in ("counter", "count") and self.has_direction
 
 
-def _field(*path: str) -> Read:
-    def read(record: Record) -> float | None:
-        value: Any = record
-        for name in path:
-            value = value.get(name) if isinstance(value, dict) else None
-        number: float | None = value
-        return number
-
-    return read
+def _read_counter(name: str) -> Read:
+    return lambda record: record.counters.get(name)
 
 
-_quads, _fragments = _field("counters", "quads"), _field("counters", "fragments")
-_median_s = _field("time", "median_s")
+def _read_prediction(column: str) -> Read:
+    return lambda record: record.predicted.get(column)
+
+
+def _median_s(record: Record) -> float | None:
+    return None if record.time is None else record.time.median_s
+
+
+_quads, _fragments = _read_counter("quads"), _read_counter("fragments")
 
 
 def _over(value: float | None, base: float | None, times: int = 1) -> float | None:
@@ -124,19 +123,20 @@ def _in_ms(seconds: float | None) -> float | None:
 
 
 def limit_of(record: Record) -> Record | None:
-    """Return a record of the same polygons, each drawn in one piece: what no triangles go below.
+    """Return a record of the same polygons, each drawn in one piece: the lower bound of counters.
 
-    It has counters only; None where they are not known.
+    It has nothing but counters; None if they are unknown.
     """
-    fragments, outline = _fragments(record), record.get(OUTLINE)
+    fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:
         return None
-    helpers = LANES * outline - fragments
-    return {"counters": {"fragments": fragments, "quads": outline, "helper_lanes": helpers}}
+    helpers = LANES_PER_QUAD * outline - fragments
+    counters = {"fragments": fragments, "quads": outline, "helper_lanes": helpers}
+    return Record(record.id, "ok", counters=counters)
 
 
-METRICS: dict[str, Figure] = {}
-"""Figures derived from records; one added here is in every plot, comparison and report, and in the
+METRICS: dict[str, Metric] = {}
+"""Metrics derived from records; one added here is in every plot, comparison and report, and in the
 terminal's table if it has a `heading`."""
 
 
@@ -146,7 +146,7 @@ def _metric(label: str, unit: str, kind: Kind, **more: Any) -> Callable[[Read], 
     def put(function: Read) -> Read:
         name, words = function.__name__, " ".join((function.__doc__ or "").split())
         more["description"] = words[:1].lower() + words[1:].rstrip(".")
-        METRICS[name] = Figure(name, label, unit, function, kind, **more)
+        METRICS[name] = Metric(name, label, unit, function, kind, **more)
         return function
 
     return put
@@ -155,7 +155,7 @@ def _metric(label: str, unit: str, kind: Kind, **more: Any) -> Callable[[Read], 
 @_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0, heading="lanes/px", form="{:.3f}")
 def overshading(record: Record) -> float | None:
     """Lanes shaded for each pixel covered."""
-    return _over(_quads(record), _fragments(record), LANES)
+    return _over(_quads(record), _fragments(record), LANES_PER_QUAD)
 
 
 _SHOWN = {"heading": "regret", "form": "{:.1%}", "instead_of": "overshading"}
@@ -166,11 +166,11 @@ def regret(record: Record) -> float | None:
     """Helper lanes more than those of the triangulation that shades the fewest quads, in ratio to
     these, over the polygons of which that is known.
     """
-    known = record.get(LEAST)
-    if not known or LANES * known["quads"] <= known["fragments"]:
+    least = record.least
+    if least is None or LANES_PER_QUAD * least.quads <= least.fragments:
         return None
-    fewest, own = (LANES * known[name] - known["fragments"] for name in ("quads", "shaded"))
-    return float(own / fewest - 1.0)
+    minimum = LANES_PER_QUAD * least.quads - least.fragments
+    return (LANES_PER_QUAD * least.shaded - least.fragments) / minimum - 1.0
 
 
 @_metric("lanes per pixel above the limit", "x", "ratio", best_case=0.0)
@@ -178,22 +178,22 @@ def above_limit(record: Record) -> float | None:
     """Lanes shaded for each pixel covered beyond those of the outline drawn in one piece: what
     diagonals cost.
     """
-    quads, outline = _quads(record), record.get(OUTLINE)
+    quads, outline = _quads(record), record.outline_quads
     if quads is None or outline is None:
         return None
-    return _over(quads - outline, _fragments(record), LANES)
+    return _over(quads - outline, _fragments(record), LANES_PER_QUAD)
 
 
 @_metric("quads of the outline", "quads", "count", better="none")
 def outline_quads(record: Record) -> float | None:
     """2x2 quads that the outlines cover: no triangulation shades fewer."""
-    return record.get(OUTLINE)
+    return record.outline_quads
 
 
 @_metric("tests per pixel", "x", "ratio", best_case=1.0)
 def bbox_overdraw(record: Record) -> float | None:
     """Pixel centres tested for each pixel covered."""
-    return _over(_field("counters", "bbox_tests")(record), _fragments(record))
+    return _over(record.counters.get("bbox_tests"), _fragments(record))
 
 
 @_metric("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
@@ -205,47 +205,47 @@ def draw_ms(record: Record) -> float | None:
 @_metric("draw time, ratio to the reference", "x", "time", best_case=0.0)
 def draw_of_reference(record: Record) -> float | None:
     """Median draw over the same run's reference triangle."""
-    reference = (record.get("time") or {}).get("reference_s")
+    reference = record.time.reference_s if record.time else ()
     return _over(_median_s(record), statistics.median(reference) if reference else None)
 
 
 @_metric("time to triangulate", "ms", "time", best_case=0.0)
 def triangulate_ms(record: Record) -> float | None:
     """Time to triangulate the scene."""
-    return _in_ms(record.get("triangulate_s"))
+    return _in_ms(record.triangulate_s)
 
 
 @_metric("triangles", "triangles", "count")
 def triangles(record: Record) -> float | None:
     """Triangles drawn."""
-    return record.get("triangles")
+    return record.triangles
 
 
 @_metric("coverage error", "pixels", "count", best_case=0.0)
 def coverage_error(record: Record) -> float | None:
     """Pixels covered too often or not at all: a defect of the triangulation."""
-    return record.get("coverage_error")
+    return record.coverage_error
 
 
 @_metric("proven optimal", "polygons", "count", better="higher")
 def proven(record: Record) -> float | None:
     """Polygons of which no triangulation has less of the criterion, with proof."""
-    return record.get("proven")
+    return record.proven
 
 
 @_metric("T-junctions", "vertices", "count", best_case=0.0)
 def t_junctions(record: Record) -> float | None:
     """Vertices inside a triangle's edge, where cracks can show."""
-    return record.get("t_junctions")
+    return record.t_junctions
 
 
 @cache
-def _of_counter(counter: counters.Counter) -> Figure:
-    return Figure(
+def _of_counter(counter: counters.Counter) -> Metric:
+    return Metric(
         counter.name,
         counter.label,
         counter.unit,
-        _field("counters", counter.name),
+        _read_counter(counter.name),
         kind="counter",
         better=counter.better,
         best_case=counter.best_case,
@@ -255,12 +255,12 @@ def _of_counter(counter: counters.Counter) -> Figure:
 
 
 @cache
-def _of_criterion(criterion: criteria.Criterion) -> Figure:
-    return Figure(
+def _of_criterion(criterion: criteria.Criterion) -> Metric:
+    return Metric(
         criterion.column,
         criterion.label or criterion.name,
         criterion.unit,
-        _field("predicted", criterion.column),
+        _read_prediction(criterion.column),
         kind="prediction",
         symbol=criterion.symbol,
         description=f"predicted: {criterion.description}",
@@ -268,29 +268,29 @@ def _of_criterion(criterion: criteria.Criterion) -> Figure:
 
 
 @cache
-def _of_estimate(name: str) -> Figure:
+def _of_estimate(name: str) -> Metric:
     each = ESTIMATES[name]
     counted = _of_counter(counters.describe(each.measure))
-    read = _field("predicted", name)
+    read = _read_prediction(name)
     label = f"{counted.label} by {each.formula}"
     return replace(counted, name=name, label=label, kind="prediction", function=read, heading="")
 
 
 @cache
-def _of_feature(column: str) -> Figure:
+def _of_feature(column: str) -> Metric:
     """Return a prediction that is no criterion: a term of fits, or of a criterion since removed."""
-    read = _field("predicted", column)
+    read = _read_prediction(column)
     label = column.replace("_", " ")
-    return Figure(PREDICTED + column, label, "1", read, kind="prediction", better="none")
+    return Metric(PREDICTED + column, label, "1", read, kind="prediction", better="none")
 
 
-def predictions() -> dict[str, Figure]:
-    """Return the figure of each criterion by its column, in the order in which they are shown."""
+def predictions() -> dict[str, Metric]:
+    """Return the metric of each criterion by its column, in the order of display."""
     return {each.column: _of_criterion(each) for each in criteria.predicted()}
 
 
-def find(name: str) -> Figure:
-    """Return the figure called `name`; a name that is nothing else is taken for a counter.
+def find_metric(name: str) -> Metric:
+    """Return the metric called `name`; an unknown name is taken for a counter.
 
     Criteria may be written as on the command line (half-perimeter), as their column
     (half_perimeter) or as the column beside counters (predicted_half_perimeter).
@@ -308,22 +308,22 @@ def find(name: str) -> Figure:
     return _of_counter(counters.describe(name))
 
 
-def figures() -> dict[str, Figure]:
-    """Return all figures that are known before anything is measured, by name."""
+def list_metrics() -> dict[str, Metric]:
+    """Return the metrics that are known before anything is measured, by name."""
     counted = {name: _of_counter(each) for name, each in counters.COUNTERS.items()}
     return counted | METRICS | predictions()
 
 
-def figures_of(records: Iterable[Record]) -> dict[str, Figure]:
-    """Return every figure that at least one record has: counters, metrics, predictions."""
+def metrics_of(records: Iterable[Record]) -> dict[str, Metric]:
+    """Return the metrics that at least one record has: counters, derived ones, predictions."""
     records = list(records)
-    counted = {name for record in records for name in record.get("counters") or ()}
-    found = {name: _of_counter(counters.describe(name)) for name in in_order(counted)}
-    rest = {**METRICS, **predictions()}
-    return found | {
-        name: figure
-        for name, figure in rest.items()
-        if name not in found and any(figure(record) is not None for record in records)
+    counted = {name for record in records for name in record.counters}
+    metrics = {name: _of_counter(counters.describe(name)) for name in in_order(counted)}
+    others = {**METRICS, **predictions()}
+    return metrics | {
+        name: metric
+        for name, metric in others.items()
+        if name not in metrics and any(metric(record) is not None for record in records)
     }
 
 
@@ -334,14 +334,15 @@ def in_order(names: Iterable[str]) -> list[str]:
 
 def measures(names: Iterable[str]) -> list[str]:
     """Return those of `names` that are counters a triangulation can change, the main one first."""
-    found = (name for name in names if not name.startswith(PREDICTED) and name != LEAST)
+    candidates = [name for name in names if not name.startswith(PREDICTED) and name != LEAST]
+    first = [name for name in COST_COUNTERS if name in candidates]
     return [
         name
-        for name in in_order(found)
-        if (figure := find(name)).kind == "counter" and figure.better == "lower"
+        for name in dict.fromkeys([*first, *in_order(candidates)])
+        if (metric := find_metric(name)).kind == "counter" and metric.better == "lower"
     ]
 
 
 def value_of(record: Record, names: Sequence[str]) -> float | None:
-    """Return the first of the named figures that `record` has."""
-    return next((v for name in names if (v := find(name)(record)) is not None), None)
+    """Return the value of the first of the named metrics that `record` has, or None."""
+    return next((v for name in names if (v := find_metric(name)(record)) is not None), None)

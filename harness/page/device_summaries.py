@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,13 @@ import numpy as np
 
 from harness import atomic
 from harness.errors import UsageError
-from harness.metrics.groups import base_of, groups, of_cpu, time_ratio
+from harness.metrics.groups import RecordGroup, groups_of
 from harness.metrics.per_polygon import rank_correlation
+from harness.metrics.processors import is_drawn_by_processor
 from harness.metrics.registry import predictions
 from harness.profile.words import model
 from harness.results.processors import may_be_same, processor_label
-from harness.results.run_folder import Record, Run
+from harness.results.run_folder import Run
 from harness.webpages import write_atomically
 
 FORMAT = "raster-harness device"
@@ -52,8 +53,8 @@ def summarise(run: Run) -> Summary:
     UsageError
         if it timed nothing, or on more than one device
     """
-    timed = [record for record in run.records if record["status"] == "ok" and record.get("time")]
-    where = dict.fromkeys((record["rasteriser"], record["device"]) for record in timed)
+    timed = [record for record in run.records if record.is_ok and record.time]
+    where = dict.fromkeys((each.id.rasteriser, each.id.device_name) for each in timed)
     if len(where) != 1:
         raise UsageError(
             f"{run.path}: a device's summary is of one rasteriser on one device that was timed, "
@@ -69,39 +70,39 @@ def summarise(run: Run) -> Summary:
         "rasteriser": rasteriser,
         "device": device,
         "renderer": str(details.get("renderer") or device),
-        "cpu": processor_label(run.facts) if any(of_cpu(run, record) for record in timed) else "",
+        "cpu": processor_label(run.facts) if is_drawn_by_processor(run, timed[0]) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
         "timer": (known.get("timer") or {}).get("timer"),
         "created": str(run.facts.get("created") or ""),
         "harness": str(environment.get("harness") or ""),
-        "views": [_view(members) for members in groups(timed)],
+        "views": [_view(group) for group in groups_of(replace(run, records=timed))],
     }
 
 
-def _view(members: Sequence[Record]) -> Summary:
-    base = base_of(members)
+def _view(group: RecordGroup) -> Summary:
+    base, case = group.base, group.id
     assert base is not None
-    told: dict[str, Any] = {}
+    ratios: dict[str, Any] = {}
     rows = []
-    for record in members:
-        ratio = time_ratio(record, base)
-        if ratio is None or record is base:
+    for record in group.records:
+        ratio = None if record is base else group.compare(record, base)
+        if ratio is None:
             continue
-        quads, under = (each["counters"].get("quads") for each in (record, base))
-        told[record["triangulator"]] = {
+        quads, under = (each.counters.get("quads") for each in (record, base))
+        ratios[record.name] = {
             "time": [float(f"{value:.5g}") for value in (ratio.value, ratio.low, ratio.high)],
             "quads": float(f"{quads / under:.5g}") if quads and under else None,
         }
-        rows.append([ratio.value, *(record["predicted"].get(name, np.nan) for name in CRITERIA)])
+        rows.append([ratio.value, *(record.predicted.get(name, np.nan) for name in CRITERIA)])
     times, *predicted = np.array(rows).reshape(-1, 1 + len(CRITERIA)).T
     ranks = [rank_correlation(each, times) for each in predicted]
     return {
-        "scene": base["scene"],
-        "resolution": base["resolution"],
-        "rotation": base["rotation"],
-        "base": base["triangulator"],
-        "triangulators": told,
+        "scene": case.scene,
+        "resolution": case.view.resolution,
+        "rotation": case.view.rotation,
+        "base": base.name,
+        "triangulators": ratios,
         "ranks": {
             name: None if value is None else round(value, 3)
             for name, value in zip(CRITERIA, ranks, strict=True)

@@ -6,7 +6,7 @@ It holds a run's frames and triangulations, or a device's draws, and what is kno
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import USUAL_BASE
 from harness.metrics.registry import predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
-from harness.page.result import KEPT, TOLD, counted_exactly
+from harness.page.result import KEPT, counted_exactly
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
 from harness.profile.counted import IN_PX, TERMS, counters
@@ -29,8 +29,10 @@ from harness.rasterisers.base import shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.results import drawings
-from harness.results.drawings import Geometry, view_of
-from harness.results.run_folder import Record, Run
+from harness.results.drawings import Geometry
+from harness.results.parsing import record_to_json
+from harness.results.record import Record
+from harness.results.run_folder import Run
 from harness.style import looks
 from harness.webpages import encoded, packed, static, template, write_atomically
 
@@ -42,10 +44,82 @@ PROFILING = (*SHARED, "design.js", "law.js", "costs.js", "costs_shown.js", "prof
 FORMAT, PROFILE_FORMAT = "raster-harness page", "raster-harness profile page"
 VERSION = 1
 
-Content = dict[str, Any]
+
+class CaseContent(TypedDict):
+    """A triangulation: base64 of uint32 rows, and of each polygon's exact counters."""
+
+    rows: str
+    fragments: str
+    quads: str
+    partial_quads: str
+    record: dict[str, Any]
 
 
-def write_page(content: Content, file: Path) -> None:
+class ViewContent(TypedDict):
+    """A view; points : base64 of int32 x, y in 1/256 px; sizes : vertices of each polygon."""
+
+    resolution: int
+    rotation: float
+    fit: str
+    scene: str
+    points: str
+    sizes: list[int]
+    cases: dict[str, CaseContent]
+
+
+class PageContent(TypedDict):
+    """Data of the page that measures a run's triangulations, read by `static/main.js`."""
+
+    format: str
+    version: int
+    harness: str
+    created: str
+    scene: str
+    base: str
+    looks: dict[str, dict[str, Any]]
+    criteria: dict[str, str]
+    views: list[ViewContent]
+
+
+class GridContent(TypedDict):
+    """Draws on a grid: checksums, exact counters by name, a criterion's terms of each draw."""
+
+    checksums: list[int]
+    counters: dict[str, list[int]]
+    predicted: list[list[float]]
+
+
+class GroupsContent(TypedDict):
+    """Positions of draws, with the number of the group and of the fold of each."""
+
+    places: list[int]
+    labels: list[int]
+    folds: list[int]
+    reach: list[float]
+
+
+class ProfileContent(TypedDict):
+    """Data of the page that measures a device's law, read by `static/profile.js`."""
+
+    format: str
+    version: int
+    harness: str
+    design: Any
+    seed: int
+    draws: list[dict[str, Any]]
+    grids: dict[int, GridContent]
+    fitted: GroupsContent
+    plain: GroupsContent
+    terms: dict[str, dict[str, Any]]
+    sums: dict[str, dict[str, Any]]
+    in_px: Any
+    costs: Any
+    base: str
+    criteria: dict[str, str]
+    scenes: dict[str, dict[str, list[list[float]]]]
+
+
+def write_page(content: PageContent | ProfileContent, file: Path) -> None:
     """Write a page: of a run's content, or of a profile's, which shows no charts."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
@@ -58,12 +132,12 @@ def write_page(content: Content, file: Path) -> None:
         charts="" if profiling else static(REPORT, CHARTS),
         style="".join([static(REPORT, STYLE), *(static(PACKAGE, each) for each in styles)]),
         script="\n".join([*shared, *(static(PACKAGE, each) for each in scripts)]),
-        data=packed(content | {"shaders": shaders}),
+        data=packed({**content, "shaders": shaders}),
     )
     write_atomically(file, text)
 
 
-def content_of(run: Run) -> Content:
+def content_of(run: Run) -> PageContent:
     """Return everything the page of `run` holds, JSON-ready.
 
     Raises
@@ -72,7 +146,7 @@ def content_of(run: Run) -> Content:
         if the run kept nothing that can be drawn
     """
     for fit, name in OWN_VIEWS.items():
-        if any(record.get("fit") == fit for record in run.records):
+        if any(record.id.view.fit == fit for record in run.records):
             raise UsageError(f"{run.path} is of {name}, which a page cannot cut: give another run")
     if not (views := list(_views(run))):
         raise UsageError(
@@ -93,7 +167,7 @@ def content_of(run: Run) -> Content:
     }
 
 
-def _views(run: Run) -> Iterator[Content]:
+def _views(run: Run) -> Iterator[ViewContent]:
     """Yield each view of which two triangulations or more can be drawn again.
 
     One sample a pixel, no work and the triangulator's own order, on whichever device; of each
@@ -101,31 +175,37 @@ def _views(run: Run) -> Iterator[Content]:
     """
     found: dict[View, dict[str, Record]] = {}
     for record in run.records:
-        options = record.get("options") or {}
-        plain = options.get("samples", 1) == 1 and options.get("order", "native") == "native"
-        if record["status"] == "ok" and plain:
-            found.setdefault(view_of(record), {}).setdefault(record["triangulator"], record)
+        options = record.id.options
+        if record.is_ok and options.samples == 1 and options.order == "native":
+            found.setdefault(record.id.view, {}).setdefault(record.name, record)
     for view, records in found.items():
         kept = drawings.read(run, view)
         if kept is None or len(drawn := [n for n in records if n in kept.triangles]) < 2:
             continue
         yield {
-            **asdict(view),
-            "scene": records[drawn[0]]["scene"],
+            "resolution": view.resolution,
+            "rotation": view.rotation,
+            "fit": view.fit,
+            "scene": records[drawn[0]].id.scene,
             "points": encoded(kept.points.astype("<i4")),
             "sizes": kept.grid.vertex_counts.tolist(),
             "cases": {name: _case(records[name], kept) for name in drawn},
         }
 
 
-def _case(record: Record, kept: Geometry) -> Content:
+def _case(record: Record, kept: Geometry) -> CaseContent:
     """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
-    rows = kept.triangles[record["triangulator"]]
-    counted = zip(TOLD, counted_exactly(kept, rows), strict=True)
+    rows = kept.triangles[record.name]
+    fields = record_to_json(record) | {"triangulator": record.name}
+    fragments, quads, partial = (
+        encoded(each.astype("<u4")) for each in counted_exactly(kept, rows)
+    )
     return {
         "rows": encoded(rows.astype("<u4")),
-        **{name: encoded(each.astype("<u4")) for name, each in counted},
-        "record": {name: record[name] for name in KEPT if name in record},
+        "fragments": fragments,
+        "quads": quads,
+        "partial_quads": partial,
+        "record": {name: fields[name] for name in KEPT if name in fields},
     }
 
 
@@ -138,7 +218,7 @@ STEPS = (1, 2, 4, 8, 16)
 """Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
 
 
-def content_of_profile(pool: MeasuringPool) -> Content:
+def content_of_profile(pool: MeasuringPool) -> ProfileContent:
     """Return everything that the page holds, JSON-ready; it makes the draws itself."""
     made = draws(SEED)
     fitted, plain = fitted_of(made)
@@ -170,7 +250,7 @@ def content_of_profile(pool: MeasuringPool) -> Content:
     }
 
 
-def grid_of(made: Sequence[Draw]) -> Content:
+def grid_of(made: Sequence[Draw]) -> GridContent:
     """Return the checksum and the exact counters of each draw, and a criterion's terms of it."""
     counted = [counters(draw) for draw in made]
     predicted = costs_of([(draw.frame, draw.triangles) for draw in made])
@@ -181,7 +261,7 @@ def grid_of(made: Sequence[Draw]) -> Content:
     }
 
 
-def _groups(made: Sequence[Draw], places: list[int]) -> Content:
+def _groups(made: Sequence[Draw], places: list[int]) -> GroupsContent:
     """Return places among the draws, with the number of the group and of the fold of each."""
     labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
     folds = law.folds_of(labels, SEED).tolist()

@@ -5,6 +5,7 @@ tells damage; its shape, sizes and ranges; and that its parts agree with each ot
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -14,9 +15,9 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
+from harness.frame import View
 from harness.grid import SUBPIXEL
 from harness.measuring import records
-from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.registry import PREDICTED
 from harness.page.saved import (
@@ -33,8 +34,10 @@ from harness.page.saved import (
 from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED, predict
 from harness.results import drawings
-from harness.results.drawings import Geometry, view_of
-from harness.results.run_folder import Record, Run, Store, read_arrays
+from harness.results.drawings import Geometry
+from harness.results.parsing import parse_record, record_to_json
+from harness.results.record import Record, Time
+from harness.results.run_folder import Run, Store, read_arrays
 from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"
@@ -230,28 +233,26 @@ def _records(
     """Yield the record of each case of a view, with its counters by polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
-        known = case.record.model_dump(exclude_unset=True)
-        drawn = {"rasteriser": RASTERISER, "device": device, "options": {}}
-        identity = CaseOfPlan.of(case.record.model_dump() | drawn).identity()
         fragments, quads, partial = (np.array(values, np.int64) for _, values in case.counters)
         values = (fragments, quads, 4 * quads - fragments, partial)
         counters = dict(zip(SHADED, values, strict=True))
         error = None
         if base and case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
-        record: Record = {
-            **identity,
+        values_of_record = {
+            **case.record.model_dump(exclude_unset=True),
+            "key": "0" * 16,
+            "rasteriser": RASTERISER,
+            "device": device,
             "status": "ok",
-            **{field: value for field, value in known.items() if field not in identity},
-            "counters": {each: int(values.sum()) for each, values in counters.items()},
+            "counters": {each: int(sums.sum()) for each, sums in counters.items()},
             "coverage_error": error,
         }
-        if (time := _time(view, name, result)) is not None:
-            record["time"] = time
-        yield record, counters
+        record = parse_record(values_of_record)
+        yield replace(record, key=record.id.key, time=_time(view, name, result)), counters
 
 
-def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
+def _time(view: _View, name: str, result: Result) -> Time | None:
     """Return a record's `time`, None where the case was not timed to the end of a round."""
     times = view.times or {}
     rounds = sum(view.epochs)
@@ -264,7 +265,7 @@ def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
         group[each] = Times(times[each].repeats, times[each].samples_s, epochs)
         group[each].precision_reached = group[each].is_precise(settings.precision)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))
-    return records.time_fields(group, name, test, settings)
+    return records.make_time(group, name, test, settings)
 
 
 def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
@@ -273,16 +274,18 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     exact_grid : the device draws polygons where they are, so that the reference counts the same
     """
     own = case.record
-    known = _known(run, own.model_dump())
+    view = View(own.resolution, float(own.rotation), own.fit)
+    known = _find_record(run, own.triangulator, own.scene_hash, view)
     if known is None:
         raise UsageError(
             f"{run.path} has no {own.triangulator} of the page's polygons at {own.resolution} px"
         )
-    told = own.model_dump(exclude_unset=True)
-    wrong = [name for name in KEPT if name in known and name in told and known[name] != told[name]]
+    stored, told = record_to_json(known), own.model_dump(exclude_unset=True)
+    both = {name for name in KEPT if name in stored and name in told} - {"triangulator"}
+    wrong = [name for name in KEPT if name in both and stored[name] != told[name]]
     if wrong:
         raise UsageError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
-    kept = drawings.read(run, view_of(known))
+    kept = drawings.read(run, view)
     if not exact_grid or kept is None or own.triangulator not in kept.triangles:
         return
     counted = np.array([values for _, values in case.counters])
@@ -294,25 +297,26 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
         )
 
 
-def _known(run: Run, record: Record) -> Record | None:
-    """Return the run's record of the same polygons, triangulator and view, None without one."""
-    same = {name: record[name] for name in ("triangulator", "scene_hash")} | {"status": "ok"}
-    alike = (r for r in run.records if all(r.get(name) == same[name] for name in same))
-    return next((r for r in alike if view_of(r) == view_of(record)), None)
+def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | None:
+    """Return the run's record of these polygons, triangulator and view, or None."""
+    wanted = (name, scene_hash, view)
+    measured = (record for record in run.records if record.is_ok)
+    return next(
+        (each for each in measured if (each.name, each.id.scene_hash, each.id.view) == wanted), None
+    )
 
 
 def _add_polygons(
     store: Store, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
     """Keep the frame, and the predictions of each polygon beside what was counted of it."""
-    view = view_of(record)
-    name = drawings.name_of(view)
+    name = drawings.name_of(record.id.view)
     if not (store.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)
         if arrays is not None:
             store.write_arrays(name, arrays, drawings.FOLDER)
-    known = _known(run, record)
-    columns = (known and read_arrays(run, known["key"])) or {}
+    known = _find_record(run, record.name, record.id.scene_hash, record.id.view)
+    columns = (known and read_arrays(run, known.key)) or {}
     predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
     if {len(kept) for kept in predicted.values()} == {len(counters["quads"])}:
-        store.write_arrays(record["key"], {**predicted, **counters})
+        store.write_arrays(record.key, {**predicted, **counters})

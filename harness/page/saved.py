@@ -14,8 +14,8 @@ from harness.errors import UsageError
 from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import browser
+from harness.results.parsing import MAX_NUMBER as MOST
 from harness.results.run_folder import file_stem
-from harness.results.schema import MOST
 
 VERSION = 1
 MOST_BYTES = 256 * 2**20

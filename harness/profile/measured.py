@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
 from harness.measuring.pool import Backend, MeasuringPool
-from harness.measuring.records import waiting_of
+from harness.measuring.records import make_samples
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
+from harness.results.record import Time
 from harness.settings import TimingSettings
 from harness.stats.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.stats.run_quality import judge
@@ -122,24 +123,7 @@ def measure(
             f"{EPOCHS} parts, and a law needs {FEWEST_EPOCHS}; draw longer, e.g. --budget 4"
         )
     found = of_times(times, names)
-    state = judge(
-        {
-            "rasteriser": backend.rasteriser,
-            "device": backend.device.name,
-            "scene": "the design",
-            "triangulator": name,
-            "time": {
-                "timer": "cpu" if each.wall_s else "wall",
-                "samples_s": each.samples_s,
-                "processes": each.processes,
-                "stolen_s": each.stolen_s,
-                "timing_s": each.timing_s,
-                **waiting_of(each),
-            },
-        }
-        for name, each in times.items()
-        if name in names
-    )
+    state = judge((backend.label, f"draw {name}", _time_of(times[name])) for name in names)
     why = f"the times are {state.state}: {'; '.join(state.why)}"
     return replace(found, disturbed="" if state.is_quiet else why)
 
@@ -166,3 +150,9 @@ def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
         control=paired_ratio(times[CONTROL].samples_s, times[middle].samples_s, first.epochs),
         rounds=list(first.epochs),
     )
+
+
+def _time_of(times: Times) -> Time:
+    """Return the times as a record has them."""
+    time = make_samples(times, "cpu" if times.wall_s else "wall")
+    return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

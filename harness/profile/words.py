@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.metrics.decision import listed
+from harness.metrics.advice import listed
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
 from harness.style import COLOURS, draw, legend_below, panels, plain_table

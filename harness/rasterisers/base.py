@@ -37,7 +37,7 @@ Counters = dict[str, NDArray[np.int64]]
 a total."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Options:
     """How a frame is drawn, apart from its triangles; recorded with every case.
 

@@ -16,7 +16,7 @@ from harness import atomic
 from harness.errors import UsageError
 from harness.frame import View
 from harness.metrics.groups import SAME
-from harness.metrics.registry import find, measures, predictions
+from harness.metrics.registry import find_metric, measures, predictions
 from harness.results import drawings
 from harness.results.run_folder import Run
 from harness.study.correlations import (
@@ -135,14 +135,14 @@ def criteria_of(
         return ""
     best = max(values, key=values.__getitem__)
     words = "Within a polygon" if within else "Of the criteria"
-    words += f", {find(best).title} predicts {find(measure or '').label} best "
+    words += f", {find_metric(best).title} predicts {find_metric(measure or '').label} best "
     words += f"(rank correlation {values[best]:.2f}"
     if within:
         first = within[best]
         words += "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
         words += f", over {first.polygons} polygons"
     if best != "overdraw" and "overdraw" in values:
-        words += f"; {find('overdraw').title} {values['overdraw']:.2f}"
+        words += f"; {find_metric('overdraw').title} {values['overdraw']:.2f}"
     return f"{words})."
 
 
@@ -171,7 +171,7 @@ def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     where = f"{of['rasteriser']} on {of['device']}"
     words = f"{best} predicts the {of['title']} of {where} best "
     words += f"({matrix['title']} {value:.2f}{interval})"
-    paper = find("overdraw").title
+    paper = find_metric("overdraw").title
     if best != paper and paper in known:
         words += f"; {paper} reaches {known[paper][0]:.2f}"
     return f"{words[0].upper()}{words[1:]}."
@@ -183,8 +183,8 @@ SPREAD = "spread.csv"
 def write(run: Run) -> Path | None:
     """Write `SPREAD` for the first view that the run kept drawings of; None where there is none."""
     for record in run.records:
-        view = drawings.view_of(record)
-        if record["status"] == "ok" and (kept := drawings.read(run, view)) is not None:
+        view = record.id.view
+        if record.is_ok and (kept := drawings.read(run, view)) is not None:
             with Worker("the criteria's judge") as worker:
                 rows = worker.call(count_ways, kept, view)
             if not rows:

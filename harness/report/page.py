@@ -1,9 +1,11 @@
 """The report of a run as one page of HTML, which needs no network."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from harness import __version__
 from harness.errors import UsageError
+from harness.metrics.decision import Decided
 from harness.report.content import content_of
 from harness.results.run_folder import Run
 from harness.webpages import packed, static, template, write_atomically
@@ -30,24 +32,26 @@ SCRIPTS = (
 CHARTS = "echarts.common.min.js"
 
 
-def write_report(run: Run, file: Path | None = None) -> Path:
-    """Write the report of `run` as one HTML file; returns where it is.
+def write_report(
+    run: Run, file: Path | None = None, decided: Sequence[Decided] | None = None
+) -> Path:
+    """Write the report of `run` as one HTML file; return its path.
 
     file : by default `report.html` in the run's folder
+    decided : what `decide_all` returned for the run; None: decide now
 
     Raises
     ------
     UsageError
         if the run holds nothing to show
     """
-    content = content_of(run)
+    content = content_of(run, decided)
     if not content["cases"] and not content["matrices"]:
         why = f" ({run.problems[0]})" if run.problems else ""
         raise UsageError(
             f"{run.path} holds no case and no study yet{why}; run or --resume it first"
         )
-    folder = run.path if run.path.is_dir() else run.path.parent
-    target = file or folder / FILE
+    target = file or run.folder / FILE
     first = content["groups"][0] if content["groups"] else None
     text = template(PACKAGE, "report.html").render(
         content=content,

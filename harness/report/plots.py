@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.metrics.groups import base_of, condition, groups
+from harness.metrics.groups import RecordGroup, groups_of
 from harness.metrics.per_polygon import (
     Columns,
     columns_of,
@@ -18,9 +18,9 @@ from harness.metrics.per_polygon import (
     ratio_pairs,
     ratios,
 )
-from harness.metrics.registry import PREDICTED, find, measures, predictions
+from harness.metrics.registry import PREDICTED, find_metric, measures, predictions
 from harness.rasterisers.counters import ESTIMATES
-from harness.results.run_folder import Record, Run
+from harness.results.run_folder import Run
 from harness.style import (
     COLOURS,
     MAX_VECTOR_MARKS,
@@ -48,19 +48,19 @@ PAPER = "overdraw"
 def plot_run(run: Run) -> list[Path]:
     """Draw the plots of a run folder into its `plots`; returns the files written."""
     files = []
-    chosen = [m for m in groups(run.records) if any(r["status"] == "ok" for r in m)]
-    place = {record["key"]: number for number, record in enumerate(run.records)}
-    chosen.sort(key=lambda members: min(place[record["key"]] for record in members))
-    for number, members in enumerate(chosen):
-        first = members[0]
-        names = (first["rasteriser"], first["device"], first["resolution"])
-        view = "-".join(map(str, (*names, f"{first['rotation']:g}")))
+    chosen = [group for group in groups_of(run) if group.measured]
+    position = {id(record): number for number, record in enumerate(run.records)}
+    chosen.sort(key=lambda group: min(position[id(record)] for record in group.records))
+    for number, group in enumerate(chosen):
+        case = group.id
+        names = (case.rasteriser, case.device_name, case.view.resolution)
+        view = "-".join(map(str, (*names, f"{case.view.rotation:g}")))
         stem = f"{NAME}-{view}" if number else NAME
-        files += draw(run.path / "plots", stem, predicted_against_measured, run, members)
+        files += draw(run.path / "plots", stem, predicted_against_measured, run, group)
     return files
 
 
-def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
+def predicted_against_measured(run: Run, group: RecordGroup) -> Figure | None:
     """Draw, for each polygon, what criteria and cost are against the base triangulator's.
 
     Predictions in the unit of the cost have a panel each; where there are none or one, the paper's
@@ -69,12 +69,11 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     would otherwise make every criterion look good. None where there is nothing to draw.
     """
     columns = {
-        record["triangulator"]: arrays
-        for record in members
-        if record["status"] == "ok" and (arrays := columns_of(run, record)) is not None
+        record.name: arrays
+        for record in group.measured
+        if (arrays := columns_of(run, record)) is not None
     }
-    first = base_of(members)
-    base = first["triangulator"] if first and first["triangulator"] in columns else None
+    base = group.base.name if group.base and group.base.name in columns else None
     base = base or next(iter(columns), None)
     measure = next(iter(measures(columns[base])), None) if base else None
     if base is None or measure is None or len(columns) < 2:
@@ -95,14 +94,14 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         pairs = ratio_pairs(columns, base, criterion, measure)
         panel.set_title(_fit(*pairs, in_unit=in_unit), fontsize=7)
         words = "predicted" if in_unit else "predicted by"
-        panel.set_xlabel(f"{words}\n{find(criterion).title},\nratio to {base}")
-    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {base}")
+        panel.set_xlabel(f"{words}\n{find_metric(criterion).title},\nratio to {base}")
+    axes[0].set_ylabel(f"counted {find_metric(measure).label},\nratio to {base}")
     _share_axes(axes[: len(panels)])
     _rank_bars(axes[-1], ranks, measure)
-    where = members[0]
+    where = group.id
     figure.suptitle(
-        f"Which criterion predicts {find(measure).label}? {where['scene']}, "
-        f"{condition(where)},\n{where['rasteriser']} on {where['device']}; "
+        f"Which criterion predicts {find_metric(measure).label}? {where.scene}, "
+        f"{where.condition},\n{where.rasteriser} on {where.device_name}; "
         "one mark per polygon and triangulator",
         fontsize=9,
     )
@@ -157,7 +156,7 @@ def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
     names = sorted(ranks, key=lambda name: ranks[name])
     colours = [COLOURS[1] if name == PAPER else COLOURS[0] for name in names]
     panel.barh(range(len(names)), [ranks[name] for name in names], color=colours, height=0.6)
-    panel.set_yticks(range(len(names)), [find(name).title for name in names], fontsize=6.5)
+    panel.set_yticks(range(len(names)), [find_metric(name).title for name in names], fontsize=6.5)
     panel.set_xlim(min(0.0, *ranks.values()) if ranks else 0.0, 1.0)
-    panel.set_xlabel(f"rank correlation\nwith {find(measure).label}")
+    panel.set_xlabel(f"rank correlation\nwith {find_metric(measure).label}")
     panel.grid(visible=False, axis="y")

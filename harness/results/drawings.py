@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View
-from harness.results.run_folder import Record, Run, Store, read_arrays
+from harness.results.run_folder import Run, Store, read_arrays
 from triangulators.polygon_arrays import PolygonArray
 
 FOLDER = "frames"
@@ -66,11 +66,6 @@ def read(run: Run, view: View) -> Geometry | None:
     ring_offsets = np.append(0, ring_ends).astype(np.int64)
     grid = PolygonArray(points, ring_offsets, np.searchsorted(ring_offsets, offsets))
     return Geometry(grid, source, triangles)
-
-
-def view_of(record: Record) -> View:
-    """Return the view a record was measured in."""
-    return View(record["resolution"], record["rotation"], record.get("fit", "box"))
 
 
 def name_of(view: View) -> str:

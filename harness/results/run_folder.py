@@ -13,11 +13,10 @@ import errno
 import hashlib
 import io
 import json
-import math
 import os
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,14 @@ from numpy.typing import NDArray
 from harness import atomic
 from harness.errors import UsageError
 from harness.machine import system
+from harness.results.parsing import (
+    FieldError,
+    check_facts,
+    parse_json,
+    parse_record,
+    record_to_json,
+)
+from harness.results.record import Record
 
 SCHEMA_VERSION = 1
 
@@ -51,8 +58,6 @@ UNREADABLE = (
 )
 """Errors of numpy and zipfile for damaged files: empty, truncated, or with bytes changed."""
 
-Record = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class Run:
@@ -68,10 +73,20 @@ class Run:
 
     path: Path
     facts: dict[str, Any]
-    records: list[Record]
+    records: Sequence[Record]
     problems: list[str] = field(default_factory=list)
     changed: frozenset[str] = frozenset()
     cut_off: str = ""
+
+    @property
+    def base(self) -> str:
+        """The triangulator that --base chose, "" if none."""
+        return str(self.facts.get("base") or "")
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.path if self.path.is_dir() else self.path.parent
 
 
 class _Lines:
@@ -112,7 +127,8 @@ class _Lines:
         """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
         if self._descriptor < 0:
             self.open()
-        line = (json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        values = record_to_json(record)
+        line = (json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n").encode()
         size = os.fstat(self._descriptor).st_size
         left = line
         try:
@@ -240,36 +256,10 @@ class Store:
         self.close()
 
 
-def parsed(content: bytes) -> Any:
-    """Read JSON that can be written again: what is no number is null there.
-
-    Halves of surrogate pairs become question marks.
-
-    Raises
-    ------
-    ValueError
-        if it is not JSON, or nested deeper than anything of ours
-    """
-    try:
-        value = json.loads(content, parse_float=_finite, parse_constant=lambda _: None)
-        # Half a surrogate pair comes from an escape, or from bytes that begin with 0xED alone; only
-        # where there is one does it take a second pass to replace it.
-        if b"\\u" not in content and b"\xed" not in content:
-            return value
-        return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
-    except RecursionError:
-        raise ValueError("nested too deep") from None
-
-
-def _finite(text: str) -> float | None:
-    value = float(text)
-    return value if abs(value) < math.inf else None
-
-
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
 
-    What is damaged is left out, and a problem each: see `harness.results.schema`.
+    Damaged records and parts of `run.json` are left out, with a problem each.
 
     Raises
     ------
@@ -312,10 +302,6 @@ def read_run(path: Path) -> Run:
             f"{path} holds no record of a run{': ' if problems else ''}"
             f"{problems[0] if problems else ''}"
         )
-    if isinstance(facts.get("base"), str):
-        records = [{**record, "base": facts["base"]} for record in records]
-    if (state := (facts.get("state") or {}).get("state")) is not None:
-        records = [{**record, "state": state} for record in records]
     return Run(path, facts, records, problems, changed, cut_off)
 
 
@@ -351,16 +337,14 @@ def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
     with clear_errors(folder):
         content = atomic.read_inside(folder, FACTS)
     try:
-        found = parsed(content)
+        found = parse_json(content)
     except ValueError as error:
         problems.append(f"{file} is not JSON: {error}")
         return {}
     if not isinstance(found, dict):
         problems.append(f"{file} does not hold an object")
         return {}
-    from harness.results.schema import checked_facts
-
-    return checked_facts(found, problems)
+    return check_facts(found, problems)
 
 
 def read_counted(path: Path) -> dict[str, Record]:
@@ -368,30 +352,31 @@ def read_counted(path: Path) -> dict[str, Record]:
     file = path / COUNTED
     with clear_errors(path):
         content = atomic.read_inside(path, COUNTED) if os.path.lexists(file) else b""
-    return {record["key"]: record for record in _parse_lines(content, file, [])}
+    return {record.key: record for record in _parse_lines(content, file, [])}
 
 
 def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record]:
-    """Return the good records of a file's whole lines; of one case the later counts.
+    """Return the usable records of a file's complete lines; of one case the later counts.
 
     A case that failed and was run again on resume stands twice.
     """
-    from harness.results.schema import completed, wrong_field  # loads pydantic
-
-    whole = content.rfind(b"\n") + 1
+    end = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
-    for number, line in enumerate(content[:whole].split(b"\n")[:-1], start=1):
+    for number, line in enumerate(content[:end].split(b"\n")[:-1], start=1):
         try:
-            record = parsed(line)
+            values = parse_json(line)
         except ValueError:
-            record = None
-        if not isinstance(record, dict):
+            values = None
+        if not isinstance(values, dict):
             problems.append(f"{file}, line {number}: not a record; ignored")
-        elif wrong := wrong_field(record):
-            problems.append(f"{file}, line {number}: {wrong} is not usable; case ignored")
+            continue
+        try:
+            record = parse_record(values)
+        except FieldError as error:
+            problems.append(f"{file}, line {number}: {error}; record ignored")
         else:
-            records.pop(record["key"], None)
-            records[record["key"]] = completed(record)
+            records.pop(record.key, None)
+            records[record.key] = record
     return list(records.values())
 
 
@@ -400,13 +385,12 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
 
     What something else than the run has written there is not used (`Run.changed`).
     """
-    place = run.path if run.path.is_dir() else run.path.parent
     name = f"{folder}/{key}.npz"
     if name in run.changed:
         return None
     try:
         with (
-            os.fdopen(atomic.open_inside(place, name), "rb") as file,
+            os.fdopen(atomic.open_inside(run.folder, name), "rb") as file,
             np.load(file, allow_pickle=False) as arrays,
         ):
             if sum(part.file_size for part in arrays.zip.infolist()) > atomic.MAX_READ_BYTES:

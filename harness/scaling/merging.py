@@ -10,29 +10,26 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.measuring.plan import Case
-from harness.metrics import groups
+from harness.metrics.processors import format_processors, several_processors
 from harness.results import drawings
-from harness.results.run_folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
-
-AT = "@"
-"""Stands between a device and the host that it is in."""
+from harness.results.parsing import record_to_json
+from harness.results.record import HOST_MARK, CaseGroup, Record
+from harness.results.run_folder import POLYGONS, Run, Store, file_stem, read_arrays
 
 STATUSES = ("ok", "skipped", "failed")
 """A record of the first wins over one of the others, which say only that it did not work there."""
 
 
 @dataclass(frozen=True)
-class _Found:
-    """A record, the run it is from, and the key it has there."""
+class _Source:
+    """A record and the run that it is from, in which `record.key` names its arrays."""
 
     record: Record
     run: Run
-    key: str
 
 
 def on_host(run: Run, host: str) -> Run:
-    """Return the run with all its devices called device@host; its records get other keys.
+    """Return the run with all its devices on `host`, which makes other cases of its cases.
 
     Raises
     ------
@@ -41,14 +38,12 @@ def on_host(run: Run, host: str) -> Run:
     """
     if not host or file_stem(host) != host:
         raise UsageError(f"host {host!r}: give letters, digits, hyphens and dots")
-    records = []
     for record in run.records:
-        if AT in record["device"]:
-            raise UsageError(f"{run.path} has devices of a host already: {record['device']}")
-        renamed = {**record, "device": f"{record['device']}{AT}{host}", "host": host}
-        records.append({**renamed, "key": Case.of(renamed).key, "_key": record["key"]})
+        if record.id.host or HOST_MARK in record.id.device:
+            raise UsageError(f"{run.path} has devices of a host already: {record.id.device_name}")
+    records = [record.with_id(host=host) for record in run.records]
     known = run.facts.get("devices") or {}
-    devices = {f"{label}{AT}{host}": device for label, device in known.items()}
+    devices = {f"{label}{HOST_MARK}{host}": device for label, device in known.items()}
     return replace(run, records=records, facts={**run.facts, "devices": devices})
 
 
@@ -64,75 +59,74 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     """
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
-    if mixed := groups.several_processors(runs):
+    if mixed := several_processors(runs):
         raise UsageError(
-            f"times of a software rasteriser are the processor's: {groups.processor_words(mixed)}; "
+            f"times of a software rasteriser are the processor's: {format_processors(mixed)}; "
             "keep the runs apart with --hosts"
         )
-    found = _by_key(runs)
-    _refuse_other_counters(found)
+    sources = _by_key(runs)
+    _refuse_other_counters([source.record for source in sources])
     facts = _facts(runs)
     names = facts["plan"]["triangulators"]
-    in_order = sorted(found, key=lambda each: _place(each.record, names))
+    sources.sort(key=lambda source: _sort_key(source.record, names))
     again = f"remove {out} and give the same command again"
     with Store.create(out, again) as store:
         store.write_facts({**facts, "interrupted": True})  # until all of it is there
         _keep_drawings(store, runs)
-        for each in in_order:
-            arrays = read_arrays(each.run, each.key)
+        for source in sources:
+            record = replace(source.record, key=source.record.id.key)
+            arrays = read_arrays(source.run, source.record.key)
             if arrays is not None:
-                store.write_arrays(each.record["key"], arrays, POLYGONS)
-            store.append(each.record)
+                store.write_arrays(record.key, arrays, POLYGONS)
+            store.append(record)
         store.write_facts(facts)
-    return len(in_order)
+    return len(sources)
 
 
-def _name(record: Record) -> str:
-    where = f"{record['rasteriser']} on {record['device']}"
-    return f"{record['triangulator']}, {groups.condition(record)}, {where}"
+def _describe(record: Record) -> str:
+    case = record.id
+    where = f"{case.rasteriser} on {case.device_name}"
+    return f"{record.name}, {case.group.condition}, {where}"
 
 
-def _by_key(runs: Iterable[Run]) -> list[_Found]:
-    """The record of each case; raises UsageError where two say different things."""
-    chosen: dict[str, _Found] = {}
+def _by_key(runs: Iterable[Run]) -> list[_Source]:
+    """Return the record of each case; raise UsageError if two good ones differ."""
+    chosen: dict[str, _Source] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
-            plain = {name: value for name, value in record.items() if name != "_key"}
-            new = _Found(plain, run, str(record.get("_key", record["key"])))
-            old = chosen.get(plain["key"])
+            new, old = _Source(record, run), chosen.get(record.id.key)
             if old is None or _rank(new) < _rank(old):
-                chosen[plain["key"]] = new
-            elif old.record["status"] == new.record["status"] == "ok" and old.record != plain:
+                chosen[record.id.key] = new
+            elif old.record.status == record.status == "ok" and old.record != record:
                 raise UsageError(
-                    f"records of one case differ: {_name(plain)} ({old.run.path} and {run.path}); "
-                    "if the runs are of different hosts, name these with --hosts"
+                    f"records of one case differ: {_describe(record)} ({old.run.path} and "
+                    f"{run.path}); if the runs are of different hosts, name these with --hosts"
                 )
     return list(chosen.values())
 
 
-def _rank(found: _Found) -> tuple[int, str]:
-    """Least for the record that is kept; two that are good must be equal, so they rank the same."""
-    status = found.record["status"]
-    content = "" if status == "ok" else json.dumps(found.record, sort_keys=True)
-    return STATUSES.index(status) if status in STATUSES else len(STATUSES), content
+def _rank(source: _Source) -> tuple[int, str]:
+    """Return the least for the record to use; two good ones must be equal, so they rank equal."""
+    record = source.record
+    content = "" if record.is_ok else json.dumps(record_to_json(record), sort_keys=True)
+    return STATUSES.index(record.status), content
 
 
-def _refuse_other_counters(found: Iterable[_Found]) -> None:
+def _refuse_other_counters(records: Iterable[Record]) -> None:
     """Counters are exact: one kind of device gives the same on every host."""
     first: dict[str, Record] = {}
-    for each in sorted(found, key=lambda each: str(each.record["device"])):
-        record = each.record
-        if record["status"] != "ok":
+    for record in sorted(records, key=lambda record: record.id.device_name):
+        if not record.is_ok:
             continue
-        kind = replace(Case.of(record), device=record["device"].partition(AT)[0]).key
-        other = first.setdefault(kind, record)
-        if (record["counters"], record["triangles"]) != (other["counters"], other["triangles"]):
-            names = {*record["counters"], *other["counters"]}
-            wrong = [n for n in names if record["counters"].get(n) != other["counters"].get(n)]
+        other = first.setdefault(replace(record.id, host="").key, record)
+        if (record.counters, record.triangles) != (other.counters, other.triangles):
+            names = {*record.counters, *other.counters}
+            wrong = [n for n in names if record.counters.get(n) != other.counters.get(n)]
             what = min(wrong, default="triangles")
             raise UsageError(
-                f"hosts count differently: {what} of {_name(record)} and on {other['device']}; "
-                "see that they have the same version of raster-harness and of the driver"
+                f"hosts count differently: {what} of {_describe(record)} and on "
+                f"{other.id.device_name}; see that they have the same version of raster-harness "
+                "and of the driver"
             )
 
 
@@ -152,9 +146,9 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
     """The same measurements under two hosts' names are no two devices."""
     first: dict[str, tuple[str, Run]] = {}
     for run in runs:
-        host = next((str(record["host"]) for record in run.records if "host" in record), "")
+        host = next((record.id.host for record in run.records), "")
         facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
-        times = sorted(_text(r["time"]["samples_s"]) for r in run.records if r.get("time"))
+        times = sorted(_text(record.time.samples_s) for record in run.records if record.time)
         for what in [_text(facts), *([_text(times)] if times else [])]:
             known, other = first.setdefault(what, (host, run))
             if known != host:
@@ -209,11 +203,10 @@ def _text(value: Any) -> str:
     return json.dumps(value, sort_keys=True, default=str)
 
 
-def _place(record: Record, names: Sequence[str]) -> tuple[Any, ...]:
-    """What records are sorted by: device, view, options, then the plan's triangulators."""
-    name = record["triangulator"]
-    place = names.index(name) if name in names else len(names)
-    return (*groups.group_of(record), place, record["key"])
+def _sort_key(record: Record, names: Sequence[str]) -> tuple[CaseGroup, int, str]:
+    """Return the sort key of records: the group, then the plan's triangulators."""
+    position = names.index(record.name) if record.name in names else len(names)
+    return record.id.group, position, record.id.key
 
 
 def _keep_drawings(store: Store, runs: Iterable[Run]) -> None:

@@ -5,10 +5,10 @@
 Ratios of two drawings' times rest on rounds that timed both.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,8 +150,9 @@ UNDECIDED: Final = "no difference shown"
 class Ratio:
     """Time of one drawing over that of another, with its 95 % confidence interval.
 
-    rounds : that it rests on
-    quiet : whether the run's state lets times show anything
+    rounds : number of rounds that it rests on
+    quiet : False if the run was disturbed, so that the ratio shows nothing
+    joint : the ratio with an interval that holds for the best of several, None if not computed
     """
 
     value: float
@@ -159,6 +160,7 @@ class Ratio:
     high: float
     rounds: int
     quiet: bool = True
+    joint: "Ratio | None" = None
 
     @property
     def verdict(self) -> Verdict:
@@ -183,13 +185,14 @@ FOLDS = 6
 """Parts of rounds that were all timed in one epoch."""
 
 
-def blocks(times: Mapping[str, Any], rounds: int) -> list[NDArray[np.intp]]:
-    """Return the rounds of parts of a record's times that share as little as may be.
+def blocks(processes: Sequence[int], epochs: Sequence[int], rounds: int) -> list[NDArray[np.intp]]:
+    """Return the rounds of parts of a measurement that share as little as possible.
 
-    Processes where there were several, else epochs, else `FOLDS` parts whose rounds alternate.
+    Processes if there were several, else epochs, else `FOLDS` parts whose rounds alternate.
+
+    processes, epochs : rounds of each
     """
-    for name, fewest in (("processes", 2), ("epochs", FEWEST_EPOCHS)):
-        parts = times.get(name) or []
+    for parts, fewest in ((processes, 2), (epochs, FEWEST_EPOCHS)):
         if len(parts) >= fewest and sum(parts) == rounds:
             return np.split(np.arange(rounds), np.cumsum(parts)[:-1])
     folds = min(FOLDS, rounds)

@@ -20,8 +20,8 @@ from rich.table import Table
 
 from harness.metrics.groups import SAME
 from harness.metrics.per_polygon import spearman
-from harness.metrics.registry import find, measures, predictions
-from harness.results.run_folder import Record
+from harness.metrics.registry import find_metric, measures, predictions
+from harness.results.record import Record
 from harness.stats.intervals import UNKNOWN, median_over
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
 from triangulators.criteria import FEATURES_KEPT
@@ -99,7 +99,7 @@ def ranks_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series
 
 def predictors() -> dict[str, str]:
     """Return what predicts, column -> title: the criteria, and what the CPU counts exactly."""
-    exact = {name: f"{find(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
+    exact = {name: f"{find_metric(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
     return {name: figure.title for name, figure in predictions().items()} | exact
 
 
@@ -117,7 +117,7 @@ def label(measure: str) -> str:
     """Return the title of a measure: a counter's name or a time's column."""
     if measure.startswith(TIME):
         return f"draw time, work {measure.removeprefix(TIME)}"
-    return find(measure).label
+    return find_metric(measure).label
 
 
 def measure_table(records: Sequence[Record]) -> pd.DataFrame:
@@ -127,16 +127,16 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     one row: a triangulation must not count twice for having two names. Those with T-junctions
     are left out: they have fewer triangles and cover other pixels.
     """
-    good = [r for r in records if r["status"] == "ok" and r["polygons"] and r["conforming"]]
     rows = []
-    for record in good:
-        options, predicted, counted = (record[n] for n in ("options", "predicted", "counters"))
-        told = {**record, "polygon": record["scene"], "samples": options["samples"]}
-        row = {name: told[name] for name in KEYS}
+    for record in (each for each in records if each.is_ok and each.polygons and each.conforming):
+        case, predicted, counted = record.id, record.predicted, record.counters
+        view = (case.view.resolution, case.view.rotation, case.options.samples)
+        values = (case.scene, *view, case.rasteriser, case.device_name, record.name)
+        row: dict[str, Any] = dict(zip(KEYS, values, strict=True))
         row |= {n: predicted[n] for n in (*predictors(), *FEATURES_KEPT) if n in predicted}
         row |= {name: counted[name] for name in measures(counted)}
-        if "median_s" in (record.get("time") or {}):
-            row[f"{TIME}{options['work']}"] = record["time"]["median_s"]
+        if record.time is not None:
+            row[f"{TIME}{case.options.work}"] = record.time.median_s
         rows.append(row)
     if not rows:
         return pd.DataFrame()

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.metrics.groups import group_of, groups, time_ratio
-from harness.metrics.registry import find
-from harness.results.run_folder import Record
+from harness.metrics.groups import RecordGroup, groups_of
+from harness.results.record import CaseGroup, Record
+from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER
 from harness.style import draw, grid, looks
 
@@ -30,36 +30,43 @@ KEYS = (*AXES, "fit", "order")
 """What rows of one view share, besides the scene and the device."""
 
 
-def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.DataFrame:
+def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times and of helper lanes.
 
-    runs : records of each run; if several runs have a view, the first run's is used, because times
-        of different runs are not paired
+    runs : if several have a view, the first run's is used, because times of different runs are not
+        paired
 
     Cases that left polygons out have no ratio, because they drew less.
     """
     rows = []
-    seen: set[tuple[object, ...]] = set()
-    for records in runs:
-        views = {group_of(members[0]): members for members in groups(records)}
-        for members in (views[view] for view in views if view not in seen):
-            good = [record for record in members if record["status"] == "ok"]
-            named = {record["triangulator"]: record for record in good}
-            pairs = [_row(record, named.get(name), name) for record in good for name in bases]
+    seen: set[CaseGroup] = set()
+    for run in runs:
+        groups = groups_of(run)
+        for group in (group for group in groups if group.id not in seen):
+            by_name = {record.name: record for record in group.measured}
+            pairs = (
+                _row(group, record, by_name.get(name), name)
+                for record in group.measured
+                for name in bases
+            )
             rows += [row for row in pairs if row is not None]
-        seen |= views.keys()
+        seen |= {group.id for group in groups}
     return pd.DataFrame(rows)
 
 
-def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | None:
-    ratio = time_ratio(record, base)
+def _row(
+    group: RecordGroup, record: Record, base: Record | None, name: str
+) -> dict[str, object] | None:
+    ratio = group.compare(record, base)
     if ratio is None or base is None or not ratio.quiet:
         return None
-    lanes = [find("helper_lanes")(entry) for entry in (record, base)]
+    lanes = [each.counters.get("helper_lanes") for each in (record, base)]
+    where = (group.id.scene, group.id.rasteriser, group.id.device_name)
     return {
-        **{each: record[each] for each in (*DRAWN, "resolution", "rotation", "fit")},
-        **{each: record["options"][each] for each in ("work", "samples", "order")},
-        "triangulator": record["triangulator"],
+        **dict(zip(DRAWN, where, strict=True)),
+        **vars(group.id.view),
+        **{each: getattr(group.id.options, each) for each in ("work", "samples", "order")},
+        "triangulator": record.name,
         "base": name,
         "time_ratio": ratio.value,
         "time_ratio_low": ratio.low,
@@ -67,7 +74,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         "verdict": ratio.verdict,
         "rounds": ratio.rounds,
         "helper_lanes_ratio": lanes[0] / lanes[1] if lanes[0] and lanes[1] else None,
-        "polygons": record["polygons"],
+        "polygons": record.polygons,
     }
 
 

@@ -17,10 +17,11 @@ from rich.console import Console
 from harness.errors import UsageError
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
-from harness.metrics.groups import groups, time_ratio
+from harness.metrics.groups import RecordGroup, groups_of
 from harness.metrics.per_polygon import columns_of
 from harness.metrics.registry import PREDICTED
-from harness.results.run_folder import Record, Run
+from harness.results.record import Record
+from harness.results.run_folder import Run
 from harness.settings import StudySize
 from harness.stats.intervals import FASTER, SLOWER
 from harness.study.subjects import choose_polygons, evenly
@@ -115,17 +116,16 @@ def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     Triangulators that left polygons out are not in it: their sums are over fewer polygons.
     """
     table: list[dict[str, object]] = []
-    place = {record["scene"]: number for number, record in enumerate(reversed(run.records))}
-    for members in sorted(groups(run.records), key=lambda group: -place[group[0]["scene"]]):
-        good = [record for record in members if record["status"] == "ok"]
-        most = max((record["polygons"] for record in good), default=0)
-        whole = [record for record in good if record["polygons"] == most]
-        by_name = {record["triangulator"]: record for record in whole}
+    position = {record.id.scene: number for number, record in enumerate(reversed(run.records))}
+    for group in sorted(groups_of(run), key=lambda group: -position[group.id.scene]):
+        most = max((record.polygons for record in group.measured), default=0)
+        complete = [record for record in group.measured if record.polygons == most]
+        by_name = {record.name: record for record in complete}
         base = by_name.get("pareto#0", by_name.get(SWEEP[0]))
         if base is not None:
-            front = fronts.get(base["scene"])
+            front = fronts.get(group.id.scene)
             polygon = WHOLE if front is None else str(front["polygon"][0])
-            rows = [{"polygon": polygon, **_row(run, record, base)} for record in whole]
+            rows = [{"polygon": polygon, **_row(run, group, each, base)} for each in complete]
             # Beside the whole front of a single polygon, of a scene beside the other rows.
             names = list(NORMALISED if front is None else ("overdraw", "shape"))
             costs = np.array([[row[name] for name in names] for row in rows], np.float64)
@@ -135,15 +135,15 @@ def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def _row(run: Run, record: Record, base: Record) -> dict[str, object]:
+def _row(run: Run, group: RecordGroup, record: Record, base: Record) -> dict[str, object]:
     """Return a row; `base` is the least-A end, with which times are compared."""
-    name = record["triangulator"]
-    ratio = time_ratio(record, base)
+    name, case = record.name, record.id
+    ratio = group.compare(record, base)
     kind = "sweep" if name.startswith("optimal:mixed") else "named"
     weights: Sequence[float | None] = (None, None, None)
     if kind == "sweep":
         weights = [float(each) for each in (name.partition("=")[2] or "1/1/1").split("/")]
-    one, other = record["predicted"], base["predicted"]
+    one, other = record.predicted, base.predicted
     alike = ("overdraw", "shape", "half_perimeter", "edge_length")
     return {
         "kind": "front" if name.startswith("pareto#") else kind,
@@ -152,8 +152,10 @@ def _row(run: Run, record: Record, base: Record) -> dict[str, object]:
         **{which: one[which] for which in ("overdraw", "shape", "half_perimeter")},
         "same_as_end": all(abs(one[n] - other[n]) <= SAME * abs(other[n]) for n in alike),
         **dict(zip(NORMALISED, _normalised(run, record, base), strict=True)),
-        **{which: record["counters"].get(which) for which in ("helper_lanes", "bbox_tests")},
-        **{which: record[which] for which in ("rasteriser", "device", "resolution")},
+        **{which: record.counters.get(which) for which in ("helper_lanes", "bbox_tests")},
+        "rasteriser": case.rasteriser,
+        "device": case.device_name,
+        "resolution": case.view.resolution,
         "time_ratio": ratio and ratio.value,
         "ci_low": ratio and ratio.low,
         "ci_high": ratio and ratio.high,
@@ -168,7 +170,7 @@ def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
     """
     own, others = columns_of(run, record), columns_of(run, base)
     if own is None or others is None:  # one polygon: its columns are its record's totals
-        sums, scale = record["predicted"], base["predicted"]
+        sums, scale = record.predicted, base.predicted
         return sums["overdraw"] / scale["area"], sums["shape"] / scale["triangles"]
     area, triangles = others[f"{PREDICTED}area"], others[f"{PREDICTED}triangles"]
     return (

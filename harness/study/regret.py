@@ -12,7 +12,7 @@ another part. So a regret of a time has two ends, between which the truth is on 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.metrics.groups import groups
+from harness.metrics.groups import group_records
 from harness.metrics.per_polygon import Column
 from harness.metrics.registry import measures, predictions
-from harness.results.run_folder import Record
+from harness.results.record import Record, Time
 from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.study.correlations import TIME, by_criterion
 from harness.study.subjects import LEAST
@@ -85,65 +85,64 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
     """
     rows = []
     counted: set[tuple[Any, ...]] = set()
-    for members in groups(records):
-        good = [r for r in members if r["status"] == "ok" and r["polygons"] and r["conforming"]]
+    for group in group_records(records):
+        case = group.id
+        good = [record for record in group.measured if record.polygons and record.conforming]
         if len(good) < 2:
             continue
-        first = good[0]
-        samples_of = first["options"]["samples"]
-        where = (*(first[name] for name in VIEW if name != "samples"), samples_of)
-        found = {}
+        view = (case.view.resolution, case.view.rotation, case.options.samples)
+        where = (case.rasteriser, case.device_name, *view)
+        regrets = {}
         # Counters do not depend on the work a fragment does: once for all of them.
-        if (*where, first["scene"]) not in counted:
-            counted.add((*where, first["scene"]))
-            for measure in measures(first["counters"]):
-                values = [r["counters"].get(measure) for r in good]
-                if None not in values:
-                    found[measure] = _of_counter(values)
-        samples = [(r.get("time") or {}).get("samples_s") or () for r in good]
-        if min(map(len, samples)) > 1:
-            found[f"{TIME}{first['options']['work']}"] = _of_time(samples, first["time"])
-        proven = any(r["triangulator"] == LEAST and r.get("proven") == r["polygons"] for r in good)
-        for measure, (best, ends) in found.items():
-            known = proven and measure in OF_QUADS and samples_of == 1
-            for kind, name, place in _choices(good):
-                low, high = ends[place]
-                names = (good[each]["triangulator"] for each in (place, best))
-                told = (first["scene"], *names, known, (low + high) / 2, low, high)
+        if (*where, case.scene) not in counted:
+            counted.add((*where, case.scene))
+            for measure in measures(good[0].counters):
+                values = [record.counters[measure] for record in good if measure in record.counters]
+                if len(values) == len(good):
+                    regrets[measure] = _of_counter(values)
+        times = [record.time for record in good if record.time is not None]
+        if len(times) == len(good) and min(len(time.samples_s) for time in times) > 1:
+            regrets[f"{TIME}{case.options.work}"] = _of_time(times)
+        proven = any(r.name == LEAST and r.proven == r.polygons for r in good)
+        for measure, (best, ends) in regrets.items():
+            known = proven and measure in OF_QUADS and case.options.samples == 1
+            for kind, name, index in _choices(good):
+                low, high = ends[index]
+                row = (case.scene, good[index].name, good[best].name, known)
                 if not np.isnan(low):
-                    rows.append((*where, measure, kind, name, *told))
+                    rows.append((*where, measure, kind, name, *row, (low + high) / 2, low, high))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _choices(good: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
-    """Yield (kind, name, place in `good`) of what each criterion and triangulator chooses."""
+    """Yield (kind, name, index in `good`) of what each criterion and triangulator chooses."""
     for criterion in predictions():
-        known = [k for k, r in enumerate(good) if criterion in r["predicted"]]
-        values = [good[k]["predicted"][criterion] for k in known]
+        known = [k for k, record in enumerate(good) if criterion in record.predicted]
+        values = [good[k].predicted[criterion] for k in known]
         if known and min(values) < max(values):  # otherwise it chooses none
             yield "criterion", criterion.replace("_", "-"), known[int(np.argmin(values))]
-    for place, record in enumerate(good):
-        family = family_of(record["triangulator"])
+    for index, record in enumerate(good):
+        family = family_of(record.name)
         if family.partition(":")[0] not in NOT_CHOSEN:
-            yield "triangulator", family, place
+            yield "triangulator", family, index
 
 
 def _of_counter(values: Sequence[float]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the place of the best, and both ends of each one's regret; NaN where the best is 0."""
+    """Return the index of the best, and both ends of each regret; NaN if the best is 0."""
     best = min(values)
     regrets = [0.0 if each == best else each / best - 1.0 if best else np.nan for each in values]
     return values.index(best), [(each, each) for each in regrets]
 
 
-def _of_time(
-    samples: Sequence[Sequence[float]], timing: Mapping[str, Any]
-) -> tuple[int, list[tuple[float, float]]]:
-    """Return the same of times, of which `timing` has the reference draw and the parts."""
-    rounds = min(map(len, samples))
-    times = np.array([each[:rounds] for each in samples]) / np.array(timing["reference_s"][:rounds])
-    values = np.stack([np.median(times[:, block], axis=1) for block in blocks(timing, rounds)], 1)
+def _of_time(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]]]:
+    """Return the index of the best of times of the same rounds, and both ends of each regret."""
+    rounds, first = min(len(time.samples_s) for time in times), times[0]
+    samples = np.array([time.samples_s[:rounds] for time in times])
+    relative = samples / np.array(first.reference_s[:rounds])
+    parts = blocks(first.processes, first.epochs, rounds)
+    values = np.stack([np.median(relative[:, part], axis=1) for part in parts], 1)
     best = int(np.argmin(np.log(values).mean(axis=1)))
-    return best, [regret_ends(values, place) for place in range(len(samples))]
+    return best, [regret_ends(values, index) for index in range(len(times))]
 
 
 def summarise(table: pd.DataFrame) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.metrics.registry import find
+from harness.metrics.registry import find_metric
 from harness.stats.intervals import FEWEST
 from harness.study.correlations import TIME, TOO_FEW
 
@@ -285,5 +285,5 @@ def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
             here = "" if figure is None else figure.written
             verdict = "not told" if figure is None else figure.verdict
             lines.append(f"| {claim.sentence} | {claim.ours} | {here} | {verdict} |")
-    letters = ", ".join(f"{find(name).symbol}: {find(name).label}" for name in RANKED)
+    letters = ", ".join(f"{find_metric(name).symbol}: {find_metric(name).label}" for name in RANKED)
     return "\n".join([*lines, "", f"{letters}.", ""])

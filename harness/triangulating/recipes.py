@@ -23,13 +23,10 @@ from shapely import Polygon
 import triangulators
 from harness.errors import UsageError, did_you_mean
 from harness.machine.user_modules import allow_user_module
+from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, full_name
 from triangulators import criteria, registry
 from triangulators.errors import UnknownName, in_short
 from triangulators.polygon_arrays import PolygonArray
-
-NUMBER, UPRIGHT = "#", "@0"
-OTHER = "BASE "
-"""Before the name of a triangulator as another version of the code has it."""
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
 """Triangulators that take a number, and the parameter that it is."""
@@ -63,9 +60,8 @@ class Recipe:
 
     def __str__(self) -> str:
         """The full name: a record's `triangulator`."""
-        mark = OTHER if self.other else ""
-        number = "" if self.number is None else f"{NUMBER}{self.number}"
-        return f"{mark}{self.base}{number}{UPRIGHT if self.upright else ''}"
+        mark = BASE_MARK if self.other else ""
+        return mark + full_name(self.base, self.number, upright=self.upright)
 
     @property
     def builtin(self) -> bool:
@@ -156,14 +152,14 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
     UsageError
         if it is unknown
     """
-    rest = text.removesuffix(UPRIGHT)
-    base, mark, digits = rest.partition(NUMBER)
+    rest = text.removesuffix(UPRIGHT_MARK)
+    base, mark, digits = rest.partition(NUMBER_MARK)
     if "@" in rest:
-        raise UsageError(f"triangulator '{text}': only {UPRIGHT} can follow a name")
+        raise UsageError(f"triangulator '{text}': only {UPRIGHT_MARK} can follow a name")
     if mark and not (base in NUMBERED and digits.isdecimal()):
         raise UsageError(
-            f"triangulator '{text}': a seed is written random{NUMBER}7, "
-            f"a point of the Pareto front pareto{NUMBER}3"
+            f"triangulator '{text}': a seed is written random{NUMBER_MARK}7, "
+            f"a point of the Pareto front pareto{NUMBER_MARK}3"
         )
     if rest == ORIGINAL:
         return Recipe(ORIGINAL)
@@ -182,7 +178,7 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
         base=base,
         number=number,
         seed=seed if base == "random" and number is None else 0,
-        upright=text.endswith(UPRIGHT),
+        upright=text.endswith(UPRIGHT_MARK),
         calibration=terms,
     )
 

@@ -24,10 +24,13 @@ from numpy.typing import NDArray
 
 from harness.compare.model import Settings
 from harness.compare.times import Pair, judge_group
-from harness.metrics.decision import break_even, decide
-from harness.metrics.groups import time_ratio
+from harness.frame import View
+from harness.metrics.break_even import break_even
+from harness.metrics.decision import decide
+from harness.metrics.groups import group_records, time_ratio
 from harness.metrics.per_polygon import spearman
-from harness.results.run_folder import Record
+from harness.rasterisers.base import Options
+from harness.results.record import CaseId, Record, Time
 from harness.stats.intervals import (
     CONFIDENCE,
     RUN_SCATTER,
@@ -287,8 +290,10 @@ def _in_use(machine: Machine, tail: bool, rng: np.random.Generator) -> Trial:
     """Time two drawings, of which one takes 0.9 of the other's time, on a machine in use."""
 
     base, head = timed(rng, machine, (1.0, 0.9), tail)
+    assert base.time is not None
+    assert head.time is not None
     found = time_ratio(head, base)
-    old = paired_ratio(head["time"]["samples_s"], base["time"]["samples_s"])
+    old = paired_ratio(head.time.samples_s, base.time.samples_s)
     assert found is not None
     return Trial((found.low, found.high), (old.low, old.high), 0.9)
 
@@ -297,7 +302,8 @@ def _winner(rng: np.random.Generator) -> Trial:
     """Name the best of six that take 0.9 to 0.903 of the base's time, and what it saves."""
     factors = (1.0, *(0.9 * np.exp(rng.uniform(0, 0.003, 6))))
     records = timed(rng, quiet, factors)
-    decision = decide(records)
+    (group,) = group_records(records)
+    decision = decide(group)
     if decision is None or decision.saving is None:
         return Trial(UNKNOWN, None, 1.0)
     number = int(decision.choice.name.split()[1])
@@ -332,15 +338,20 @@ def _break_even(ratio: float, scatter: float, rounds: int, rng: np.random.Genera
     def record(rng: np.random.Generator, draw_s: float, seconds: float) -> Record:
         places = np.repeat(rng.normal(0, 0.005, len(DRAW_EPOCHS)), DRAW_EPOCHS)
         samples = draw_s * np.exp(places + rng.normal(0, 0.02, sum(DRAW_EPOCHS)))
-        told = (seconds * np.exp(rng.normal(0, scatter, rounds))).tolist()
-        times = {"samples_s": samples.tolist(), "reference_s": [1.0], "epochs": DRAW_EPOCHS}
-        median_s, ends = float(np.median(samples)), median_interval(samples.tolist())
-        times |= {"median_s": median_s, "ci95_s": ends}
-        once = {"triangulate_s": told[0], "triangulate_samples_s": told}
-        return {"polygons": 1, "time": times, **once}
+        triangulating = tuple((seconds * np.exp(rng.normal(0, scatter, rounds))).tolist())
+        time = Time(
+            samples_s=tuple(samples.tolist()),
+            median_s=float(np.median(samples)),
+            ci95_s=median_interval(samples.tolist()),
+            epochs=tuple(DRAW_EPOCHS),
+            round_group="one",
+        )
+        case = CaseId("s", View(), "t", "opengl", "d", Options())
+        more = {"triangulate_s": triangulating[0], "triangulate_samples_s": triangulating}
+        return Record(case, "ok", polygons=1, time=time, **more)
 
-    base = record(rng, DRAW_S, ONCE_S)
-    even = break_even(record(rng, ratio * DRAW_S, LONGER_S), base)
+    base, other = record(rng, DRAW_S, ONCE_S), record(rng, ratio * DRAW_S, LONGER_S)
+    even = break_even(other, base, time_ratio(other, base))
     if even is None or even.kind != "after" or even.high is None:
         return Trial(UNKNOWN, None, truth)
     return Trial((even.low or 0.0, even.high), None, truth)

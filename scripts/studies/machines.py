@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.results.run_folder import Record
+from harness.results.parsing import parse_record
+from harness.results.record import Record
 
 Values = NDArray[np.float64]
 Machine = Callable[[np.random.Generator, int], tuple[Values, Values]]
@@ -88,8 +89,9 @@ def timed(
             "median_s": float(np.median(samples)),
             "ci95_s": [float(samples.min()), float(samples.max())],
         }
-        records.append(
+        record = parse_record(
             {
+                "key": f"{number:016x}",
                 "scene": "s",
                 "rasteriser": "opengl",
                 "device": "llvmpipe",
@@ -102,4 +104,5 @@ def timed(
                 "time": times,
             }
         )
+        records.append(record)
     return records

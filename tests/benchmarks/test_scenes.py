@@ -14,6 +14,7 @@ from harness.results.run_folder import Record, read_run
 from scenes import load
 from scenes.registry import entry, names
 from tests.paths import ROOT
+from tests.records import lines_of
 from triangulators import names as triangulators
 from triangulators.registry import BUILTIN
 
@@ -62,7 +63,7 @@ def measured(scene: str, out: Path) -> list[Record]:
         f"\n{scene}: {run.facts['scene']['polygons']} polygons, {seconds['all']:.0f} s in all, "
         f"{seconds['triangulate']:.0f} s of it triangulating"
     )
-    return run.records
+    return lines_of(run)
 
 
 def check(record: Record) -> None:

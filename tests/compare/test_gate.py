@@ -32,6 +32,7 @@ from tests.compare.runs import (
     write_run,
 )
 from tests.metrics.test_decision import base, made
+from tests.records import make_record, make_run
 
 COUNTERS = Settings(gates=("counters",))
 
@@ -59,13 +60,16 @@ def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTE
     ("field", "value"),
     [
         *(("scene", "cad"), ("triangulator", "fan"), ("rasteriser", "webgpu"), ("device", "zink")),
-        *(("resolution", 512), ("rotation", 30.0), ("fit", "cover"), ("options", {"samples": 4})),
+        *(("resolution", 512), ("rotation", 30.0), ("fit", "circle"), ("options", {"samples": 4})),
     ],
 )
 def test_what_differs_in_one_of_these_is_another_case(field, value):
     usual = {"fit": "box", **record("delaunay", seed=1)}
-    assert case_name(usual) != case_name(usual | {field: value})
-    assert case_name(usual) == case_name(usual | {"polygons": 3})
+    name, other, same = (
+        case_name(make_record(**usual | change)) for change in ({}, {field: value}, {"polygons": 3})
+    )
+    assert name != other
+    assert name == same
 
 
 def test_every_counter_of_the_binner_is_gated(tmp_path):
@@ -202,7 +206,7 @@ def test_a_drift_on_the_threshold_is_let_pass(tmp_path):
     for before, after in zip(base, head, strict=True):
         before["time"]["samples_s"] = [1.0] * 30
         after["time"]["samples_s"] = [1.25] * 30
-    runs = [Run(tmp_path / name, {}, records) for name, records in (("b", base), ("h", head))]
+    runs = [make_run(records) for records in (base, head)]
     exact = compare_runs(*runs, Settings(thresholds={"time": 0.25}))
     assert {case.time.ratio for case in exact.cases} == {1.25}
     assert {case.time.outcome for case in exact.cases} == {"unchanged"}
@@ -267,7 +271,7 @@ def test_hundreds_of_thousands_of_samples_are_no_trouble(tmp_path):
         for name in ("samples_s", "reference_s", "empty_s"):
             timing[name] = (1e-6 * (1 + np.abs(rng.normal(0, 0.05, 200_000)))).tolist()
 
-    runs = [Run(tmp_path, {}, list(map(usual(many), TRIANGULATORS))) for _ in ("base", "head")]
+    runs = [make_run(map(usual(many), TRIANGULATORS)) for _ in ("base", "head")]
     found = compare_runs(*runs)
     assert {case.time.outcome for case in found.cases} == {"unchanged"}
     assert to_json(found)["exit_code"] == 0
@@ -283,7 +287,7 @@ def usual(edit: Edit) -> Callable[[str], dict[str, Any]]:
 
 
 def test_a_case_says_where_it_is(tmp_path):
-    case = case_name(record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"})
+    case = case_name(make_record(**record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}))
     assert case.where == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
 
 
@@ -298,15 +302,16 @@ def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):
 def test_only_what_both_runs_measured_repeats():
     done = record("fan", seed=1)
     failed = done | {"status": "failed", "counters": {}}
-    assert compare_repeated([done], [done])[0] == 1
-    assert compare_repeated([done], [failed])[0] == compare_repeated([failed], [done])[0] == 0
+    good, bad = make_record(**done), make_record(**failed)
+    assert compare_repeated([good], [good])[0] == 1
+    assert compare_repeated([good], [bad])[0] == compare_repeated([bad], [good])[0] == 0
 
 
 def test_verdicts_that_repeat_are_counted_pair_by_pair():
     def run(**draws):
         found = [base(), *(made(name, how) for name, how in draws.items())]
         return [
-            each | {"key": each["triangulator"], "predicted": dict.fromkeys(SAME, float(number))}
+            make_record(**each | {"predicted": dict.fromkeys(SAME, float(number))})
             for number, each in enumerate(found)
         ]
 
@@ -346,14 +351,14 @@ def test_what_the_plan_did_not_ask_for_is_not_missed(tmp_path, narrower):
 
 
 def test_one_case_on_another_device_makes_it_another_machine():
-    here, there = {"device": "llvmpipe"}, {"device": "zink"}
-    name = case_name(record("fan", seed=1))
+    here, there = make_record(device="llvmpipe"), make_record(device="zink")
+    name = case_name(here)
     assert _across([Match(name, here, here), Match(name, here, there)])
     assert not _across([Match(name, here, here), Match(name, None, there)])
 
 
 def test_what_head_lacks_fails_only_where_all_are_asked_for():
-    name = case_name(record("fan", seed=1))
+    name = case_name(make_record("fan"))
     for asked, found in ((True, [True, False]), (False, [False, False])):
         comparison = no_baseline("base", Run(Path("head"), {}, []), Settings(require_all=asked))
         cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))

@@ -13,8 +13,10 @@ from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _counted, most_grown
 from harness.heatmaps import lane_maps
 from harness.results import drawings
+from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
+from tests.records import lines_of, make_record
 from triangulators import triangulate
 from triangulators.polygon_arrays import PolygonArray
 
@@ -43,7 +45,7 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     grown = most_grown(base, head, comparison)
-    columns = [read_arrays(run, run.records[0]["key"])["helper_lanes"] for run in runs]
+    columns = [read_arrays(run, lines_of(run)[0]["key"])["helper_lanes"] for run in runs]
     growth = columns[1].astype(int) - columns[0]
     assert sorted(growth)[-3:][::-1] == [each.head - each.base for each in grown]
     for each in grown:
@@ -73,16 +75,17 @@ def test_what_got_better_or_kept_no_columns_shows_none(runs, tmp_path):
 
 def test_of_one_polygon_the_totals_are_its_own(tmp_path):
     run = Run(tmp_path, {}, [])
-    entry = {"key": "a" * 16, "polygons": 1, "counters": {"helper_lanes": 7}}
-    assert _counted(run, entry) == {"helper_lanes": [7]}
-    assert _counted(run, entry | {"polygons": 2}) == {}
+    one, two = (make_record(polygons=n, counters={"helper_lanes": 7}) for n in (1, 2))
+    assert _counted(run, one) == {"helper_lanes": [7]}
+    assert _counted(run, two) == {}
 
 
 def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
     counts = {"base": [5, 9, 7, 2], "head": [6, 9, 10, 1]}
     given = {name: {"quads": np.array(each)} for name, each in counts.items()}
     monkeypatch.setattr(polygons, "_counted", lambda run, _: given[run])
-    assert list(polygons._growth("base", "head", Match("", None, None))) == [
+    record = make_record()
+    assert list(polygons._growth("base", "head", Match("", record, record))) == [
         ("quads", 2, 7, 10),
         ("quads", 0, 5, 6),
     ]
@@ -104,10 +107,9 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
     kept = drawings.Geometry(PolygonArray.of_single_rings(points, 3), np.array([4, 8]), {})
     kept.triangles["fan"] = rows
-    monkeypatch.setattr(drawings, "view_of", lambda _: None)
-    entry = {"triangulator": "fan", "resolution": 64}
+    fan = make_record("fan", resolution=64)
 
-    def grown(place: int, geometry: object = kept, record: dict = entry) -> polygons.Grown | None:
+    def grown(place: int, geometry: object = kept, record: Record = fan) -> polygons.Grown | None:
         monkeypatch.setattr(drawings, "read", lambda *_: geometry)
         found = Match("city", record, record)
         return polygons._grown(None, None, found, "quads", place, 1, 2)
@@ -127,7 +129,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     assert grown(0).frame.source.tolist() == [4]
     assert grown(2) is None
     assert grown(0, None) is None
-    assert grown(0, record=entry | {"triangulator": "delaunay"}) is None
+    assert grown(0, record=make_record("delaunay")) is None
 
 
 def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch):
@@ -138,5 +140,5 @@ def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch)
         "fragments": np.array([5, 6]),
     }
     monkeypatch.setattr("harness.compare.polygons.read_arrays", lambda *_: columns)
-    found = _counted(Run(Path("run"), {}, []), {"key": "x"})
+    found = _counted(Run(Path("run"), {}, []), make_record())
     assert {name: each.tolist() for name, each in found.items()} == {"helper_lanes": [3, 4]}

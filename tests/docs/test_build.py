@@ -10,7 +10,7 @@ from markdown import markdown
 
 from docs import generate
 from harness.commands.index import COMMANDS
-from harness.metrics.registry import figures
+from harness.metrics.registry import list_metrics
 from tests.chromium import LOADED
 from tests.docs.blocks import pages
 from tests.paths import ROOT, python
@@ -40,7 +40,7 @@ def test_the_reference_has_every_command_option_and_name(site):
     for option in ("--triangulators", "--gate", "--resume", "--threshold"):
         assert option in commands
     names = (site / "reference" / "names.html").read_text()
-    for name in [*registry.BUILTIN, *figures()]:
+    for name in [*registry.BUILTIN, *list_metrics()]:
         assert f"<code>{name}</code>" in names
     python = (site / "reference" / "python.html").read_text()
     assert "Triangulate a polygon" in python

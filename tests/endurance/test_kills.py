@@ -27,6 +27,7 @@ from tests.fuzz.targets.runs import sound
 from tests.models.various import solid
 from tests.page.conftest import result_of, saved_as
 from tests.paths import ROOT
+from tests.records import lines_of
 
 REFERENCE = ("--rasterisers", "reference", "--quick", "--quiet", "--no-cache")
 SCENE = ("--scene", "city:buildings=40", "--resolution", "64,256")
@@ -37,7 +38,7 @@ def records(folder: Path) -> Any:
     """What a run holds but times, by key; whether it is whole; and which files there are."""
     stored = read_run(folder)
     names = ("status", "counters", "predicted", "triangles", "coverage_error")
-    found = {each["key"]: [each.get(name) for name in names] for each in stored.records}
+    found = {each["key"]: [each.get(name) for name in names] for each in lines_of(stored)}
     files = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
     return found, stored.facts.get("interrupted", False), files
 

@@ -36,6 +36,7 @@ from tests.endurance.programs import (
 from tests.models.build import glb, parts_of
 from tests.models.various import MODELS
 from tests.paths import ROOT
+from tests.records import lines_of
 from tests.scenes.test_tiles import Compression, three_archives
 
 
@@ -261,7 +262,7 @@ def test_plugins(times, tell, tmp_path):
         ended = run(arguments, folder)
         problem = problem_of(ended)
         if not problem and ended.code in (0, 5):
-            records = {r["triangulator"]: r for r in read_run(folder / "out").records}
+            records = {r["triangulator"]: r for r in lines_of(read_run(folder / "out"))}
             lost = {"mine:cut", "mine:right", "delaunay"} - set(records)
             bad = [
                 n
@@ -314,7 +315,7 @@ def what_is_in(place: Path) -> bytes:
             return b"".join(arrays[name].tobytes() for name in sorted(arrays.files))
     if (table := place / "census.csv").exists():
         return table.read_bytes()
-    counted = [(r["triangulator"], r["counters"]) for r in read_run(place).records]
+    counted = [(r["triangulator"], r["counters"]) for r in lines_of(read_run(place))]
     return json.dumps(sorted(counted), sort_keys=True).encode()
 
 

@@ -134,7 +134,7 @@ def test_without_arguments_the_help_is_shown(harness):
 
 
 def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("harness.report.page.write_report", full)

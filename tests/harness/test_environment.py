@@ -18,6 +18,7 @@ from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
 from tests.compare.runs import MACHINE, slower, write_run
 from tests.conftest import ends_well
+from tests.records import lines_of
 
 
 @pytest.fixture(autouse=True)
@@ -154,7 +155,7 @@ def two(tmp_path) -> list[Run]:
     found = []
     for number, label in enumerate((EPYC, XEON)):
         run = read_run(write_run(tmp_path / str(number), seed=number))
-        scene = {"hash": run.records[0]["scene_hash"]}
+        scene = {"hash": lines_of(run)[0]["scene_hash"]}
         facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
         found.append(replace(run, facts=facts))
     return found

@@ -16,6 +16,7 @@ from harness.triangulating.recipes import parse_all
 from harness.viewport_sizes import DeviceCosts
 from scenes import load
 from tests.conftest import assert_refused, ends_well, write_geojson
+from tests.records import lines_of
 
 NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
 
@@ -43,7 +44,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
     told = json.loads(out)
     by_size = {each["resolution"]: each["costs"] for each in told["sizes"]}
     assert list(by_size) == [32, 64, 128, 256, 512]
-    records = read_run(Path("run")).records
+    records = lines_of(read_run(Path("run")))
     assert len(records) == 15
     lanes = {}
     for record in records:
@@ -89,7 +90,7 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        counted = (sizes.LEAST_PIXELS, lanes // 4, 1, 1)
+        counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1)
         return {**dict(zip(sizes.EXACT, counted, strict=True)), "triangulate_s": cut, "draw": draw}
 
     def size(px: int, lanes: int) -> sizes.Size:

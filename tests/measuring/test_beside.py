@@ -20,8 +20,9 @@ from harness.measuring.pool import MeasuringPool
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.results import drawings
+from harness.results.record import BASE_MARK
 from harness.results.run_folder import read_run
-from harness.triangulating.recipes import OTHER, Recipe
+from harness.triangulating.recipes import Recipe
 from harness.workers.worker import TaskFailed
 from scenes import load
 from tests.conftest import assert_refused
@@ -29,6 +30,7 @@ from tests.harness.test_environment import git
 from tests.inline import Inline
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
+from tests.records import lines_of
 from triangulators import registry
 
 MODULE = (
@@ -97,10 +99,10 @@ def measured(tmp_path_factory) -> Iterator[Path]:
 
 def test_samples_pair_and_a_change_is_found(measured):
     base, head = runs(measured / "out")
-    statuses = [{r["triangulator"]: r["status"] for r in run.records} for run in (base, head)]
+    statuses = [{r["triangulator"]: r["status"] for r in lines_of(run)} for run in (base, head)]
     assert statuses[0] == {"fan": "ok", "theirs:cut": "ok", "newer:cut": "failed"}
     assert statuses[1] == dict.fromkeys(statuses[0], "ok")
-    keys = [{r["triangulator"]: r["key"] for r in run.records} for run in (base, head)]
+    keys = [{r["triangulator"]: r["key"] for r in lines_of(run)} for run in (base, head)]
     assert keys[0] == keys[1]
     found = compare_runs(base, head)
     times = {case.name.triangulator: case.time for case in found.compared()}
@@ -108,7 +110,7 @@ def test_samples_pair_and_a_change_is_found(measured):
     assert times["fan"].ratio == 1.0  # the same triangles: one drawing is both
     newer = {case.name.triangulator: case.status for case in found.cases}["newer:cut"]
     assert newer == "now-measured"
-    (reason,) = (r["reason"] for r in base.records if r["status"] == "failed")
+    (reason,) = (r["reason"] for r in lines_of(base) if r["status"] == "failed")
     assert "newer" in reason
 
 
@@ -116,10 +118,10 @@ def test_each_run_keeps_what_is_its_own(measured):
     base, head = runs(measured / "out")
     for run in (base, head):
         files = {file.stem for file in (run.path / "polygons").iterdir()}
-        assert files == {r["key"] for r in run.records if r["status"] == "ok"}
+        assert files == {r["key"] for r in lines_of(run) if r["status"] == "ok"}
     drawn = [drawings.read(run, View()).triangles for run in (base, head)]
     assert set(drawn[1]) - set(drawn[0]) == {"newer:cut", "delaunay"}
-    assert not any(OTHER in name for names in drawn for name in names)
+    assert not any(BASE_MARK in name for names in drawn for name in names)
     assert np.array_equal(drawn[0]["fan"], drawn[1]["fan"])
     assert not np.array_equal(drawn[0]["theirs:cut"], drawn[1]["theirs:cut"])
     assert np.array_equal(drawn[0]["theirs:cut"], drawn[1]["delaunay"])
@@ -142,11 +144,11 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
         (folder / "theirs.py").write_text(BROKEN)
         measure(plan, "out")
         base, head = runs("out")
-        assert [r["status"] for r in base.records + head.records] == ["ok", "failed"]
+        assert [r["status"] for r in lines_of(base) + lines_of(head)] == ["ok", "failed"]
         (folder / "theirs.py").write_text(WORSE)
         measure(plan, "out", resume=True)
         base, head = runs("out")
-        assert [r["status"] for r in base.records + head.records] == ["ok", "ok"]
+        assert [r["status"] for r in lines_of(base) + lines_of(head)] == ["ok", "ok"]
         # They were not timed together, so nothing is said of the one beside the other.
         assert compare_runs(base, head).cases[0].time.against != "rounds"
         git(folder, "commit", "-q", "-a", "-m", "second")
@@ -167,8 +169,8 @@ def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkey
     with project(tmp_path / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         measure(PLAN, "out", twice=twice)
-        times = [{r["triangulator"]: r["time"] for r in run.records} for run in runs("out")]
-    names = ["fan", "theirs:cut", *([f"{OTHER}fan"] if twice else []), f"{OTHER}theirs:cut"]
+        times = [{r["triangulator"]: r["time"] for r in lines_of(run)} for run in runs("out")]
+    names = ["fan", "theirs:cut", *([f"{BASE_MARK}fan"] if twice else []), f"{BASE_MARK}theirs:cut"]
     assert sorted(drawn) == sorted(names)
     base, head = times
     assert base["fan"] == head["fan"]

@@ -16,6 +16,7 @@ from harness.triangulating.recipes import parse_all
 from harness.workers.worker import TaskTimedOut
 from tests.inline import Inline
 from tests.measuring.test_run import plan_for
+from tests.records import lines_of
 from triangulators import triangulate
 from triangulators.compute import compiled_files
 
@@ -42,7 +43,7 @@ def measured(block, out, log, fails="", names=("ear-clipping", "optimal:overdraw
     reporter = Reporter(console=Console(file=said, width=200), clock=lambda: next(seconds))
     plan = plan_for(block, triangulators=names, timeout_s=7.0)
     result = run(plan, out, reporter, open_worker=lambda *_: Slow(log, fails))
-    return result.records, said.getvalue()
+    return lines_of(result), said.getvalue()
 
 
 def test_compiling_has_its_own_budget_and_line(block, tmp_path):

@@ -10,12 +10,14 @@ import shapely
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.pool import MeasuringPool
-from harness.metrics.registry import LEAST, OUTLINE, find
+from harness.metrics.registry import LEAST, OUTLINE, find_metric
 from harness.rasterisers.reference import outlines
+from harness.results.record import LeastQuads
 from harness.workers.worker import TaskFailed, Worker
 from scenes import load
 from tests.inline import Inline
 from tests.measuring.test_run import inline
+from tests.records import make_record
 from triangulators import triangulate
 
 
@@ -76,21 +78,21 @@ def test_a_crash_leaves_the_outline():
 
 def test_regret_is_helper_lanes_above_the_fewest():
     known = {"polygons": 3, "quads": 290, "shaded": 300, "fragments": 1000}
-    assert find("regret")({LEAST: known}) == pytest.approx(200 / 160 - 1)
-    assert find("regret")({}) is None
-    assert find("regret")({LEAST: {**known, "quads": 250}}) is None  # no helper lane: no ratio
+    regret = find_metric("regret")
+    assert regret(make_record(least=known)) == pytest.approx(200 / 160 - 1)
+    assert regret(make_record()) is None
+    assert regret(make_record(least={**known, "quads": 250})) is None  # no helper lane: no ratio
 
 
 def test_a_record_compares_the_polygons_that_are_known():
     counters = {name: np.array(values) for name, values in COUNTED.items()}
     drawn = np.array([True, False, True])
     least = np.array([9, 8, -1])
-    assert records._least_of(drawn, counters, least) == {
-        LEAST: {"polygons": 1, "quads": 9, "shaded": 10, "fragments": 30}
-    }
-    assert records._least_of(drawn, {"fragments": counters["fragments"]}, least) == {}
+    expected = LeastQuads(polygons=1, quads=9, shaded=10, fragments=30)
+    assert records._least_quads(drawn, counters, least) == expected
+    assert records._least_quads(drawn, {"fragments": counters["fragments"]}, least) is None
     totals = {name: values.sum() for name, values in counters.items()}
-    assert records._least_of(drawn, totals, least) == {}
+    assert records._least_quads(drawn, totals, least) is None
 
 
 COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}

@@ -32,6 +32,7 @@ from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
 from tests.inline import Inline
 from tests.mock import MockRasteriser
+from tests.records import lines_of
 from triangulators import PolygonArray
 
 MOCK = "tests.mock:MockRasteriser"
@@ -60,7 +61,7 @@ def measure(plan: Plan, out: Path, open_worker: OpenWorker = inline, **how: obje
 
 def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
     outcome = measure(plan_for(block), tmp_path / "out")
-    records = {record["triangulator"]: record for record in outcome.records}
+    records = {record["triangulator"]: record for record in lines_of(outcome)}
     assert set(records) == set(NAMES)
     for record in records.values():
         assert record["status"] == "ok"
@@ -73,12 +74,11 @@ def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
         assert 4 * counters["quads"] == counters["fragments"] + counters["helper_lanes"]
         assert len(record["time"]["samples_s"]) >= MIN_ROUNDS
         assert record["time"]["timer"] == "wall"
-        assert record["time"]["reference_s"] == outcome.records[0]["time"]["reference_s"]
+        assert record["time"]["reference_s"] == lines_of(outcome)[0]["time"]["reference_s"]
     best = records["optimal:overdraw"]["predicted"]["overdraw"]
     assert best == min(record["predicted"]["overdraw"] for record in records.values())
     stored = read_run(tmp_path / "out")
-    state = stored.facts["state"]["state"]
-    assert stored.records == [{**record, "state": state} for record in outcome.records]
+    assert stored.records == outcome.records
     assert stored.facts["scene"]["polygons"] == 3
     assert stored.facts["interrupted"] is False
     columns = read_arrays(stored, records["delaunay"]["key"])
@@ -120,7 +120,7 @@ def test_a_triangulation_that_covers_too_much_is_found_whatever_the_baseline_lef
 
     monkeypatch.setattr("tests.mock.MockRasteriser._count", count_too_much)
     plan = plan_for(block, triangulators=("fan", "ear-clipping", "delaunay"))
-    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    records = {r["triangulator"]: r for r in lines_of(measure(plan, tmp_path / "out"))}
     errors = {name: r["coverage_error"] for name, r in records.items()}
     assert errors == {"fan": 0, "ear-clipping": 101, "delaunay": 0}
     fan, delaunay = records["fan"], records["delaunay"]
@@ -133,7 +133,7 @@ def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkey
     failing("delaunay", 0, monkeypatch)
     scene = write_geojson(tmp_path / "squares.geojson", [box(0, 0, 4, 4), box(6, 0, 9, 3)])
     plan = plan_for(scene, triangulators=("fan", "delaunay"))
-    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    records = {r["triangulator"]: r for r in lines_of(measure(plan, tmp_path / "out"))}
     assert records["fan"]["status"] == "ok"
     assert records["fan"]["coverage_error"] is None
     assert records["delaunay"]["status"] == "failed"
@@ -149,15 +149,15 @@ def test_triangles_leave_nothing_to_choose(tmp_path):
 
 
 def test_resume_measures_only_what_is_missing(block, tmp_path):
-    whole = measure(plan_for(block), tmp_path / "whole").records
+    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
     out = tmp_path / "out"
     measure(plan_for(block), out)
     lines = (out / "cases.jsonl").read_text().splitlines(keepends=True)
     (out / "cases.jsonl").write_text("".join(lines[:2]) + lines[2][:50])
-    kept = read_run(out).records
+    kept = lines_of(read_run(out))
     outcome = measure(plan_for(block), out, resume=True)
-    assert outcome.records[:2] == kept
-    assert [(r["key"], r["counters"]) for r in outcome.records] == [
+    assert lines_of(outcome)[:2] == kept
+    assert [(r["key"], r["counters"]) for r in lines_of(outcome)] == [
         (r["key"], r["counters"]) for r in whole
     ]
 
@@ -186,7 +186,7 @@ def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch,
     with pytest.raises(UsageError, match=reason):
         measure(plan, out, resume=True)
     if changed in ("plan", "machine"):
-        assert measure(plan, out, resume=True, force=True).records
+        assert lines_of(measure(plan, out, resume=True, force=True))
 
 
 def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_path, monkeypatch):
@@ -196,10 +196,10 @@ def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_pa
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         failing("ear-clipping", 1, patch)
-        statuses = [r["status"] for r in measure(plan, out).records]
+        statuses = [r["status"] for r in lines_of(measure(plan, out))]
     assert statuses == ["skipped", "failed"]
     before = (out / "cases.jsonl").read_text()
-    assert [r["status"] for r in measure(plan, out, resume=True).records] == ["skipped", "ok"]
+    assert [r["status"] for r in lines_of(measure(plan, out, resume=True))] == ["skipped", "ok"]
     after = (out / "cases.jsonl").read_text()
     assert after.startswith(before)
     assert [json.loads(line)["triangulator"] for line in after[len(before) :].splitlines()] == [
@@ -213,7 +213,7 @@ def interrupt_after_one(monkeypatch):
 
     def append_and_interrupt(self: Store, record: dict[str, object]) -> None:
         append(self, record)
-        if len(read_run(self.path).records) == 1:
+        if len(lines_of(read_run(self.path))) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(Store, "append", append_and_interrupt)
@@ -224,9 +224,9 @@ def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
     plan = plan_for(block, views=(View(64), View(128)))
     outcome = measure(plan, tmp_path / "out")
     assert outcome.interrupted
-    assert {r["resolution"] for r in outcome.records} == {64}
-    assert len(outcome.records) == len(NAMES)
-    assert len(measure(plan, tmp_path / "out", resume=True).records) == 2 * len(NAMES)
+    assert {r["resolution"] for r in lines_of(outcome)} == {64}
+    assert len(lines_of(outcome)) == len(NAMES)
+    assert len(lines_of(measure(plan, tmp_path / "out", resume=True))) == 2 * len(NAMES)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypat
     scene = write_geojson(tmp_path / "odd.geojson", [courtyard, ell, house])
     plan = plan_for(scene, triangulators=("fan", "ear-clipping", "delaunay"), timeout_s=4.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
-    records = {record["triangulator"]: record for record in outcome.records}
+    records = {record["triangulator"]: record for record in lines_of(outcome)}
     statuses = {name: record["status"] for name, record in records.items()}
     assert statuses == {"fan": "failed", "ear-clipping": "ok", "delaunay": "ok"}
     assert reason in records["fan"]["reason"]
@@ -259,8 +259,8 @@ def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, t
     wanted = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
     views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
     outcome = measure(plan_for(block, triangulators=wanted, views=views), tmp_path / "out")
-    seen = {(r["triangulator"], r["rotation"]): r for r in outcome.records}
-    assert {record["status"] for record in outcome.records} == {"ok"}
+    seen = {(r["triangulator"], r["rotation"]): r for r in lines_of(outcome)}
+    assert {record["status"] for record in lines_of(outcome)} == {"ok"}
     fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
     overdraw = {key: record["predicted"]["overdraw"] for key, record in seen.items()}
     assert overdraw[carried, 0.0] == overdraw[fresh, 0.0]
@@ -271,7 +271,7 @@ def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, t
 
 def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
     plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
-    records = measure(plan, tmp_path / "out").records
+    records = lines_of(measure(plan, tmp_path / "out"))
     assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
     with pytest.raises(UsageError, match="a seed is written random#7"):
         measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
@@ -293,11 +293,11 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
         return Watched(name)
 
     plan = plan_for(block, timing=replace(FAST, processes=3))
-    assert measure(plan, tmp_path / "out", open_worker=watched).records
+    assert lines_of(measure(plan, tmp_path / "out", open_worker=watched))
     drawing = f"{MOCK} on scripted"
     steps = [line.removeprefix(drawing) for line in log if line.startswith(drawing)]
     assert steps == [" begins", " ends"] * 3
-    for record in read_run(tmp_path / "out").records:
+    for record in lines_of(read_run(tmp_path / "out")):
         times = record["time"]
         assert len(times["processes"]) == 3
         assert min(times["processes"]) >= MIN_ROUNDS

@@ -16,6 +16,7 @@ from harness.results.run_folder import Store, read_arrays, read_run
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
+from tests.records import lines_of
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -32,14 +33,14 @@ def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, monkeypatch, number):
-    whole = measure(plan_for(block), tmp_path / "whole").records
+    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         signal_while_timing(number, patch)
         result = measure(plan_for(block), out)
     assert result.interrupted
-    assert result.hurried
-    assert result.records == read_run(out).records == []
+    assert result.aborted
+    assert lines_of(result) == lines_of(read_run(out)) == []
     assert read_run(out).facts["interrupted"] is True
     counted = [json.loads(line) for line in (out / "counted.jsonl").read_text().splitlines()]
     assert [record["status"] for record in counted] == ["counted"] * len(NAMES)
@@ -49,7 +50,7 @@ def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, mo
         raise AssertionError("counted again")
 
     monkeypatch.setattr(MockRasteriser, "_count", count)
-    resumed = measure(plan_for(block), out, resume=True).records
+    resumed = lines_of(measure(plan_for(block), out, resume=True))
     assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
     for record, other in zip(resumed, whole, strict=True):
         # How often triangulating is timed depends on how long it takes.
@@ -81,7 +82,7 @@ def test_a_case_is_kept_as_soon_as_it_is_counted(block, tmp_path, monkeypatch):
     with (out / "counted.jsonl").open("a") as file:
         file.write('{"key": "torn')
     calls[:] = ["a third call", "is", "none"]
-    assert len(measure(plan_for(block), out, resume=True).records) == len(NAMES)
+    assert len(lines_of(measure(plan_for(block), out, resume=True))) == len(NAMES)
     # The two that were missing, and the baseline, which says what they cover.
     assert len(calls) == 3 + 3
 
@@ -93,8 +94,8 @@ def test_what_was_counted_by_other_code_is_counted_again_if_forced(block, tmp_pa
         measure(plan_for(block), out)
     lines = (out / "counted.jsonl").read_text().replace('"quads": ', '"quads": 1')
     (out / "counted.jsonl").write_text(lines)
-    forced = measure(plan_for(block), out, resume=True, force=True).records
-    whole = measure(plan_for(block), tmp_path / "whole").records
+    forced = lines_of(measure(plan_for(block), out, resume=True, force=True))
+    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
     assert [r["counters"] for r in forced] == [r["counters"] for r in whole]
 
 
@@ -124,24 +125,22 @@ def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
     """`make endurance` kills whole commands at 30 moments each."""
     out, cases = tmp_path / "killed", tmp_path / "killed" / "cases.jsonl"
     measure_many(str(block), str(tmp_path / "whole"))
-    expected = {r["key"]: r["counters"] for r in read_run(tmp_path / "whole").records}
+    expected = {r["key"]: r["counters"] for r in lines_of(read_run(tmp_path / "whole"))}
     alone = [sys.executable, "-m", "tests.measuring.test_stopping", str(block), str(out)]
     process = subprocess.Popen(alone, cwd=ROOT, stdout=subprocess.DEVNULL)
     while process.poll() is None and not (cases.exists() and cases.read_bytes().count(b"\n") >= 9):
         time.sleep(0.001)
     process.kill()
     process.wait()
-    finished = [{**record, "state": None} for record in read_run(out).records]
+    finished = lines_of(read_run(out))
     lines = cases.read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
     assert 9 <= len(finished) < len(expected) == 24
     subprocess.run([*alone, "resume"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []
-    # A run's state, which its records are given as they are read, is known when it has ended.
-    kept = [{**record, "state": None} for record in resumed.records]
-    assert kept[: len(finished)] == finished
-    assert {r["key"]: r["counters"] for r in resumed.records} == expected
+    assert lines_of(resumed)[: len(finished)] == finished
+    assert {r["key"]: r["counters"] for r in lines_of(resumed)} == expected
     assert not (out / "counted.jsonl").exists()
 
 

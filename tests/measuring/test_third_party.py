@@ -11,6 +11,7 @@ from harness.measuring.run import run
 from harness.workers.worker import Worker
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import MOCK, measure, plan_for, quiet
+from tests.records import lines_of
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -40,7 +41,7 @@ def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_
     names = [f"tests.broken:{name}" for name in REASONS]
     plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
-    records = {record["triangulator"]: record for record in outcome.records}
+    records = {record["triangulator"]: record for record in lines_of(outcome)}
     for name, reason in REASONS.items():
         record = records[f"tests.broken:{name}"]
         assert record["status"] == "failed", name
@@ -77,7 +78,7 @@ def test_a_module_that_dies_when_imported_costs_its_case(
     module("dying", f"import os, sys\nopen({str(said)!r}, 'a').write('x')\n{statement}\n")
     plan = plan_for(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
     start = time.monotonic()
-    records = run(plan, tmp_path / "out", quiet(), open_worker=Worker).records
+    records = lines_of(run(plan, tmp_path / "out", quiet(), open_worker=Worker))
     assert time.monotonic() - start < 120
     found = {record["triangulator"]: record for record in records}
     assert found["delaunay"]["status"] == "ok"

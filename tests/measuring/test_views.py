@@ -11,13 +11,14 @@ from harness.errors import NothingMeasured, UsageError
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
 from harness.measuring.lower_limits import fewest, limits
 from harness.measuring.plan import Plan
-from harness.metrics.per_view import over_views, said
+from harness.metrics.groups import groups_of
+from harness.metrics.per_view import describe_views, over_views
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, outlines, quads_of
+from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
-from harness.results.schema import wrong_field
 from harness.settings import MODEL_TRIANGULATORS
 from harness.triangulating.carrying import original_triangulation
 from harness.triangulating.recipes import parse, parse_all
@@ -26,6 +27,7 @@ from scenes import Scene, load
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import FAST, measure
 from tests.models.various import solid
+from tests.records import lines_of, make_group, make_record
 
 TILES = "helsinki-tiles:zoom=16,tiles=3,layers=building"
 CUTS = parse_all(["ear-clipping", "delaunay"])
@@ -51,7 +53,7 @@ def plan(model: str, **changes: object) -> Plan:
 
 def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path):
     out = tmp_path / "out"
-    records = {each["triangulator"]: each for each in measure(plan(model), out).records}
+    records = {each["triangulator"]: each for each in lines_of(measure(plan(model), out))}
     assert list(records) == ["original", "delaunay", "optimal:edge-length"]
     stored = read_run(out)
     assert stored.facts["base"] == "original"
@@ -68,21 +70,22 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
         assert record["outline_quads"] < record["counters"]["quads"]
         assert "least" not in record or record["least"]["polygons"] == 0
         assert "index" not in record
-        assert wrong_field(record) is None
     assert best["proven"] == best["polygons"] == base["polygons"]
-    ratio = over_views(best, base, "helper_lanes")
+    typed = {record.name: record for record in stored.records}
+    ratio = over_views(typed["optimal:edge-length"], typed["original"], "helper_lanes")
     lanes = [each["counters"]["helper_lanes"] for each in (best, base)]
     assert ratio.ratio == pytest.approx(lanes[0] / lanes[1])
     assert 0.5 < ratio.ratio < 1.0
-    told = said(list(stored.records))
+    (group,) = groups_of(stored)
+    told = describe_views(group)
     few = "helper lanes in ratio to original's, over 4 views, too few for intervals: "
     assert told[0].startswith(f"{few}optimal:edge-length {ratio.written}, delaunay ")
 
 
 def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
-    records = measure(
-        plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out"
-    ).records
+    records = lines_of(
+        measure(plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out")
+    )
     for record in records:
         assert record["outline_quads"] is None
         assert record["counters"]["depth_ties"] == 0
@@ -115,15 +118,18 @@ def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monke
 
 
 def test_ties_of_depth_are_told():
-    def record(name: str, ties: int) -> dict[str, object]:
-        found = {"helper_lanes": 9, "quads": 5, "depth_ties": ties}
-        views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
-        about = {"triangulator": name, "status": "ok", "base": "original"}
-        return {**about, "counters": found, "views": views}
+    views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
 
-    told = said([record("original", 1234), record("delaunay", 1)])
-    assert told[-1] == "1,234 depth tests of original are ties: rounding decides them"
-    assert "ties" not in said([record("original", 0), record("delaunay", 1)])[-1]
+    def last_line(*ties: int) -> str:
+        counted = [{"helper_lanes": 9, "quads": 5, "depth_ties": each} for each in ties]
+        records = [
+            make_record(name, counters=counters, views=views)
+            for name, counters in zip(("original", "delaunay"), counted, strict=True)
+        ]
+        return describe_views(make_group(records, base="original"))[-1]
+
+    assert last_line(1234, 1) == "1,234 depth tests of original are ties: rounding decides them"
+    assert "ties" not in last_line(0, 1)
 
 
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
@@ -170,15 +176,17 @@ def test_options_that_views_have_not_are_told_in_a_line(model, harness):
 )
 def test_damaged_views_are_refused(damage):
     whole = {"key": "0" * 16, "resolution": 8, "rotation": 0.0, "views": damage}
-    whole |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device", "status"), "a")
-    assert wrong_field(whole) == "views"
-    assert wrong_field({**whole, "views": {"names": ["a"], "quads": [1]}}) is None
+    whole |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device"), "a")
+    with pytest.raises(FieldError, match=r"^views"):
+        parse_record({**whole, "status": "ok"})
+    views = {"names": ["a"], "quads": [1]}
+    assert parse_record({**whole, "status": "ok", "views": views}).views is not None
 
 
 def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, harness, tmp_path):
     words = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
     told, err = ends_well(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
-    names = [each["triangulator"] for each in read_run(tmp_path / "out").records]
+    names = [each["triangulator"] for each in lines_of(read_run(tmp_path / "out"))]
     assert names == list(MODEL_TRIANGULATORS)
     assert "helper lanes in ratio to original's, over 4 views, too few" in told
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
@@ -195,7 +203,7 @@ def test_a_run_goes_on_in_views_of_its_own_which_a_page_cannot_cut(model, tmp_pa
     assert stored.views == (view,)
     assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
     again = measure(stored, out, resume=True)
-    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
+    assert [each["key"] for each in lines_of(again)] == [each["key"] for each in lines_of(first)]
     with pytest.raises(UsageError, match=f"is of {what}, which a page cannot cut"):
         content_of(read_run(out))
 
@@ -214,7 +222,7 @@ def scene() -> Scene:
 
 def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
     out = tmp_path / "out"
-    (record, _) = measure(OF_TILES, out).records
+    (record, _) = lines_of(measure(OF_TILES, out))
     assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
     assert record["coverage_error"] == 0
     polygons = read_arrays(read_run(out), record["key"])

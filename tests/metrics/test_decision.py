@@ -3,19 +3,22 @@
 import io
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from harness.metrics.decision import BreakEven, _end, advice, break_even, decide
-from harness.metrics.groups import base_of
+from harness.metrics import break_even as break_even_module
+from harness.metrics import decision as decision_module
+from harness.metrics.advice import advice
+from harness.metrics.break_even import BreakEven, _end
+from harness.metrics.decision import decide_all
+from harness.metrics.groups import time_ratio
 from harness.report.content import content_of
-from harness.results.run_folder import Run
 from harness.stats.intervals import RUN_SCATTER
-from harness.summary import WORDS, print_summary
+from harness.summary import WORDS, print_summary, rows_of
 from tests.harness.test_summary import SAMPLES, printed, record
+from tests.records import make_group, make_record, make_run
 
 DRAWS = {"faster": 0.9, "level": 1.0, "slower": 1.1, "untimed": None}
 TRIANGULATING = {"quicker": 0.2, "longer": 0.9, "once": 0.9, "untold": None}
@@ -45,9 +48,20 @@ def base():
     }
 
 
+def decide(records):
+    return decision_module.decide(make_group(records))
+
+
+def break_even(record, base):
+    typed = [make_record(**each) for each in (record, base)]
+    if record is base:
+        typed[1] = typed[0]
+    return break_even_module.break_even(*typed, time_ratio(*typed))
+
+
 def table_of(records):
     output = io.StringIO()
-    print_summary(records, Console(file=output, width=160))
+    print_summary(decide_all(make_run(records)), Console(file=output, width=160))
     lines = output.getvalue().splitlines()
     rows = [line for line in lines[2:] if line.split() and line.split()[0] in NAMES]
     return [line.split()[0] for line in rows], {line.split()[0]: line for line in rows}, lines
@@ -82,7 +96,7 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     decision = decide(records)
     sentence = advice(decision)
     order, rows, lines = table_of(records)
-    content = content_of(Run(Path("nowhere"), {}, records))
+    content = content_of(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
     # one order everywhere, one sentence everywhere
     assert order == [each.name for each in decision.standings]
@@ -245,10 +259,10 @@ def test_where_the_usual_base_left_polygons_out_another_is_taken():
     ("polygons", "name"), [((3, 5, 5), "b"), ((None, 1, 1), "b"), ((None, None, None), "a")]
 )
 def test_the_base_of_those_without_a_usual_one_is_the_first_of_most_polygons(polygons, name):
-    found = [{"triangulator": each, "status": "ok"} for each in "abc"]
-    found = [each | {"polygons": n} for each, n in zip(found, polygons, strict=True)]
-    assert base_of([{"triangulator": "z", "status": "failed"}, *found])["triangulator"] == name
-    assert base_of([]) is None
+    pairs = zip("abc", polygons, strict=True)
+    measured = [make_record(each, polygons=count) for each, count in pairs]
+    assert make_group([make_record("z", status="failed"), *measured]).base.name == name
+    assert make_group([]).base is None
 
 
 ROUNDS = 12
@@ -338,7 +352,6 @@ def test_where_it_is_not_defined():
     assert break_even(record("not timed", triangulate_s=0.1, time=None), base) is None
     assert break_even(record("of an older version"), base) is None
     assert break_even(base, base) is None
-    assert break_even(base, None) is None
 
 
 def test_an_interval_is_never_one_number_and_may_have_no_end():
@@ -364,3 +377,20 @@ def test_the_table_has_it_beside_each_row():
     assert lines["delaunay"].endswith("at once")
     assert lines["greedy"].endswith("not shown")
     assert lines["worst:half-perimeter"].endswith("never")
+
+
+def test_each_pair_of_records_is_compared_at_most_once(monkeypatch):
+    pairs = []
+
+    def counted(record, base, *rest, **more):
+        pairs.append((record.name, base.name))
+        return time_ratio(record, base, *rest, **more)
+
+    monkeypatch.setattr("harness.metrics.groups.time_ratio", counted)
+    names = ("delaunay", "greedy", "fan", "strip", "sweep")
+    run = make_run([base(), *(made(name, "faster") for name in names)])
+    decided = decide_all(run)
+    print_summary(decided, Console(file=io.StringIO()))
+    assert len(rows_of(decided)) == 1 + len(names)
+    content_of(run, decided)
+    assert len(pairs) == len(set(pairs)) >= 2 * len(names)

@@ -1,83 +1,52 @@
-"""Runs are grouped by the processors that drew; what no processor draws on is left as it is."""
+"""Records are grouped by all but the triangulator, and times of the same rounds have a ratio."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from harness.metrics.groups import (
-    by_processor,
-    machine_words,
-    of_cpu,
-    processor_words,
-    several_processors,
-    time_ratio,
-)
-from harness.results.run_folder import Run
+from harness.metrics.groups import SAME, group_records, time_ratio, without_twins
+from tests.records import make_record
+
+SAMPLES = [1e-3 + 1e-6 * k for k in range(20)]
+TIME = {"samples_s": SAMPLES, "reference_s": [1e-3] * 20}
 
 
-@pytest.mark.parametrize(
-    ("device", "renderer", "drawn"),
-    [
-        ("llvmpipe", None, True),
-        ("cpu", None, True),
-        ("zink@host", None, True),
-        ("gpu0", "llvmpipe (LLVM 15.0.6, 256 bits)", True),
-        ("gpu0", "NVIDIA H100", False),
-        ("gpu0", "", False),
-        ("gpu0", None, False),
-        (None, None, False),
-    ],
-)
-def test_the_renderer_says_who_draws_and_else_the_name(device, renderer, drawn):
-    details = {} if renderer is None else {"details": {"renderer": renderer}}
-    for facts in ({}, {"devices": None}, {"devices": {f"opengl on {device}": details}}):
-        if "details" in details and not facts.get("devices"):
-            continue
-        run = Run(Path("run"), facts, [])
-        assert of_cpu(run, {"rasteriser": "opengl", "device": device}) is drawn
-
-
-def runs_of(*labels: str) -> list[Run]:
-    """A run a processor, of a device that it draws on, once untimed, and of a GPU."""
+def test_groups_are_in_order_and_records_keep_theirs():
     records = [
-        {"rasteriser": "opengl", "device": device, "time": time}
-        for device, time in (("llvmpipe", {"timer": "wall"}), ("gpu0", {"timer": "gpu"}))
+        make_record(name, resolution=size, device=device)
+        for device in ("zink", "llvmpipe")
+        for size in (1024, 64)
+        for name in ("fan", "delaunay")
     ]
-    untimed = {"rasteriser": "reference", "device": "cpu", "time": None}
-    return [Run(Path("run"), {"cpu": {"label": each}}, [*records, untimed]) for each in labels]
+    groups = group_records(records)
+    where = [(group.id.device, group.id.view.resolution) for group in groups]
+    assert where == [("llvmpipe", 64), ("llvmpipe", 1024), ("zink", 64), ("zink", 1024)]
+    assert all([each.name for each in group.records] == ["fan", "delaunay"] for group in groups)
 
 
-def test_only_what_processors_were_timed_on_is_kept_apart():
-    runs = runs_of("Xeon", "EPYC")
-    mixed = several_processors(runs)
-    assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
-    assert processor_words(mixed) == "llvmpipe on EPYC, Xeon"
-    assert several_processors(runs[:1]) == {}
-    found = [[record["device"] for record in run.records] for run in by_processor(runs)]
-    assert found == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
-
-
-def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
-    runs = runs_of("Xeon", "EPYC")
-    facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
-    real = Run(Path("run"), facts, runs[0].records)
-    assert by_processor([*runs, real])[2].records == real.records
-
-
-def test_a_run_says_which_processor_its_times_are_of():
-    (run,) = runs_of("Xeon")
-    assert machine_words(run) == ["times of llvmpipe are of this processor: Xeon"]
-    assert machine_words(replace(run, records=run.records[1:])) == []
-    assert machine_words(replace(run, facts={})) == []
-    slow = {"state": "disturbed", "why": ["it was slow"], "draws": []}
-    assert len(machine_words(replace(run, facts={**run.facts, "state": slow}))) == 2
-
-
-def test_two_records_of_times_alone_have_a_ratio():
-    times = {"samples_s": [1e-3 + 1e-6 * k for k in range(20)], "reference_s": [1e-3] * 20}
-    base = {"polygons": 3, "time": times}
-    slower = {"polygons": 3, "time": times | {"samples_s": [2 * s for s in times["samples_s"]]}}
+def test_two_records_of_the_same_rounds_have_a_ratio():
+    base = make_record(polygons=3, time=TIME)
+    slower = make_record("fan", polygons=3, time=TIME | {"samples_s": [2 * s for s in SAMPLES]})
     assert time_ratio(slower, base).value == pytest.approx(2.0)
-    assert time_ratio(slower, base | {"polygons": 2}) is None
-    assert time_ratio(slower, {"polygons": 3, "time": {"samples_s": [1.0]}}) is None
+    assert time_ratio(slower, replace(base, polygons=2)) is None
+    assert time_ratio(slower, replace(base, time=None)) is None
+    for lacking in ({"reference_s": []}, {"reference_s": [1.0] * 20}, {"samples_s": [1.0]}):
+        other = make_record(polygons=3, time=TIME | lacking)
+        assert time_ratio(slower, other) is None
+        assert time_ratio(other, slower) is None
+
+
+def test_a_stored_group_of_rounds_counts_more_than_equal_reference_draws():
+    one, same, other = (
+        make_record(polygons=3, time=TIME | {"round_group": group}) for group in "aab"
+    )
+    assert time_ratio(one, same) is not None
+    assert time_ratio(one, other) is None
+
+
+def test_twins_are_one_and_what_lacks_a_criterion_is_none():
+    whole = make_record(predicted=dict.fromkeys(SAME, 1.0))
+    twin = make_record(predicted=dict.fromkeys(SAME, 1.0 + 1e-9))
+    other = make_record(predicted={**dict.fromkeys(SAME, 1.0), "shape": 1.1})
+    damaged = make_record(predicted={"shape": 1.0})
+    assert without_twins([whole, damaged, twin, other]) == [whole, other]

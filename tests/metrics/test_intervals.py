@@ -136,7 +136,7 @@ def test_the_mean_of_processes_is_not_that_of_their_epochs():
     ],
 )
 def test_blocks_are_the_largest_parts_that_share_nothing(times, sizes):
-    found = blocks(times, 12)
+    found = blocks(times.get("processes", ()), times.get("epochs", ()), 12)
     assert [len(block) for block in found] == sizes
     assert sorted(np.concatenate(found).tolist()) == list(range(12))
 

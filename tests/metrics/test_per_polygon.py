@@ -16,6 +16,7 @@ from harness.metrics.per_polygon import (
     spearman,
 )
 from harness.results.run_folder import Run, Store
+from tests.records import make_record
 
 
 def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
@@ -94,7 +95,7 @@ def test_columns_without_triangles_are_none(tmp_path):
         store.write_arrays("0" * 16, {"quads": np.arange(3)})
         store.write_arrays("1" * 16, {"quads": np.arange(3), "predicted_triangles": np.ones(3)})
     run = Run(tmp_path / "run", {}, [])
-    found = [columns_of(run, {"key": str(key) * 16}) for key in range(3)]
+    found = [columns_of(run, make_record(key=str(key) * 16)) for key in range(3)]
     assert found[0] is None
     assert found[2] is None
     assert found[1]["quads"].tolist() == [0, 1, 2]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.metrics.per_view import VIEWS, over_views, said
-from harness.results.schema import wrong_field
+from harness import summary
+from harness.metrics import decision, per_view
+from harness.results.parsing import FieldError, parse_record
 from harness.stats.intervals import (
     FEWEST,
     RESAMPLES,
@@ -12,7 +13,22 @@ from harness.stats.intervals import (
     mean_interval,
     ratio_interval,
 )
-from harness.summary import row_of
+from tests.records import make_group, make_record
+
+VIEWS = "views"
+
+
+def over_views(*records: dict) -> per_view.OverViews | None:
+    return per_view.over_views(*(make_record(**each) for each in records))
+
+
+def said(records: list[dict]) -> list[str]:
+    return per_view.describe_views(make_group(records))
+
+
+def row_of(record: dict, base: dict) -> dict:
+    group = make_group([base, record])
+    return summary.row_of(group.records[1], decision.decide(group))
 
 
 def record(name: str, lanes: list[int], **more: object) -> dict:
@@ -74,7 +90,7 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
     assert over.ratio == pytest.approx(506 / 658)
     assert (over.ratio_low, over.ratio_high) == ratio_interval(lanes, usual)
     assert (over.mean, over.mean_low, over.mean_high) == (lanes.mean(), *mean_interval(lanes))
-    row = row_of({**OTHER, "key": "0" * 16}, BASE)
+    row = row_of(OTHER, BASE)
     assert row["views"] == 8
     assert row["view_ratio_low"] == over.ratio_low
     assert row["view_mean_high"] == over.mean_high
@@ -84,7 +100,7 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
         "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
         f"flips:l1 0.769 ({over.ratio_low:.3f}-{over.ratio_high:.3f})"
     )
-    fewest = [record(name, range(9, 9 + FEWEST)) for name in "ab"]
+    fewest = [record(name, [*range(9, 9 + FEWEST)]) for name in "ab"]
     assert f"intervals over {FEWEST} tiles" in said(fewest)[0]
     tests = [{**each, VIEWS: {"bbox_tests": each[VIEWS]["quads"]}} for each in (BASE, OTHER)]
     assert said(tests)[0].startswith("bounding-box tests in ratio")
@@ -98,7 +114,7 @@ def test_few_tiles_tell_no_interval(tiles, few):
     line = said([base, other])[0]
     assert f"over {few} too few for intervals: flips:l1 0." in line
     assert "(" not in line
-    row = row_of({**other, "key": "0" * 16}, base)
+    row = row_of(other, base)
     assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 
@@ -116,12 +132,13 @@ def test_damaged_tiles_are_refused(tiles):
         "key": "0" * 16, "scene": "a", "triangulator": "fan", "rasteriser": "opengl", "device": "x",
         "resolution": 512, "rotation": 0.0, "status": "ok", VIEWS: {"quads": [1, 2]},
     }  # fmt: skip
-    assert wrong_field(good) is None
-    assert wrong_field({**good, VIEWS: tiles}) == VIEWS
+    assert parse_record(good).views is not None
+    with pytest.raises(FieldError, match=f"^{VIEWS}"):
+        parse_record({**good, VIEWS: tiles})
 
 
 def test_ties_of_depth_are_said():
-    base = record("ear-clipping", [9, 7], base="ear-clipping")
+    base = record("ear-clipping", [9, 7])
     base["counters"]["depth_ties"] = 5
     tied = "5 depth tests of ear-clipping are ties: rounding decides them"
-    assert tied in said([base, OTHER | {"base": "ear-clipping"}])
+    assert tied in said([base, OTHER])

@@ -14,24 +14,26 @@ from rich.console import Console
 from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.metrics import registry
-from harness.metrics.groups import time_ratio
+from harness.metrics.decision import decide_all
 from harness.metrics.registry import (
     LEAST,
     METRICS,
-    Figure,
-    figures_of,
-    find,
+    Metric,
+    find_metric,
     limit_of,
     measures,
+    metrics_of,
     predictions,
 )
 from harness.rasterisers import counters
 from harness.report.content import content_of
+from harness.results.parsing import record_to_json
 from harness.results.run_folder import read_run
 from harness.study import correlations
 from harness.style import looks
 from harness.summary import print_summary, write_csv
 from tests.harness.test_summary import record
+from tests.records import make_record, make_run
 from triangulators import criteria
 
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter", "greedy", "fan")
@@ -59,7 +61,7 @@ def a_run(folder: Path, records: list[dict[str, Any]]) -> Path:
     folder.mkdir()
     facts = {"schema_version": 1, "plan": {"triangulators": [r["triangulator"] for r in records]}}
     (folder / "run.json").write_text(json.dumps(facts))
-    lines = [json.dumps(each) for each in records]
+    lines = [json.dumps(record_to_json(make_record(**each))) for each in records]
     (folder / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
     return folder
 
@@ -74,10 +76,10 @@ def sparkle(monkeypatch: pytest.MonkeyPatch) -> criteria.Criterion:
 
 
 @pytest.fixture
-def glow(monkeypatch: pytest.MonkeyPatch) -> Figure:
+def glow(monkeypatch: pytest.MonkeyPatch) -> Metric:
     """A metric that somebody adds."""
-    read = lambda each: (each.get("counters") or {}).get("quads")  # noqa: E731
-    new = Figure(
+    read = lambda record: record.counters.get("quads")  # noqa: E731
+    new = Metric(
         "glow", "glow of quads", "lumens", read, kind="ratio", best_case=0.0, heading="glow"
     )
     monkeypatch.setitem(registry.METRICS, new.name, new)
@@ -86,7 +88,7 @@ def glow(monkeypatch: pytest.MonkeyPatch) -> Figure:
 
 def printed(records: list[dict[str, Any]]) -> str:
     output = io.StringIO()
-    print_summary(records, Console(file=output, width=110))
+    print_summary(decide_all(make_run(records)), Console(file=output, width=110))
     return output.getvalue()
 
 
@@ -99,19 +101,19 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
         a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
         for number, name in enumerate(NAMES)
     ]
-    found = correlations.correlate(correlations.measure_table(records))
+    found = correlations.correlate(correlations.measure_table(make_run(records).records))
     assert "sparkle-length" in set(found["criterion"])
     content = content_of(read_run(a_run(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
     assert content["figures"]["sparkle_length"]["title"] == "sparkle K"
-    write_csv(records, tmp_path / "summary.csv")
+    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
     assert "sparkle_length" in pd.read_csv(tmp_path / "summary.csv").columns
 
 
 def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
     records = [a_record(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
     assert "glow" in printed(records)
-    write_csv(records, tmp_path / "summary.csv")
+    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
     assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
     base = read_run(a_run(tmp_path / "base", records))
     assert content_of(base)["figures"]["glow"]["unit"] == "lumens"
@@ -146,32 +148,32 @@ def test_binning_is_ranked_with_its_figures():
 
 def test_a_rasteriser_says_how_its_counters_are_shown():
     counters.register([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
-    figure = find("mirror_hits")
+    figure = find_metric("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
     assert measures(["mirror_hits", "quads", LEAST]) == ["quads"], (
         "the fewest are no cost of theirs"
     )
     counters.register([counters.Counter("quads", "stolen", "x")])
-    assert find("quads").label == "quads", "what is built in stays as it is"
+    assert find_metric("quads").label == "quads", "what is built in stays as it is"
 
 
 def test_a_criterion_is_found_however_it_is_written():
     for name in ("half-perimeter", "half_perimeter", "predicted_half_perimeter"):
-        assert find(name) is find("half_perimeter")
-    assert find("predicted_area").kind == "prediction", "a term of fits is no counter"
+        assert find_metric(name) is find_metric("half_perimeter")
+    assert find_metric("predicted_area").kind == "prediction", "a term of fits is no counter"
 
 
 def test_every_figure_has_a_label_and_a_unit():
-    for figure in registry.figures().values():
+    for figure in registry.list_metrics().values():
         assert figure.label
         assert figure.unit
         assert figure.description
 
 
 def test_figures_of_records_are_those_that_they_have():
-    assert list(figures_of([])) == []
+    assert list(metrics_of([])) == []
     rows = [a_record("fan", 0, {"quads": 5, "samples_passed": 2})]
-    found = figures_of(rows)
+    found = metrics_of(make_run(rows).records)
     assert next(iter(found)) == "quads"
     assert found["samples_passed"].better == "none"
     assert "bbox_overdraw" not in found
@@ -195,39 +197,34 @@ def registry_names() -> list[str]:
 
 def test_shaded_lanes_are_four_a_quad():
     shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
-    assert find("overshading")(shaded) == pytest.approx(4 * 300 / 900)
-    assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None
-    assert find("draw_ms")({"time": {"median_s": 0.5}}) == 500.0
+    assert find_metric("overshading")(make_record(**shaded)) == pytest.approx(4 * 300 / 900)
+    assert find_metric("overshading")(make_record(counters={"fragments": 900})) is None
+    assert find_metric("draw_ms")(make_record(time={"samples_s": [0.5]})) == 500.0
     names = ("quads", "fragments", "overshading", "draw_ms", "regret")
-    assert [find(name).unit != "x" for name in names] == [True, True, False, True, False]
-    assert [find(name).is_cost for name in names] == [True, True, False, False, False]
+    assert [find_metric(name).unit != "x" for name in names] == [True, True, False, True, False]
+    assert [find_metric(name).is_cost for name in names] == [True, True, False, False, False]
 
 
 def test_regret_needs_a_triangulation_with_a_helper_lane():
     record = a_record("fan", 0, {"quads": 9, "fragments": 20})
     least = {"polygons": 1, "quads": 6, "shaded": 9, "fragments": 20}
-    assert find("regret")({**record, "least": least}) == (36 - 20) / (24 - 20) - 1
-    assert find("regret")({**record, "least": {**least, "quads": 5}}) is None
+    assert (
+        find_metric("regret")(make_record(**{**record, "least": least}))
+        == (36 - 20) / (24 - 20) - 1
+    )
+    assert find_metric("regret")(make_record(**{**record, "least": {**least, "quads": 5}})) is None
 
 
 def test_the_limit_is_the_outline_drawn_in_one_piece():
     known = {"counters": {"fragments": 30}, "outline_quads": 11}
-    assert limit_of(known) == {"counters": {"fragments": 30, "quads": 11, "helper_lanes": 14}}
-    assert limit_of({**known, "counters": {}}) is None
-    assert limit_of({"counters": {"fragments": 30}}) is None
-
-
-def test_times_are_compared_only_if_both_records_have_the_rounds():
-    one, other = a_record("fan", 0, {"quads": 9}), a_record("strip", 0, {"quads": 9})
-    assert time_ratio(one, other) is not None
-    for name in ("samples_s", "reference_s"):
-        lacking = {**one, "time": {k: v for k, v in one["time"].items() if k != name}}
-        assert time_ratio(lacking, other) is None
-        assert time_ratio(other, lacking) is None
+    limit = limit_of(make_record(**known))
+    assert limit.counters == {"fragments": 30, "quads": 11, "helper_lanes": 14}
+    assert limit_of(make_record(**{**known, "counters": {}})) is None
+    assert limit_of(make_record(counters={"fragments": 30})) is None
 
 
 def test_what_every_triangulation_has_alike_is_a_counter_without_direction():
-    known = {**{name: find(name) for name in ("fragments", "helper_lanes")}, **METRICS}
+    known = {**{name: find_metric(name) for name in ("fragments", "helper_lanes")}, **METRICS}
     shared = {name for name, figure in known.items() if figure.is_shared}
     assert "fragments" in shared
     assert not shared & {"helper_lanes", "outline_quads"}
@@ -237,8 +234,8 @@ def test_a_figure_is_described_by_its_functions_words():
     figure = METRICS["above_limit"]
     assert figure.description.startswith("lanes shaded for each pixel covered beyond those of the")
     told = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
-    assert figure(told) == 4 * (30 - 25) / 80
-    assert figure({**told, "outline_quads": None}) is None
+    assert figure(make_record(**told)) == 4 * (30 - 25) / 80
+    assert figure(make_record(**{**told, "outline_quads": None})) is None
 
 
 def test_a_counter_without_a_description_is_described_by_its_label():

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.matching import latest
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
@@ -20,6 +19,7 @@ from harness.page.page_data import content_of_profile, write_page
 from harness.page.result import FORMAT, KEPT, TOLD, Result, import_result
 from harness.page.saved import VERSION, read_saved
 from harness.progress import Reporter
+from harness.results.cases import latest
 from harness.results.run_folder import Run, read_run
 from harness.triangulating.recipes import parse_all
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
@@ -27,6 +27,7 @@ from tests.inline import Inline
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
 from tests.profile.charging import COSTS
+from tests.records import lines_of
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12
@@ -55,7 +56,7 @@ def result_of(run: Run) -> dict[str, Any]:
     """What a page would save that counted as the run did, and timed in 12 rounds of 6 epochs."""
     rng = np.random.default_rng(0)
     views: dict[tuple[int, float], dict[str, Any]] = {}
-    for record in run.records:
+    for typed, record in zip(run.records, lines_of(run), strict=True):
         where = {name: record[name] for name in ("resolution", "rotation", "fit", "scene")}
         beside = {
             name: {"repeats": 3, "samples_s": rng.normal(1e-3, 1e-5, ROUNDS).tolist()}
@@ -65,7 +66,7 @@ def result_of(run: Run) -> dict[str, Any]:
             (record["resolution"], record["rotation"]),
             {**where, "cases": {}, "times": beside, "epochs": [2] * 6},
         )
-        columns = columns_of(run, record)
+        columns = columns_of(run, typed)
         assert columns is not None
         name = record["triangulator"]
         view["cases"][name] = {

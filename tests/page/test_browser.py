@@ -16,6 +16,7 @@ from tests.chromium import MEASURED, REPORT_READY, Chromium
 from tests.conftest import ends_well
 from tests.page.conftest import measured, read_result
 from tests.rasterisers.conftest import random_triangles
+from tests.records import lines_of
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
     ends_well(harness("import", str(file), "--out", "browser", "--run", run))
-    records = read_run(Path("browser")).records
+    records = lines_of(read_run(Path("browser")))
     assert len(records) == 6
     assert all(record["coverage_error"] == 0 for record in records)
     assert all(record["time"]["median_s"] > 0 for record in records)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
+from harness.frame import View
 from harness.page.page_data import content_of
 from harness.page.result import TOLD
 from harness.rasterisers.reference import predict
 from harness.results import drawings
-from harness.results.drawings import view_of
 from tests.conftest import assert_refused, ends_well
 
 
@@ -24,8 +24,8 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
     assert content["base"] == "ear-clipping"
     assert [view["resolution"] for view in content["views"]] == [128, 64]
     for view in content["views"]:
-        where = {name: view[name] for name in ("resolution", "rotation", "fit")}
-        kept = drawings.read(small_run, view_of({**small_run.records[0], **where}))
+        where = View(view["resolution"], view["rotation"], view["fit"])
+        kept = drawings.read(small_run, where)
         points = decoded(view["points"], "<i4").reshape(-1, 2)
         assert np.array_equal(points, kept.points)
         assert sum(view["sizes"]) == len(points)

@@ -18,7 +18,7 @@ def test_an_imported_run_has_a_summary(harness, saved):
     assert summary["device"] == "apple-metal-3-safari"
     assert summary["timer"] == "gpu"
     assert "Safari" in summary["host"]
-    assert [view["resolution"] for view in summary["views"]] == [128, 64]
+    assert [view["resolution"] for view in summary["views"]] == [64, 128]
     for view in summary["views"]:
         assert set(view["triangulators"]) == {"delaunay", "optimal:half-perimeter"}
         for told in view["triangulators"].values():
@@ -39,10 +39,10 @@ def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, s
     file = device_summaries.write_summary(small_run, tmp_path / "cpu.json")
     once = json.loads(file.read_text())
     assert json.loads(device_summaries.write_summary(small_run, file).read_text()) == once
-    records = [{**record, "scene": "village"} for record in small_run.records]
+    records = [record.with_id(scene="village") for record in small_run.records]
     device_summaries.write_summary(replace(small_run, records=records), file)
     assert len(json.loads(file.read_text())["views"]) == 4
-    records = [{**record, "device": "other"} for record in small_run.records]
+    records = [record.with_id(device="other") for record in small_run.records]
     with pytest.raises(UsageError, match="is of reference on cpu"):
         device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
@@ -70,7 +70,7 @@ def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
     assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.table(tmp_path)
     with pytest.raises(UsageError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"):
         device_summaries.write_summary(other, file)
-    gpu = [{**record, "device": "gpu0"} for record in one.records]
+    gpu = [record.with_id(device="gpu0") for record in one.records]
     assert device_summaries.summarise(replace(one, records=gpu))["cpu"] == ""
 
 
@@ -78,7 +78,7 @@ def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
     device_summaries.write_summary(small_run, tmp_path / "cpu.json")
     lines = device_summaries.table(tmp_path).splitlines()
     assert len(lines) == 2 + 2
-    assert "city:buildings=20, 128 px" in lines[2]
+    assert "city:buildings=20, 64 px" in lines[2]
     assert lines[2].count("|") == lines[0].count("|")
 
 

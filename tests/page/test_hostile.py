@@ -10,6 +10,7 @@ from harness.report.page import write_report
 from harness.results.run_folder import read_run
 from tests.chromium import MEASURED, Chromium
 from tests.page.conftest import read_result
+from tests.records import lines_of
 
 MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
 PLAIN = {"key", "status", "scene_hash", "fit", "timer", "verdict", "created", "order", "hash"}
@@ -41,7 +42,7 @@ def opened_safely(browser: Chromium, file: Path) -> None:
 
 def test_the_report_of_a_run(browser, small_run, tmp_path):
     (tmp_path / "run.json").write_text(json.dumps(hostile(small_run.facts)))
-    lines = [json.dumps(hostile(record)) + "\n" for record in small_run.records]
+    lines = [json.dumps(hostile(record)) + "\n" for record in lines_of(small_run)]
     (tmp_path / "cases.jsonl").write_text("".join(lines))
     (tmp_path / "polygons").symlink_to(small_run.path / "polygons")
     opened_safely(browser, write_report(read_run(tmp_path)))

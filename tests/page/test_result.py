@@ -18,6 +18,7 @@ from harness.results import drawings
 from harness.results.run_folder import read_run
 from tests.conftest import assert_refused, ends_well
 from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
+from tests.records import lines_of
 
 
 def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
@@ -25,12 +26,12 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
         harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
     )
     assert "apple-metal-3-safari" in out
-    records = read_run(Path("phone")).records
+    records = lines_of(read_run(Path("phone")))
     assert {record["rasteriser"] for record in records} == {"webgpu"}
     for record in records:
         (original,) = [
             each
-            for each in small_run.records
+            for each in lines_of(small_run)
             if all(each[name] == record[name] for name in ("triangulator", "resolution"))
         ]
         assert record["predicted"] == original["predicted"]
@@ -49,7 +50,7 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
 
 def test_without_the_run_it_has_totals_alone(harness, saved):
     ends_well(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
-    assert {record["device"] for record in read_run(Path("phone")).records} == {"my-phone"}
+    assert {record["device"] for record in lines_of(read_run(Path("phone")))} == {"my-phone"}
     assert not Path("phone/polygons").exists()
     assert harness("report", "phone")[0] == 0
 
@@ -67,7 +68,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
     assert "snaps to 1/16 px" in err
     assert "hidden" in err
     assert "differ from the run's in 3 polygons" in err
-    untimed = [record for record in read_run(Path("phone")).records if "time" not in record]
+    untimed = [record for record in lines_of(read_run(Path("phone"))) if "time" not in record]
     assert len(untimed) == 3
 
 
@@ -273,7 +274,7 @@ def test_a_single_round_is_no_time_and_two_are(imported, rounds):
             for times in view["times"].values():
                 times["samples_s"] = times["samples_s"][:rounds]
 
-    assert {"time" in record for record in imported(few_rounds).records} == {rounds == 2}
+    assert {"time" in record for record in lines_of(imported(few_rounds))} == {rounds == 2}
 
 
 @pytest.mark.parametrize(("share", "reached"), [(0.009, True), (0.011, False)])
@@ -286,7 +287,7 @@ def test_a_time_that_is_not_precise_says_so(imported, share, reached):
 
     found = {
         (record["triangulator"], record["resolution"]): record["time"]["precision_reached"]
-        for record in imported(spread).records
+        for record in lines_of(imported(spread))
     }
     assert found["delaunay", 128] is reached
     assert found["delaunay", 64]
@@ -331,7 +332,7 @@ def test_polygons_counted_otherwise_are_as_many_as_the_file_says(imported, small
         changed(result)
         first_case(result)["differing"] = 2
 
-    assert imported(changed, small_run).records
+    assert lines_of(imported(changed, small_run))
     with pytest.raises(UsageError, match="do not differ from the exact reference in 2"):
         imported(miscounted, small_run)
 
@@ -419,7 +420,7 @@ def test_a_page_that_drew_nothing_makes_an_empty_run(imported):
             view |= {"cases": {}, "times": None, "epochs": []}
 
     run = imported(nothing)
-    assert run.records == []
+    assert lines_of(run) == []
     assert run.facts["scene"] == {"name": "city:buildings=20", "hash": "", "polygons": 0}
 
 
@@ -431,7 +432,7 @@ def test_what_covers_fewer_polygons_is_not_set_against_those_that_cover_all(impo
         record |= {"polygons": record["polygons"] - 3, "polygons_skipped": 3}
         record.pop("proven", None)
 
-    own, *others = (r for r in imported(left_out).records if r["resolution"] == 128)
+    own, *others = (r for r in lines_of(imported(left_out)) if r["resolution"] == 128)
     assert own["coverage_error"] is None
     assert {record["coverage_error"] for record in others} == {0}
     assert "proven" not in own
@@ -453,13 +454,13 @@ def test_a_single_drawing_was_timed_beside_the_reference(imported):
         names = ("(empty)", "(reference)", "delaunay")
         view["times"] = {name: view["times"][name] for name in names}
 
-    own = [r for r in imported(alone).records if r["resolution"] == 128]
+    own = [r for r in lines_of(imported(alone)) if r["resolution"] == 128]
     assert [r["triangulator"] for r in own if "time" in r] == ["delaunay"]
 
 
 def test_a_device_without_a_timer_has_no_times(imported):
     run = imported(lambda result: result.update(timer=None))
-    assert all("time" not in record for record in run.records)
+    assert all("time" not in record for record in lines_of(run))
 
 
 def test_what_a_file_does_not_say_contradicts_nothing(imported, small_run, tmp_path):
@@ -475,17 +476,17 @@ def test_what_a_file_does_not_say_contradicts_nothing(imported, small_run, tmp_p
 
     bare = replace(small_run, path=tmp_path / "bare")  # no frames tell exact counters
     for change, run in ((unsaid, small_run), (snapped, small_run), (counted_otherwise, bare)):
-        assert imported(change, run).records
+        assert lines_of(imported(change, run))
 
 
 def test_an_imported_run_keeps_frames_and_each_polygons_predictions(imported, small_run):
     run = imported(lambda _: None, small_run)
-    for view in {drawings.view_of(record) for record in run.records}:
+    for view in {record.id.view for record in run.records}:
         own, known = (drawings.read(each, view) for each in (run, small_run))
         assert own.points.tolist() == known.points.tolist()
-    before = {(each["triangulator"], each["resolution"]): each for each in small_run.records}
+    before = {(each.name, each.id.view): each for each in small_run.records}
     for record in run.records:
         kept = columns_of(run, record)
-        known = columns_of(small_run, before[record["triangulator"], record["resolution"]])
+        known = columns_of(small_run, before[record.name, record.id.view])
         for name in ("predicted_half_perimeter", "quads", "fragments"):
             assert kept[name].tolist() == known[name].tolist()

@@ -9,8 +9,7 @@ import shapely
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.heatmaps import lane_maps
-from harness.measuring.records import _views_of
-from harness.metrics.per_view import VIEWS
+from harness.measuring.records import _view_counters
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
 from harness.rasterisers.opengl import Mesh
@@ -150,8 +149,8 @@ def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)
-    kept = _views_of(cut, counters)[VIEWS]
+    kept = _view_counters(cut, counters).counters
     assert set(kept) == set(counters)
     for name, values in counters.items():
-        assert kept[name] == [values[:100].sum(), 0, values[100:].sum()]
-    assert _views_of(replace(frame, tiles=None), counters) == {}
+        assert kept[name] == (values[:100].sum(), 0, values[100:].sum())
+    assert _view_counters(replace(frame, tiles=None), counters) is None

@@ -8,6 +8,7 @@ import pytest
 
 from harness.results.run_folder import read_arrays, read_run
 from tests.chromium import PATIENCE_S, Chromium
+from tests.records import lines_of
 from tests.report.conftest import NAMES
 
 POINT = """(() => {
@@ -128,7 +129,7 @@ def test_the_chart_can_be_read_and_used_with_the_keyboard(page):
 
 def test_heatmaps_count_what_the_rasteriser_counted(page, folder):
     run = read_run(folder)
-    for record in run.records:
+    for record in lines_of(run):
         if record["resolution"] != 256 or record["triangulator"] == "fan":
             continue
         counted = page.evaluate(
@@ -174,7 +175,7 @@ def test_cases_are_found_and_sorted(page):
 
 
 def test_every_table_can_be_had_as_csv(page, folder):
-    records = read_run(folder).records
+    records = lines_of(read_run(folder))
     cases = {row["key"]: row for row in table(page, "cases")}
     assert set(cases) == {record["key"] for record in records}
     for record in records:

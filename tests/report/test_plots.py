@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from harness.metrics.per_polygon import columns_of, error_of, ratio_pairs
-from harness.metrics.registry import PREDICTED, find
+from harness.metrics.registry import PREDICTED, find_metric
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report.plots import NAME, plot_run
 from harness.results.run_folder import read_run
@@ -88,9 +88,9 @@ def test_the_formulas():
 
 def test_each_has_the_unit_of_what_it_predicts():
     for name, each in ESTIMATES.items():
-        figure = find(PREDICTED + name)
-        assert figure.unit == find(each.measure).unit
-        assert figure.title == f"{find(each.measure).label} by {each.formula}"
+        figure = find_metric(PREDICTED + name)
+        assert figure.unit == find_metric(each.measure).unit
+        assert figure.title == f"{find_metric(each.measure).label} by {each.formula}"
 
 
 def test_the_error_is_a_share():
@@ -103,15 +103,15 @@ def test_the_error_is_a_share():
 def test_an_estimate_is_nearer_than_its_criterion(folder):
     """Quads against helper lanes are in two units; 4Q - S against them in one."""
     run = read_run(folder)
-    records = [record for record in run.records if record["resolution"] == 256]
-    columns = {record["triangulator"]: columns_of(run, record) for record in records}
+    records = [record for record in run.records if record.id.view.resolution == 256]
+    columns = {record.name: columns_of(run, record) for record in records}
     error = {
         name: error_of(*ratio_pairs(columns, "ear-clipping", name, "helper_lanes"))
         for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
     }
     assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]
     for record, own in zip(records, columns.values(), strict=True):
-        if record["triangulator"] == "fan":
+        if record.name == "fan":
             continue
         predicted = own[f"{PREDICTED}helper_lanes_by_quads"].sum()
-        assert predicted == pytest.approx(record["counters"]["helper_lanes"], rel=0.05)
+        assert predicted == pytest.approx(record.counters["helper_lanes"], rel=0.05)

@@ -12,6 +12,7 @@ from harness import atomic
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.report.page import write_report
+from harness.results.record import Record
 from harness.results.run_folder import (
     SCHEMA_VERSION,
     Store,
@@ -20,6 +21,7 @@ from harness.results.run_folder import (
     read_counted,
     read_run,
 )
+from tests.records import lines_of, make_record
 
 
 def record(letter: str, **more: object) -> dict[str, object]:
@@ -28,18 +30,22 @@ def record(letter: str, **more: object) -> dict[str, object]:
     return {"key": letter * 16, **dict.fromkeys(names, "x"), **place, "status": "ok", **more}
 
 
+def stored(letter: str, **more: object) -> Record:
+    return make_record(**record(letter, **more))
+
+
 A, B, C = (letter * 16 for letter in "abc")
 
 
 def test_what_is_appended_is_read_back(tmp_path):
     with Store.create(tmp_path / "run") as store:
         store.write_facts({"plan": {"scene": "city"}})
-        store.append(record("a", name="Straße"))
-        store.append(record("b"))
+        store.append(stored("a", scene="Straße"))
+        store.append(stored("b"))
         store.write_arrays(A, {"fragments": np.array([1, 2])})
     run = read_run(tmp_path / "run")
-    assert [entry["key"] for entry in run.records] == [A, B]
-    assert run.records[0]["name"] == "Straße"
+    assert [entry["key"] for entry in lines_of(run)] == [A, B]
+    assert lines_of(run)[0]["scene"] == "Straße"
     assert run.facts["schema_version"] == SCHEMA_VERSION
     assert run.facts["plan"] == {"scene": "city"}
     assert run.problems == []
@@ -54,11 +60,11 @@ def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
     """As a triangulator could that knows where the run is: it says that it has done well."""
     forged = json.dumps(record("b")) + "\n"
     with Store.create(tmp_path) as store:
-        store.append(record("a"))
+        store.append(stored("a"))
         if when == "meanwhile":
             with (tmp_path / "cases.jsonl").open("a") as file:
                 file.write(forged)
-        store.append(record("c"))
+        store.append(stored("c"))
         store.write_facts({"interrupted": False})
     if when == "after":
         with (tmp_path / "cases.jsonl").open("a") as file:
@@ -69,7 +75,7 @@ def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
     told = "".join(read_run(tmp_path).problems)
     assert ("something else, such as a plugin's process, has written" in told) == (when != "never")
     with Store.resume(tmp_path) as store:  # whoever goes on with it was told
-        store.append(record("d"))
+        store.append(stored("d"))
         store.write_facts({"interrupted": False})
     assert read_run(tmp_path).problems == []
 
@@ -80,7 +86,7 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
         np.savez(tmp_path / "polygons" / f"{A}.npz", fragments=np.array([1, 1]))
 
     with Store.create(tmp_path) as store:
-        store.append(record("a"))
+        store.append(stored("a"))
         for key in (A, B):
             store.write_arrays(key, {"fragments": np.array([1, 2])})
         if when == "meanwhile":
@@ -105,7 +111,7 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
 @pytest.mark.parametrize("arrays", [None, [], 3, {"../x": 3, "polygons": "", "": None}])
 def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
     with Store.create(tmp_path) as store:
-        store.append(record("a"))
+        store.append(stored("a"))
         store.write_facts({"interrupted": False})
     facts = json.loads((tmp_path / "run.json").read_text())
     facts["written"]["arrays"] = arrays
@@ -116,8 +122,8 @@ def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
 def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
     for name in ("base", "head"):
         with Store.create(tmp_path / name) as store:
-            store.append(record("a"))
-            store.append(record("b"))
+            store.append(stored("a"))
+            store.append(stored("b"))
             store.write_facts({"interrupted": False})
     base = read_run(tmp_path / "base")
     cases = tmp_path / "head" / "cases.jsonl"
@@ -139,14 +145,14 @@ def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})
-        store.append(record("a"))
+        store.append(stored("a"))
     with (tmp_path / "cases.jsonl").open("a") as file:
         file.write('{"key": "b", "stat')
-    assert [entry["key"] for entry in read_run(tmp_path).records] == [A]
+    assert [entry["key"] for entry in lines_of(read_run(tmp_path))] == [A]
     with Store.resume(tmp_path) as store:
-        store.append(record("c"))
+        store.append(stored("c"))
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in run.records] == [A, C]
+    assert [entry["key"] for entry in lines_of(run)] == [A, C]
     assert run.problems == []
 
 
@@ -154,7 +160,7 @@ def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
     lines = [json.dumps(record("a")), "\x00garbage", "[1]", "[" * 200_000, json.dumps(record("b"))]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in run.records] == [A, B]
+    assert [entry["key"] for entry in lines_of(run)] == [A, B]
     assert len(run.problems) == 3
     assert "line 2" in run.problems[0]
 
@@ -162,14 +168,14 @@ def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
 def test_the_later_record_of_a_case_counts(tmp_path):
     with Store.create(tmp_path) as store:
         for letter, status in (("a", "failed"), ("b", "ok"), ("a", "ok")):
-            store.append(record(letter, status=status))
-    found = read_run(tmp_path).records
+            store.append(stored(letter, status=status))
+    found = lines_of(read_run(tmp_path))
     assert [(each["key"], each["status"]) for each in found] == [(B, "ok"), (A, "ok")]
 
 
 def test_a_single_file_of_records_is_a_run(tmp_path):
     (tmp_path / "cases.jsonl").write_text(json.dumps(record("a")) + "\n")
-    assert [r["key"] for r in read_run(tmp_path / "cases.jsonl").records] == [A]
+    assert [r["key"] for r in lines_of(read_run(tmp_path / "cases.jsonl"))] == [A]
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
@@ -194,7 +200,7 @@ def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
 
 def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
     store = Store.create(tmp_path)
-    store.append(record("a"))
+    store.append(stored("a"))
     real_write = os.write
 
     def half_then_full(descriptor: int, content: bytes) -> int:
@@ -205,10 +211,10 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", half_then_full)
         with pytest.raises(UsageError, match=r"disk of .* is full.*--resume"):
-            store.append(record("b", padding="x" * 100))
-    store.append(record("c"))
+            store.append(stored("b", reason="x" * 100))
+    store.append(stored("c"))
     run = read_run(tmp_path)
-    assert [r["key"] for r in run.records] == [A, C]
+    assert [r["key"] for r in lines_of(run)] == [A, C]
     assert run.problems == []
 
 
@@ -231,8 +237,8 @@ def test_a_key_that_is_no_key_is_refused_wherever_records_are_read(tmp_path, key
     for name in ("cases.jsonl", "counted.jsonl"):
         (tmp_path / name).write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [each["key"] for each in run.records] == [A]
-    assert "line 2: key is not usable" in run.problems[0]
+    assert [each["key"] for each in lines_of(run)] == [A]
+    assert "line 2: key: is " in run.problems[0]
     assert list(read_counted(tmp_path)) == [A]
 
 
@@ -245,18 +251,18 @@ def test_a_time_without_its_median_gets_it_from_its_samples(tmp_path):
     times = {"samples_s": [3.0, 1.0, 2.0, 9.0]}, {"samples_s": [1.0], "median_s": 7.0}
     lines = [json.dumps(record(name, time=time)) for name, time in zip("ab", times, strict=True)]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
-    assert [each["time"]["median_s"] for each in read_run(tmp_path).records] == [2.5, 7.0]
+    assert [each["time"]["median_s"] for each in lines_of(read_run(tmp_path))] == [2.5, 7.0]
 
 
 def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})
-        store.append(record("a"))
+        store.append(stored("a"))
         with pytest.raises(UsageError, match="in use: another process"):
             Store.resume(tmp_path)
     with Store.resume(tmp_path) as store:
-        store.append(record("b"))
-    assert [each["key"] for each in read_run(tmp_path).records] == [A, B]
+        store.append(stored("b"))
+    assert [each["key"] for each in lines_of(read_run(tmp_path))] == [A, B]
 
 
 @pytest.mark.parametrize(
@@ -266,15 +272,16 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
 def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kept):
     with Store.create(tmp_path / "run") as store:
         store.write_facts({})
-        store.append(record("a", options=options))
+    line = json.dumps(record("a", options=options)) + "\n"
+    (tmp_path / "run" / "cases.jsonl").write_text(line)
     run = read_run(tmp_path / "run")
-    assert len(run.records) == kept
+    assert len(lines_of(run)) == kept
     assert len(run.problems) == 1 - kept
 
 
 def _write_more(folder: Path) -> None:
     with Store.resume(folder) as store:
-        store.append_counted(record("b"))
+        store.append_counted(stored("b"))
         store.write_arrays(A, {"fragments": np.array([1, 2])})
 
 
@@ -339,5 +346,5 @@ def test_a_full_disk_while_merging_names_the_way_on(tmp_path, monkeypatch):
     ) as store:
         monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
         with pytest.raises(UsageError, match="full; free some space, then remove merged") as caught:
-            store.append(record("a"))
+            store.append(stored("a"))
     assert "resume" not in str(caught.value)

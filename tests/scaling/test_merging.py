@@ -14,6 +14,7 @@ from harness.results.run_folder import Store, read_arrays, read_facts, read_run
 from harness.scaling.merging import merge, on_host
 from tests.conftest import assert_refused, ends_well, geojson
 from tests.measuring.test_run import measure, plan_for
+from tests.records import lines_of, make_record
 
 TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
 
@@ -43,7 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def with_records(run, change):
-    return replace(run, records=[change(dict(record)) for record in run.records])
+    return replace(run, records=[make_record(**change(fields)) for fields in lines_of(run)])
 
 
 def hosted(runs, *names):
@@ -57,15 +58,15 @@ def test_the_order_makes_no_difference(runs, tmp_path):
         made.append(contents(tmp_path / str(number)))
     assert all(each == made[0] for each in made)
     merged = read_run(tmp_path / "0")
-    assert len(merged.records) == 6 + 2 + 6
-    assert {record["device"] for record in merged.records} == {
+    assert len(lines_of(merged)) == 6 + 2 + 6
+    assert {record["device"] for record in lines_of(merged)} == {
         "scripted@first",
         "scripted@second",
         "scripted@third",
     }
-    assert {record["host"] for record in merged.records} == set(runs)
-    assert len({record["key"] for record in merged.records}) == len(merged.records)
-    for record in merged.records:
+    assert {record["host"] for record in lines_of(merged)} == set(runs)
+    assert len({record["key"] for record in lines_of(merged)}) == len(lines_of(merged))
+    for record in lines_of(merged):
         columns = read_arrays(merged, record["key"])
         assert columns["fragments"].sum() == record["counters"]["fragments"]
     assert set(merged.facts["devices"]) == {
@@ -77,7 +78,7 @@ def test_a_run_merged_with_itself_is_itself(runs, tmp_path):
     run = read_run(runs["first"])
     merge([run, run], tmp_path / "out")
     merged = read_run(tmp_path / "out")
-    assert sorted(map(json.dumps, merged.records)) == sorted(map(json.dumps, run.records))
+    assert sorted(map(json.dumps, lines_of(merged))) == sorted(map(json.dumps, lines_of(run)))
 
 
 def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
@@ -105,7 +106,7 @@ def test_what_worked_somewhere_wins_over_what_failed(runs, tmp_path):
 
     for number, order in enumerate(permutations([first, with_records(first, failed)])):
         merge(order, tmp_path / str(number))
-        assert {r["status"] for r in read_run(tmp_path / str(number)).records} == {"ok"}
+        assert {r["status"] for r in lines_of(read_run(tmp_path / str(number)))} == {"ok"}
 
 
 def test_which_of_two_failures_is_kept_has_nothing_to_do_with_the_order_of_names(runs, tmp_path):
@@ -122,7 +123,7 @@ def test_which_of_two_failures_is_kept_has_nothing_to_do_with_the_order_of_names
     both = failed("hung", backwards=True), failed("killed", backwards=False)
     for number, order in enumerate(permutations(both)):
         merge(order, tmp_path / str(number))
-        assert {r["reason"] for r in read_run(tmp_path / str(number)).records} == {"hung"}
+        assert {r["reason"] for r in lines_of(read_run(tmp_path / str(number)))} == {"hung"}
 
 
 @pytest.mark.parametrize("wrong", [["quads"], ["triangles"], ["fragments", "quads"]])
@@ -215,7 +216,7 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     left.mkdir(parents=True)
     (left / "cases.jsonl").write_text("half")
     assert harness(*command)[0] == 0
-    assert len(read_run(Path("merged")).records) == 8
+    assert len(lines_of(read_run(Path("merged")))) == 8
     assert not left.parent.exists()
     assert_refused(harness(*command), "merged is there already")
 
@@ -223,7 +224,7 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
 def test_a_run_without_records_adds_none(runs, tmp_path):
     first = read_run(runs["first"])
     merge([first, replace(first, records=[])], tmp_path / "out")
-    assert read_run(tmp_path / "out").records == first.records
+    assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
     with pytest.raises(UsageError, match="no record to merge"):
         merge([replace(first, records=[])] * 2, tmp_path / "none")
 
@@ -264,7 +265,7 @@ def test_other_devices_may_count_otherwise(runs, tmp_path):
 
     others = with_records(read_run(runs["third"]), elsewhere)
     merge([*hosted(runs, "first"), on_host(others, "third")], tmp_path / "out")
-    devices = {record["device"] for record in read_run(tmp_path / "out").records}
+    devices = {record["device"] for record in lines_of(read_run(tmp_path / "out"))}
     assert devices == {"scripted@first", "other@third"}
 
 

@@ -31,10 +31,15 @@ from harness.study.correlations import (
 )
 from scenes import load
 from tests.conftest import exit_code
+from tests.records import make_record
 from tests.study.test_regret import records_of
 from triangulators import triangulate
 
 RANDOM = np.random.default_rng(3)
+
+
+def table_of(records: list[dict]) -> pd.DataFrame:
+    return measure_table([make_record(**fields) for fields in records])
 
 
 def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estimate:
@@ -249,10 +254,10 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
 def test_what_failed_or_has_t_junctions_is_in_no_table():
     good = judged()
     bad = [{**r, **why} for r in good for why in ({"status": "failed"}, {"conforming": False})]
-    table = measure_table(good)
+    table = table_of(good)
     assert len(table) > 3
-    pd.testing.assert_frame_equal(measure_table([*good, *bad]), table)
-    assert measure_table(bad).empty
+    pd.testing.assert_frame_equal(table_of([*good, *bad]), table)
+    assert table_of(bad).empty
 
 
 def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
@@ -272,8 +277,8 @@ def test_the_fewest_triangulations_that_rank_are_ranked():
 
 def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others():
     twice = [{**r, "triangulator": f"{r['triangulator']} {k}"} for r in judged() for k in range(2)]
-    assert len(measure_table(twice)) == len(measure_table(judged()))
-    backwards = measure_table(twice[::-1])["triangulator"]  # the first of the run stands for both
+    assert len(table_of(twice)) == len(table_of(judged()))
+    backwards = table_of(twice[::-1])["triangulator"]  # the first of the run stands for both
     assert backwards.tolist() == [r["triangulator"] for r in twice[::-2]]
     table = ranked()
     assert by_resolution(table.query("resolution == 64")).empty
@@ -284,7 +289,7 @@ def test_what_is_counted_exactly_is_that_of_the_rasteriser_that_does_with_one_sa
     good = judged()
     drawn = [{**r, "rasteriser": "opengl", "counters": {"quads": 7}} for r in good]
     four = {"options": {"work": 0, "samples": 4}, "counters": {"quads": 8}}
-    exact = measure_table([*drawn, *({**r, **four} for r in good), *good])["exact_quads"]
+    exact = table_of([*drawn, *({**r, **four} for r in good), *good])["exact_quads"]
     assert exact.tolist() == 3 * [r["counters"]["quads"] for r in good]
 
 

@@ -18,6 +18,7 @@ from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import measure, plan_for
+from tests.records import lines_of
 from triangulators import full_name
 
 pytestmark = pytest.mark.usefixtures("in_process")
@@ -100,7 +101,7 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     folder, table, _, _ = study(CITY, "--polygons", "1")
     run = read_run(folder)
     assert run.problems == []
-    records = {(r["scene"], r["triangulator"], r["rasteriser"]): r for r in run.records}
+    records = {(r["scene"], r["triangulator"], r["rasteriser"]): r for r in lines_of(run)}
     rows = table[table["polygon"] == "all"].set_index(["triangulator", "rasteriser"])
     record = records[CITY, "delaunay", "reference"]
     row = rows.loc[("delaunay", "reference")]
@@ -117,7 +118,7 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
     assert (timed.loc[list(SWEEP), "verdict"] == "no difference shown").all()
-    assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in run.records}
+    assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in lines_of(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
     again = ("study", "pareto", "--scene", CITY, "--polygons", "1", "--resume", "out", *BOTH)
@@ -180,10 +181,10 @@ def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)
     assert harness(*run, "--out", "results")[0] == 0
     stored = read_run(Path("results"))
-    kept = {record["triangulator"]: record["key"] for record in stored.records}
+    kept = {record["triangulator"]: record["key"] for record in lines_of(stored)}
     assert list(kept) == ["optimal:mixed=1/0.5/0", "worst:mixed=1/0.5/0", "optimal:mixed"]
     assert harness("run", "--resume", "results", "--quiet")[0] == 0
-    assert len(read_run(Path("results")).records) == 3
+    assert len(lines_of(read_run(Path("results")))) == 3
     assert harness("compare", "results", "results", "--gate", "counters")[0] == 0
     mesh = ("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
@@ -203,7 +204,7 @@ def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
 
 def test_points_of_the_front_are_cases_by_number(block, tmp_path):
     names = ("pareto", "pareto#0", "pareto#01", "pareto#1", "pareto#99")
-    records = measure(plan_for(block, triangulators=names), tmp_path / "out").records
+    records = lines_of(measure(plan_for(block, triangulators=names), tmp_path / "out"))
     status = {record["triangulator"]: record["status"] for record in records}
     # An L of six vertices and a square have a front each; the courtyard has a hole.
     assert set(status) == {"pareto#0", "pareto#1", "pareto#99"}
@@ -220,7 +221,7 @@ def test_parts_have_triangulators_of_their_own(block, tmp_path):
     plan: Plan = plan_for(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)
     label = block.name
-    assert {(r["scene"], r["triangulator"]) for r in outcome.records} == {
+    assert {(r["scene"], r["triangulator"]) for r in lines_of(outcome)} == {
         (f"{label}#0", "delaunay"),
         (label, "ear-clipping"),
     }

@@ -8,6 +8,7 @@ import pytest
 
 from harness.commands.outcome import folder_for
 from harness.errors import UsageError
+from harness.results.record import Record
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
@@ -18,6 +19,7 @@ from scenes import load
 from scripts.repeated_runs import compare_repeated
 from tests.conftest import assert_refused, briefly, ends_well, exit_code
 from tests.measuring.test_run import interrupt_after_one
+from tests.records import lines_of, make_record
 
 
 def test_polygons_are_simple_and_of_all_sizes():
@@ -81,7 +83,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert code == 130
     assert "continue with the same command and --resume stopped" in out
     disturbed = RunState(DISTURBED, ("a loop ran beside it",))
-    monkeypatch.setattr("harness.measuring.run.judge", lambda *_: disturbed)
+    monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
     out, _ = ends_well(harness(*arguments, "--resume", "stopped"))
     assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
 
@@ -142,16 +144,16 @@ def test_a_is_exact_for_box_tests_and_h_is_not(study):
 def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
     stored = read_run(study)
     assert stored.problems == []
-    assert {record["status"] for record in stored.records} <= {"ok", "skipped"}
-    assert len({record["scene"] for record in stored.records}) == 6
+    assert {record["status"] for record in lines_of(stored)} <= {"ok", "skipped"}
+    assert len({record["scene"] for record in lines_of(stored)}) == 6
     plots = {path.name for path in (study / "plots").iterdir()}
     assert "predicted-vs-measured-reference-cpu.svg" in plots
 
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
-    records = read_run(study).records
+    records = list(read_run(study).records)
     table = measure_table(records)
-    twin = [dict(record, triangulator="twin", key="twin" + record["key"]) for record in records]
+    twin = [record.with_id(triangulator="twin") for record in records]
     again = measure_table([*records, *twin])
     assert len(again) == len(table)
     pd.testing.assert_frame_equal(correlate(again), correlate(table))
@@ -192,22 +194,14 @@ def test_correlations_of_each_resolution(study):
     pd.testing.assert_frame_equal(again, once)
 
 
-def scripted(name: str, seconds: list[float], quads: int = 5) -> dict[str, object]:
-    return {
-        "key": name,
-        "status": "ok",
-        "triangulator": name,
-        "scene": "s",
-        "rasteriser": "r",
-        "device": "d",
-        "resolution": 64,
-        "rotation": 0.0,
-        "polygons": 1,
-        "options": {},
-        "counters": {"quads": quads},
-        "predicted": dict.fromkeys(("overdraw", "half_perimeter", "edge_length", "shape"), seconds),
-        "time": {"samples_s": seconds, "reference_s": [1.0] * len(seconds)},
-    }
+def scripted(name: str, seconds: list[float], quads: int = 5) -> Record:
+    return make_record(
+        name,
+        key=name * 16,
+        polygons=1,
+        counters={"quads": quads},
+        time={"samples_s": seconds, "reference_s": [1.0] * len(seconds)},
+    )
 
 
 def test_two_runs_agree_where_both_decide(monkeypatch):
@@ -216,7 +210,7 @@ def test_two_runs_agree_where_both_decide(monkeypatch):
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
     swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]
     cases, unequal, verdicts = compare_repeated(first, swapped)
-    assert (cases, unequal) == (3, ["c"])
-    assert verdicts == {("r", "d"): (3, 2, 3, 2)}
+    assert (cases, unequal) == (3, ["c" * 16])
+    assert verdicts == {("opengl", "llvmpipe"): (3, 2, 3, 2)}
     undecided = [scripted("a", steady), scripted("b", [0.5, 2.0] * 6), scripted("c", [3.0] * 12)]
-    assert compare_repeated(first, undecided)[2] == {("r", "d"): (3, 2, 2, 2)}
+    assert compare_repeated(first, undecided)[2] == {("opengl", "llvmpipe"): (3, 2, 2, 2)}

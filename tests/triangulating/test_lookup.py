@@ -19,6 +19,7 @@ from tests.conftest import ends_well
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
 from tests.mock import Clock
+from tests.records import lines_of
 from triangulators import PolygonArray, vertices
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -194,7 +195,7 @@ def test_a_run_says_how_much_it_read(block, database, tmp_path, monkeypatch):
     plan = plan_for(block)
     how = RunOptions(database=database)
     runs = [
-        run(plan, tmp_path / str(n), quiet(), how, open_worker=inline).records for n in range(2)
+        lines_of(run(plan, tmp_path / str(n), quiet(), how, open_worker=inline)) for n in range(2)
     ]
     assert [record["polygons_cached"] for record in runs[0]] == [0] * len(runs[0])
     assert [record["polygons_cached"] for record in runs[1]] == [3] * len(runs[1])
@@ -204,7 +205,7 @@ def test_a_run_says_how_much_it_read(block, database, tmp_path, monkeypatch):
             assert each["triangulate_s"] == pytest.approx(np.median(rounds), rel=1e-5)
         for name in ("key", "triangles", "predicted", "counters", "conforming", "coverage_error"):
             assert first[name] == second[name]
-    plain = run(plan, tmp_path / "plain", quiet(), open_worker=inline).records
+    plain = lines_of(run(plan, tmp_path / "plain", quiet(), open_worker=inline))
     assert [record["polygons_cached"] for record in plain] == [0] * len(plain)
 
 
@@ -221,7 +222,7 @@ SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
 def cached_of(folder: str) -> int:
     from harness.results.run_folder import read_run
 
-    (record,) = read_run(Path(folder)).records
+    (record,) = lines_of(read_run(Path(folder)))
     return record["polygons_cached"]
 
 

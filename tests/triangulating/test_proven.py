@@ -85,14 +85,14 @@ def test_what_is_not_proven_is_computed_again(polygons, tmp_path, monkeypatch, a
 @pytest.mark.parametrize(
     ("gaps", "told"),
     [
-        ([], {}),
-        ([0.0, 0.0], {"proven": 2, "largest_gap": 0.0}),
-        ([0.0, 0.25], {"proven": 1, "largest_gap": 0.25}),
-        ([0.0, math.inf], {"proven": 1, "largest_gap": None}),
+        ([], (None, None)),
+        ([0.0, 0.0], (2, 0.0)),
+        ([0.0, 0.25], (1, 0.25)),
+        ([0.0, math.inf], (1, None)),
     ],
 )
 def test_a_record_says_how_many_are_proven(gaps, told):
-    assert records.proven_of(gaps) == told
+    assert records.summarise_gaps(gaps) == told
 
 
 POLYGONS = [box(k, 0, k + 1, 1) for k in range(3)]

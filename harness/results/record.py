@@ -1,0 +1,278 @@
+"""Records: for each case its identity, its counters and its times.
+
+A case is one triangulation of a scene in one view, drawn by one rasteriser on one device.
+`harness.results.parsing` reads records from JSON and writes them.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, Self
+
+from harness.frame import View
+from harness.rasterisers.base import Options
+
+Status = Literal["ok", "skipped", "failed", "counted"]
+"""How a case ended; "counted": its counters are known, and it is still to be timed."""
+
+Version = Literal["", "base"]
+"""Version of the code that triangulated: the present one, or the one given to `run --beside`."""
+
+NUMBER_MARK, UPRIGHT_MARK, HOST_MARK, BASE_MARK = "#", "@0", "@", "BASE "
+_NAME = re.compile(r"(?P<base>.*?)(?:#(?P<number>\d+))?(?P<upright>@0)?", re.DOTALL)
+
+_UNUSUAL = {
+    "rotation": (0.0, "turned {:g}°"),
+    "fit": ("box", "fit to a {}"),
+    "samples": (1, "{} samples per pixel"),
+    "work": (0, "work {}"),
+    "order": ("native", "{} order"),
+    "seed": (0, "seed {}"),
+}
+"""Field of a view or of options -> default value, and the text for another value."""
+
+
+def printable(text: object) -> str:
+    """Return `text` in one line in which neither a terminal nor XML finds a control character."""
+    line = " ".join(str(text).split())
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in line)
+
+
+def full_name(triangulator: str, number: int | None, *, upright: bool) -> str:
+    """Return a triangulator's name with its number and mark, e.g. `random#7@0`."""
+    suffix = "" if number is None else f"{NUMBER_MARK}{number}"
+    return f"{triangulator}{suffix}{UPRIGHT_MARK if upright else ''}"
+
+
+def split_name(name: str) -> tuple[str, int | None, bool]:
+    """Return the parts of a name that `full_name` wrote: triangulator, number, upright."""
+    match = _NAME.fullmatch(name)
+    assert match is not None  # the pattern matches every text
+    number = match["number"]
+    return match["base"], None if number is None else int(number), match["upright"] is not None
+
+
+@dataclass(frozen=True, order=True)
+class CaseGroup:
+    """Cases that differ in the triangulator alone, so that they can be compared.
+
+    host : machine of the device, "" unless runs of several hosts were merged
+    """
+
+    scene: str
+    rasteriser: str
+    device: str
+    host: str
+    view: View
+    options: Options
+
+    @property
+    def device_name(self) -> str:
+        """The device's name, with the host if there is one: `gpu0@lab`."""
+        return f"{self.device}{HOST_MARK}{self.host}" if self.host else self.device
+
+    @property
+    def condition(self) -> str:
+        """View and options in short: `128 px, turned 30°, work 8`."""
+        values = {**vars(self.view), **vars(self.options)}
+        unusual = (
+            text.format(values[name])
+            for name, (usual, text) in _UNUSUAL.items()
+            if values[name] != usual
+        )
+        return ", ".join([f"{self.view.resolution} px", *unusual])
+
+    def __str__(self) -> str:
+        """Return `city 1024 px, opengl on llvmpipe`."""
+        where = f"{self.rasteriser} on {self.device_name}"
+        return printable(f"{self.scene} {self.condition}, {where}")
+
+
+@dataclass(frozen=True)
+class CaseId:
+    """Identity of a case. Cases that differ in the scene's content alone are equal.
+
+    triangulator : name with its criterion, without number and marks
+    number : seed of `random`, position in `pareto` or `listed`; None if the name has none
+    upright : True if polygons were triangulated at rotation 0 and then turned
+    version : version of the code that triangulated
+    scene_hash : hash of the scene's content, "" if unknown; part of `key` alone
+    """
+
+    scene: str
+    view: View
+    triangulator: str
+    rasteriser: str
+    device: str
+    options: Options
+    number: int | None = None
+    upright: bool = False
+    version: Version = ""
+    host: str = ""
+    scene_hash: str = field(default="", compare=False)
+
+    @cached_property
+    def group(self) -> CaseGroup:
+        """The case without its triangulator."""
+        where = (self.scene, self.rasteriser, self.device, self.host)
+        return CaseGroup(*where, self.view, self.options)
+
+    @cached_property
+    def name(self) -> str:
+        """The triangulator's full name: `random#7@0`, `BASE fan` of the other version."""
+        mark = BASE_MARK if self.version else ""
+        return mark + full_name(self.triangulator, self.number, upright=self.upright)
+
+    @property
+    def device_name(self) -> str:
+        """The device's name, with the host if there is one."""
+        return self.group.device_name
+
+    @cached_property
+    def key(self) -> str:
+        """16 hexadecimal digits: a hash of the identity and of the scene's content."""
+        content = {
+            "scene": self.scene,
+            "scene_hash": self.scene_hash,
+            "view": asdict(self.view),
+            "triangulator": self.name,
+            "rasteriser": self.rasteriser,
+            "device": self.device_name,
+            "options": asdict(self.options),
+        }
+        text = json.dumps(content, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def __str__(self) -> str:
+        """Return `fan, city 1024 px, opengl on llvmpipe`."""
+        return printable(f"{self.name}, {self.group}")
+
+    def __lt__(self, other: Self) -> bool:
+        """Order cases by group, then by the triangulator's name."""
+        return (self.group, self.name) < (other.group, other.name)
+
+
+@dataclass(frozen=True)
+class Time:
+    """Times of one draw in s; sample r of each tuple comes from round r.
+
+    timer : "gpu", "cpu" or "wall"
+    median_s, ci95_s : of the undisturbed samples, with the ends of the 95 % interval
+    wall_s, waited_s : of CPU time: wall clock, and how long threads waited for a core
+    empty_s, reference_s : an empty draw and the reference triangle
+    epochs, processes : rounds of each epoch and of each process
+    repeats : draws of a sample
+    disturbed : samples that waited for a core too long
+    stolen_s, others_s, timing_s : of all rounds: time taken by the host, CPU time of other
+        processes, duration
+    round_group : identifies what was timed in the same rounds; equal ones can be paired
+    """
+
+    timer: str = ""
+    samples_s: tuple[float, ...] = ()
+    wall_s: tuple[float, ...] = ()
+    waited_s: tuple[float, ...] = ()
+    disturbed: int | None = None
+    stolen_s: float | None = None
+    others_s: float | None = None
+    timing_s: float | None = None
+    median_s: float | None = None
+    ci95_s: tuple[float, float] | None = None
+    repeats: int | None = None
+    epochs: tuple[int, ...] = ()
+    processes: tuple[int, ...] = ()
+    precision: float | None = None
+    precision_reached: bool | None = None
+    empty_s: tuple[float, ...] = ()
+    reference_s: tuple[float, ...] = ()
+    round_group: str = ""
+    warnings: tuple[str, ...] = ()
+
+    def is_paired_with(self, other: "Time") -> bool:
+        """Return whether both were timed in the same rounds."""
+        same = bool(self.round_group) and self.round_group == other.round_group
+        return same and len(self.samples_s) == len(other.samples_s) > 0
+
+
+@dataclass(frozen=True)
+class LeastQuads:
+    """Sums over the polygons whose minimum quad count is known.
+
+    polygons : how many they are; quads : their minimum
+    shaded, fragments : quads and pixels of the record's own triangles
+    """
+
+    polygons: int
+    quads: int
+    shaded: int
+    fragments: int
+
+
+@dataclass(frozen=True)
+class ViewCounters:
+    """Sums of counters over each map tile or view of a model, (v,) each.
+
+    names : of a model's views
+    """
+
+    counters: Mapping[str, tuple[float, ...]]
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """Result of a case; None or an empty value if something was not measured.
+
+    docs/reference/files.md describes each field. `key` names the record's arrays in its run folder.
+    """
+
+    id: CaseId
+    status: Status
+    reason: str | None = None
+    polygons: int = 0
+    polygons_skipped: int = 0
+    polygons_failed: int = 0
+    vertices: int | None = None
+    triangles: int | None = None
+    predicted: Mapping[str, float] = field(default_factory=dict)
+    counters: Mapping[str, int] = field(default_factory=dict)
+    triangulate_s: float | None = None
+    triangulate_samples_s: tuple[float, ...] = ()
+    polygons_cached: int = 0
+    conforming: bool | None = None
+    t_junctions: int | None = None
+    proven: int | None = None
+    largest_gap: float | None = None
+    coverage_error: int | None = None
+    outline_quads: int | None = None
+    least: LeastQuads | None = None
+    views: ViewCounters | None = None
+    time: Time | None = None
+    key: str = ""
+
+    def __post_init__(self) -> None:
+        """Use the identity's key unless the file has another one."""
+        if not self.key:
+            object.__setattr__(self, "key", self.id.key)
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether the case was measured."""
+        return self.status == "ok"
+
+    @property
+    def name(self) -> str:
+        """The triangulator's full name."""
+        return self.id.name
+
+    @property
+    def all_polygons(self) -> int:
+        """Polygons of the view, drawn or not."""
+        return self.polygons + self.polygons_skipped + self.polygons_failed
+
+    def with_id(self, **changes: Any) -> "Record":
+        """Return the record with another identity; its `key` stays that of its arrays."""
+        return replace(self, id=replace(self.id, **changes))

@@ -1,0 +1,93 @@
+"""One identity for a case: independent of the scene's content, ordered, found again by key."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from harness.frame import View
+from harness.rasterisers.base import Options
+from harness.results.parsing import FieldError, parse_record, record_to_json
+from harness.results.record import CaseId, split_name
+from tests.records import CASE, make_record
+
+CITY = CaseId("city", View(64, 30.0), "fan", "opengl", "llvmpipe", Options(work=8))
+
+
+def test_the_content_of_the_scene_changes_the_key_alone():
+    changed = replace(CITY, scene_hash="1")
+    assert changed == CITY
+    assert hash(changed) == hash(CITY)
+    assert changed.key != CITY.key
+    assert replace(CITY, device="zink").key != CITY.key
+    assert CITY.key == "6d54e161525d05e7"  # as the first version computed it
+
+
+def test_marks_and_hosts_are_fields_that_names_show():
+    case = replace(CITY, triangulator="random", number=7, upright=True, host="lab")
+    assert case.name == "random#7@0"
+    assert str(case) == "random#7@0, city 64 px, turned 30°, work 8, opengl on llvmpipe@lab"
+    assert replace(case, version="base").name == "BASE random#7@0"
+    assert len({each.key for each in (case, CITY, replace(case, version="base"))}) == 3
+
+
+def test_cases_are_in_order_of_their_numbers():
+    sizes = [replace(CITY, view=View(size)) for size in (1024, 64, 256)]
+    assert [case.view.resolution for case in sorted(sizes)] == [64, 256, 1024]
+    assert sorted([replace(CITY, triangulator="greedy"), CITY])[0] == CITY
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("fan", ("fan", None, False)),
+        ("pareto#0", ("pareto", 0, False)),
+        ("random#12@0", ("random", 12, True)),
+        ("optimal:overdraw@0", ("optimal:overdraw", None, True)),
+        ("mine:cut", ("mine:cut", None, False)),
+        ("odd#name", ("odd#name", None, False)),
+    ],
+)
+def test_names_of_older_versions_are_taken_apart(name, parts):
+    assert split_name(name) == parts
+    assert make_record(name).name == name
+
+
+def test_a_record_is_what_its_line_says():
+    time = {
+        "timer": "cpu", "samples_s": [1.0, 3.0], "reference_s": [2.0, 2.0], "ci95_s": [1.0, 3.0],
+        "epochs": [1, 1], "warnings": ["short"],
+    }  # fmt: skip
+    more = {
+        "polygons": 2, "counters": {"quads": 5}, "predicted": {"area": 1.5}, "proven": 1,
+        "least": {"polygons": 1, "quads": 1, "shaded": 2, "fragments": 3}, "time": time,
+        "views": {"names": ["a", "b"], "quads": [2, 3]}, "triangulate_samples_s": [0.1, 0.2],
+    }  # fmt: skip
+    record = make_record("random#3@0", host="lab", device="gpu0@lab", **more)
+    line = json.loads(json.dumps(record_to_json(record)))
+    assert (line["triangulator"], line["number"], line["upright"]) == ("random", 3, True)
+    assert (line["device"], line["host"]) == ("gpu0", "lab")
+    assert line["largest_gap"] is None
+    assert line["time"]["round_group"] == record.time.round_group != ""
+    assert line["time"]["median_s"] == 2.0
+    assert parse_record(line) == record
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"resolution": 4}, r"view: resolution 4 is outside"),
+        ({"resolution": 64.5}, r"resolution: is not an integer"),
+        ({"fit": "cover"}, r"view: unknown fit 'cover'"),
+        ({"options": {"order": "foo"}}, r"options: unknown order 'foo'"),
+        ({"options": {"colour": 1}}, r"options.colour: is unknown"),
+        ({"status": "good"}, r"status: is not one of ok, skipped"),
+        ({"scene": None}, r"scene: is missing"),
+        ({"counters": {"quads": 1.5}}, r"counters: is not an integer"),
+        ({"time": {"samples_s": [1.0], "epochs": [0]}}, r"time.epochs: has an epoch"),
+        ({"time": 3}, r"time: is not an object"),
+    ],
+)
+def test_a_field_that_cannot_be_used_is_named_with_the_reason(fields, problem):
+    with pytest.raises(FieldError, match=f"^{problem}"):
+        parse_record({**CASE, "triangulator": "fan", "key": "0" * 16, **fields})
