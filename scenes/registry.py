@@ -1,4 +1,4 @@
-"""The scenes by name, and how one is loaded."""
+"""Registry of scenes by name, and loading of scenes and files."""
 
 import importlib
 import inspect
@@ -31,20 +31,21 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
-"""Parameters of a file that make it map tiles, each a view of its own: see `scenes.tiles.read`."""
+"""Parameters by which a file is read as map tiles, each a view: see `scenes.tiles.read`."""
 
 VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
-"""Parameters of a model that is seen from several sides: see `harness.models.seen`."""
+"""Parameters by which a model is seen from several sides: see `harness.models.seen`."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered scene: what a list of scenes shows, and where its builder is.
+    """A registered scene: its description and its builder.
 
-    `builder` is "module:function"; the function takes `seed` and its own parameters by keyword.
-    `size` is how many polygons, vertices and holes it has without parameters; None if nobody knows.
-    `extra` is the optional extra of this distribution that the scene's data come with, and
-    `package` the importable name by which its presence is seen. `tiled` is that of map tiles.
+    builder : "module:function"; the function takes `seed` and its parameters by keyword
+    extra : the optional extra of this distribution that contains the scene's data, or None
+    package : the importable name of that extra
+    size : numbers of polygons, vertices and holes without parameters, or None if unknown
+    tiled : whether the scene consists of map tiles
     """
 
     name: str
@@ -57,7 +58,7 @@ class Entry:
     tiled: bool = False
 
     def available(self) -> str | None:
-        """None if the scene can be loaded, else the command that installs what is missing."""
+        """Return the command that installs missing data, or None if the scene can be loaded."""
         if self.package is None or find_spec(self.package) is not None:
             return None
         return install(self.extra or "")
@@ -137,7 +138,7 @@ ENTRIES = {
 
 
 def names() -> list[str]:
-    """Names of all scenes: the product's own, then those of installed packages.
+    """Return the names of all scenes: built-in ones, then those of installed packages.
 
     >>> names()[:3]
     ['city', 'helsinki', 'helsinki-tiles']
@@ -146,7 +147,7 @@ def names() -> list[str]:
 
 
 def entry(name: str) -> Entry:
-    """The entry of a registered scene, or of a user's function given as "module:function".
+    """Return the entry of a registered scene, or of a user's function "module:function".
 
     Raises UnknownScene, suggesting the nearest name.
 
@@ -173,7 +174,7 @@ def entry(name: str) -> Entry:
 def load(
     name_or_path: str | Path, *, seed: int = 0, attributes: bool = True, **parameters: Any
 ) -> Scene:
-    """Load a scene by name, the polygons of a file, or what a function of the user's returns.
+    """Load a scene by name, the polygons of a file, or the result of a user's function.
 
     `name_or_path` may carry parameters: "city:buildings=2000,seed=3". Anything that exists as a
     path, contains a path separator or has a suffix is a file. "module:function" is a function that
@@ -201,26 +202,26 @@ def load(
         if limit is not None:
             arguments["limit"] = converted("limit", limit, int)
         return function(name, **arguments)
-    found = entry(name)
-    function = _function(found)
+    registered = entry(name)
+    function = _import_builder(registered)
     arguments = arguments_for(name, function, parameters)
     declared = inspect.signature(function).parameters.values()
-    if any(each.name == "seed" or each.kind is each.VAR_KEYWORD for each in declared):
+    if any(p.name == "seed" or p.kind is p.VAR_KEYWORD for p in declared):
         arguments["seed"] = seed
     if name in ENTRIES:
-        made = function(**arguments)
+        result = function(**arguments)
     else:
-        with _contained(f"scene {name} failed"):
-            made = function(**arguments)
-            made = list(made) if isinstance(made, Iterable) else made
-    scene = _as_scene(name, made, {**parameters, "seed": seed})
+        with _contain_errors(f"scene {name} failed"):
+            result = function(**arguments)
+            result = list(result) if isinstance(result, Iterable) else result
+    scene = _convert_to_scene(name, result, {**parameters, "seed": seed})
     return scene if limit is None else scene.head(converted("limit", limit, int))
 
 
 def split(text: str) -> tuple[str, dict[str, Any], bool]:
-    """ "name:key=value" to the name, its parameters as `load` would pass them, and if it is a file.
+    """Split "name:key=value" into name, parameters as `load` passes them, and whether it is a file.
 
-    An existing path stays whole. Parameters of a file are converted and checked; raises SceneError.
+    An existing path is a name. Parameters of a file are converted and checked; raises SceneError.
 
     >>> split("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
@@ -250,51 +251,51 @@ def is_seen(text: str) -> bool:
     (False, True, False)
     """
     name, given = parsed(text)
-    # with one that is misspelt, too, so that the error names these
-    own = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
-    return is_path(name) and ("views" in given or own)
+    # A misspelt one counts, too, so that the error names the right ones.
+    is_near = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
+    return is_path(name) and ("views" in given or is_near)
 
 
 def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
-    """What reads a file: as map tiles, if a parameter asks for these."""
+    """Return the function that reads a file: as map tiles, if a parameter asks for these."""
     module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
     reader: Callable[..., Scene] = importlib.import_module(module).read
     return reader
 
 
-def _function(scene: Entry) -> Callable[..., Any]:
+def _import_builder(scene: Entry) -> Callable[..., Any]:
     missing = scene.available()
     if missing:
         raise SceneError(f"scene {scene.name} needs data that are not installed: {missing}")
-    placed = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
-    with _contained(f"scene {placed} cannot be imported"):
+    full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
+    with _contain_errors(f"scene {full_name} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
     if not callable(loaded):
-        raise SceneError(f"scene {placed} is not a function")
+        raise SceneError(f"scene {full_name} is not a function")
     builder: Callable[..., Any] = loaded
     return builder
 
 
 @contextmanager
-def _contained(what: str) -> Iterator[None]:
-    """Turn what a third party's code raises into a SceneError, also what would end the process."""
+def _contain_errors(what: str) -> Iterator[None]:
+    """Turn errors of a third party's code, including SystemExit, into a SceneError."""
     try:
         yield
     except (SceneError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:
-        said = reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
-        raise SceneError(f"{what}: {said}") from error
+        detail = reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
+        raise SceneError(f"{what}: {detail}") from error
 
 
-def _as_scene(name: str, made: Any, parameters: dict[str, Any]) -> Scene:
-    """What a builder returned, as a Scene: a third party's may return bare polygons."""
-    if isinstance(made, Scene):
-        return replace(made, parameters=parameters | made.parameters)
-    if not isinstance(made, list):
-        raise SceneError(f"scene {name} returned {type(made).__name__}, not a Scene or polygons")
+def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Scene:
+    """Return the result of a builder as a Scene: a third party's may return a list of polygons."""
+    if isinstance(result, Scene):
+        return replace(result, parameters=parameters | result.parameters)
+    if not isinstance(result, list):
+        raise SceneError(f"scene {name} returned {type(result).__name__}, not a Scene or polygons")
     try:
-        cleaned = clean(made)
+        cleaned = clean(result)
     except TypeError as error:
         raise SceneError(f"scene {name} returned something other than polygons: {error}") from error
     if not len(cleaned.polygons):

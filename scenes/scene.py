@@ -1,4 +1,4 @@
-"""What a scene is, and the errors that loading one may raise."""
+"""Scenes, and the errors that loading a scene raises."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Note = tuple[str, str]
-"""(which, reason): one geometry of the source, and what was done to it and why."""
+"""(name, reason): one geometry of the source, and why it was dropped or how it was changed."""
 
 
 class SceneError(Exception):
-    """A scene could not be loaded; the message is one line: what, where, what to do."""
+    """A scene that could not be loaded; the message is one line: object, problem, remedy."""
 
     def __str__(self) -> str:
-        # a file's name may hold ends of lines and control codes
+        # A file's name may contain line ends and control codes.
         text = super().__str__()
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class UnknownScene(SceneError):  # noqa: N818 - the name other programs import
-    """No scene has this name; the message suggests the nearest."""
+    """A name that is not registered; the message suggests the nearest one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
-    """The map tiles that a scene's polygons are of; each is a view of its own.
+    """Map tiles of a scene's polygons; each tile is a separate view.
 
-    Polygons are in px, y up, with the tile's lower left corner at (0, 0); they may reach over the
-    tile's edge, where they are cut when they are drawn.
+    Polygons are in px, y up, with the tile's lower left corner at (0, 0). Polygons that cross the
+    tile's edge are clipped when they are drawn.
 
-    pixels : a tile's side on the screen, even
-    names : of the t tiles that hold a polygon, for example "14/9326/4741"
+    pixels : side of a tile on the screen, even
+    names : names of the t tiles with polygons, for example "14/9326/4741"
     first : (t + 1,) int64; tile k has the polygons first[k]:first[k + 1]
     """
 
@@ -52,12 +52,20 @@ class Tiling:
 class Scene:
     """A named source of polygons in its own units.
 
-    `polygons` are valid, two-dimensional and oriented (exterior counter-clockwise with y up,
-    interiors clockwise); holes are allowed. `dropped` names every geometry of the source that is
-    not among them and `repaired` every one that was changed to make it valid. `attributes`, where
-    the source has any, is a table with one row per polygon. `notes` say what was done to the
-    source as a whole: the layer chosen, the projection, heights dropped. `tiling` says which of map
-    tiles each polygon is of.
+    Attributes
+    ----------
+    polygons
+        Valid, two-dimensional, oriented polygons: exterior counter-clockwise with y up, interiors
+        clockwise.
+    dropped, repaired
+        Geometries of the source that are not among the polygons, and those that were changed to
+        make them valid.
+    attributes
+        Table with one row per polygon, or None.
+    notes
+        Steps that apply to the whole source: the layer chosen, the projection, heights dropped.
+    tiling
+        The map tile of each polygon, or None.
     """
 
     name: str
@@ -78,7 +86,7 @@ class Scene:
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256, in hexadecimal, of all coordinates and ring boundaries, in order."""
+        """Return the SHA-256, in hexadecimal, of all coordinates and ring boundaries."""
         digest = hashlib.sha256()
         self._update_hash(digest)
         return digest.hexdigest()
@@ -87,13 +95,13 @@ class Scene:
         if not self.polygons:
             return
         _, coordinates, (rings, polygons) = shapely.to_ragged_array(np.asarray(self.polygons))
-        # + 0.0 turns -0.0 into 0.0: equal coordinates must give equal bytes
+        # + 0.0 turns -0.0 into 0.0: equal coordinates must give equal bytes.
         digest.update((coordinates + 0.0).astype("<f8").tobytes())
         digest.update(np.asarray(rings).astype("<i8").tobytes())
         digest.update(np.asarray(polygons).astype("<i8").tobytes())
 
     def head(self, limit: int) -> Scene:
-        """The scene cut down to its first `limit` polygons (all of them if it has fewer)."""
+        """Return the scene with its first `limit` polygons, or all if it has fewer."""
         if limit < 1:
             raise SceneError(f"limit={limit} leaves no polygon of {self.name}: give 1 or more")
         limit = min(limit, len(self.polygons))

@@ -1,4 +1,4 @@
-"""Cuts files and archives of map tiles into slices that are read apart, by different machines.
+"""Slices of files and of archives of map tiles, which several machines read in parallel.
 
 A slice of a file is a run of row groups of GeoParquet, or a part of one that is too large, or a run
 of features of a file that GDAL can read from the middle; everything else is one slice. A slice of
@@ -28,11 +28,11 @@ from scenes.spec import arguments_for, exists, parsed
 from scenes.tiles.archives import Place, Run, opened
 from scenes.tiles.read import PIXELS, Parts, check_pixels, parts_of
 
-LEAST, MOST = 20_000, 50_000
-"""Rows of a slice: fewer are joined with their neighbours, more are cut, where the file allows."""
+MIN_ROWS, MAX_ROWS = 20_000, 50_000
+"""Rows of a slice: smaller slices are merged, larger ones are split, if the file allows it."""
 
 RANDOM = (".gpkg", ".fgb", ".shp")
-"""Suffixes of files that GDAL reads from the middle without reading what comes before."""
+"""Suffixes of files in which GDAL can skip features without reading them."""
 
 _COMPARISON = re.compile(
     r'^\s*("?)([\w.]+)\1\s*(<=|>=|<|>|=)\s*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*$'
@@ -49,12 +49,12 @@ _TESTS: dict[str, Callable[[float, float, float], bool]] = {
 
 @dataclass(frozen=True)
 class Slices:
-    """A file in slices.
+    """The slices of a file.
 
     identity : 16 hexadecimal digits that change with the file's content
-    rows : the first row and the one after the last of each slice; None stands for the whole file
-    sizes : how many rows each slice has; 0 where that is not known before it is read
-    pruned : rows of slices that are left out because no row of theirs can meet the condition
+    rows : first row and the one after the last of each slice; None for the complete file
+    sizes : number of rows of each slice; 0 if unknown before it is read
+    pruned : number of rows in slices that are skipped because no row can meet the condition
     """
 
     identity: str
@@ -64,11 +64,11 @@ class Slices:
 
 
 def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices:
-    """Cut a file into slices of `LEAST` to `MOST` rows; reads its footer or header alone.
+    """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
-    Where `where` is a conjunction of comparisons of a column with a number, such as
+    If `where` is a conjunction of comparisons of a column with a number, such as
     `bbox.xmin > 24.5 AND bbox.xmax < 25`, row groups of a GeoParquet file whose statistics exclude
-    it are left out. Raises SceneError if the file is missing or cannot be read.
+    it are skipped. Raises SceneError if the file is missing or cannot be read.
     """
     file = existing(path)
     reader = reader_of(file)
@@ -82,7 +82,7 @@ def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices
     with guard.clear_errors(path, reader.kind):
         name, _ = choose_layer(Source(file, layer))
         count = pyogrio.read_info(file, layer=name, force_feature_count=True)["features"]
-    whole = [(start, min(start + MOST, count)) for start in range(0, count, MOST)]
+    whole = [(start, min(start + MAX_ROWS, count)) for start in range(0, count, MAX_ROWS)]
     return Slices(identity, [*whole], [last - first for first, last in whole])
 
 
@@ -113,7 +113,7 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
         elif rows and rows[-1][1] == start and _joined(rows[-1], group.num_rows):
             rows[-1] = (rows[-1][0], end)
         elif group.num_rows:
-            pieces = -(-group.num_rows // MOST)
+            pieces = -(-group.num_rows // MAX_ROWS)
             bounds = np.linspace(start, end, pieces + 1).astype(int).tolist()
             rows += list(pairwise(bounds))
         start = end
@@ -121,15 +121,15 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
 
 
 def _joined(before: tuple[int, int], more: int) -> bool:
-    """Whether a row group of `more` rows becomes a part of the slice before it."""
+    """Whether a row group of `more` rows is merged into the slice before it."""
     size = before[1] - before[0]
-    return min(size, more) < LEAST and size + more <= MOST
+    return min(size, more) < MIN_ROWS and size + more <= MAX_ROWS
 
 
 def in_degrees(file: Path) -> bool:
     """Whether a file's coordinates are longitude and latitude, by its first features.
 
-    False where it cannot be read, which whoever reads all of it says.
+    False if it cannot be read, which reading all of it reports.
     """
     try:
         first = next(read_chunks(str(file), size=1))
@@ -139,9 +139,9 @@ def in_degrees(file: Path) -> bool:
 
 
 def comparisons(where: str | None) -> list[tuple[str, str, float]]:
-    """The (column, comparison, number) that every row which meets the condition meets, too.
+    """Return (column, comparison, number) of a conjunction of comparisons.
 
-    Of a condition that says more than `AND` between comparisons, nothing is taken for sure.
+    [] for any other condition.
 
     >>> comparisons("bbox.xmin > 24.5 AND height = 3 AND name LIKE 'A'")
     []
@@ -176,7 +176,7 @@ def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
 
 
 def edges(file: Path) -> bytes:
-    """The first and the last bytes of a file, and of SQLite's log beside it; a folder's names."""
+    """Return the first and last bytes of a file and of its SQLite log, or a folder's names."""
     if file.is_dir():
         return "\n".join(sorted(each.name for each in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
@@ -184,15 +184,15 @@ def edges(file: Path) -> bytes:
 
 
 def identity_of(file: Path, content: bytes) -> str:
-    """A digest of a file's name, size, time of change and of what of its content was read."""
+    """Return a digest of a file's name, size, modification time and the given content."""
     about = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{about.st_size}\0{int(about.st_mtime)}\0".encode())
     digest.update(content)
     return digest.hexdigest()[:16]
 
 
-MOST_TILES, MOST_BYTES = 4096, 2**21
-"""Of a slice, where it has several tiles: bytes as they are stored."""
+MAX_TILES, MAX_BYTES = 4096, 2**21
+"""Maximum tiles and stored bytes of a slice of several tiles."""
 
 _TILE = re.compile(r"\.mvt(\.gz)?$", re.IGNORECASE)
 _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
@@ -200,11 +200,11 @@ _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Chosen:
-    """What of an archive is read.
+    """The part of an archive to read.
 
-    zooms : the first and the last; None for all
-    layers : their names; None for all
-    pixels : a tile's side on the screen
+    zooms : first and last zoom; None for all
+    layers : names of layers; None for all
+    pixels : side of a tile on the screen
     """
 
     zooms: tuple[int, int] | None = None
@@ -213,9 +213,9 @@ class Chosen:
 
 
 def chosen(text: str) -> tuple[str, Chosen] | None:
-    """A file, folder or pattern of map tiles and what is asked for; None where it is none.
+    """Return a file, folder or pattern of map tiles and the part to read, or None for other files.
 
-    Raises SceneError for a parameter that cannot be.
+    Raises SceneError for an invalid parameter.
 
     >>> chosen("berlin.pmtiles:zoom=12-16,layers=water")
     ('berlin.pmtiles', Chosen(zooms=(12, 16), layers=('water',), pixels=512))
@@ -243,7 +243,7 @@ def _chosen(*, zoom: str | None = None, layers: str | None = None, pixels: int =
 
 
 def is_folder(name: str) -> bool:
-    """Whether this is a folder of tiles, by what lies in it: zooms, or tiles."""
+    """Whether this is a folder of tiles, by its content: zooms, or tiles."""
     return any(
         _TILE.search(each.name) or (each.name.isdecimal() and each.is_dir())
         for each in _inside(name)
@@ -255,7 +255,7 @@ def _inside(name: str) -> list[Path]:
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
-    """Cut an archive into slices; sizes are in tiles, of which a run of equal ones is one.
+    """Return the slices of an archive; sizes are in tiles, a run of equal ones counts as one.
 
     Raises SceneError if it is missing, cannot be read, or has no tile of these zooms.
     """
@@ -274,10 +274,10 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
 
 
 def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
-    """First number, the one after the last, and runs, of slices of a zoom."""
+    """Yield first number, the one after the last, and number of runs of each slice of a zoom."""
     first = last = tiles = size = 0
     for run in runs:
-        if tiles and (tiles == MOST_TILES or size + run.size > MOST_BYTES):
+        if tiles and (tiles == MAX_TILES or size + run.size > MAX_BYTES):
             yield first, last, tiles
             tiles = size = 0
         if not tiles:
@@ -288,7 +288,7 @@ def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
 
 
 def _content(file: Path) -> bytes:
-    """What changes with a file's content, or with that of the files of a folder."""
+    """Return bytes that change with the content of a file, or of the files of a folder."""
     if not file.is_dir():
         return edges(file)
     about = ((each, each.stat()) for each in sorted(file.rglob("*")) if each.is_file())
@@ -297,10 +297,10 @@ def _content(file: Path) -> bytes:
 
 
 class Tile(NamedTuple):
-    """What was read of a tile.
+    """A tile that was read.
 
-    zoom : None where the archive does not say
-    times : tiles in a row that have the same bytes
+    zoom : None if the archive does not state it
+    times : number of consecutive tiles with the same bytes
     """
 
     name: str
@@ -310,13 +310,13 @@ class Tile(NamedTuple):
 
     @property
     def damage(self) -> str:
-        """Why it, or layers of it, cannot be read; "" where all can."""
+        """Return why the tile or its layers cannot be read, or ""."""
         layers = (f"layer {name}".strip() + f" {why}" for name, why in self.parts.damaged)
         return "; ".join(filter(None, (*layers, self.parts.damage)))
 
 
 def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Tile]:
-    """Read the tiles of a slice one by one; of a layer that is damaged, nothing is kept.
+    """Yield the tiles of a slice; layers that cannot be read are skipped and noted.
 
     Raises SceneError if the file is missing or cannot be read.
     """

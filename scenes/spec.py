@@ -1,4 +1,4 @@
-"""A scene as a user writes it: "city:buildings=20", "town.gpkg:layer=parks", "module:function"."""
+"""Scene names with parameters, such as "city:buildings=20" or "town.gpkg:layer=parks"."""
 
 import difflib
 import inspect
@@ -17,7 +17,7 @@ from scenes.scene import SceneError
 
 
 def suggestion(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
-    """The end of an error message: the nearest of the known names, or all of them.
+    """Return the end of an error message: the nearest known name, or all of them.
 
     >>> suggestion("ctiy", ["city", "glyphs"])
     'did you mean city?'
@@ -36,10 +36,10 @@ _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
 
 
 def install(extra: str) -> str:
-    """The command that adds an optional extra to what is installed, however that was.
+    """Return the command that installs an optional extra, as the package itself was installed.
 
-    From a checkout it names the checkout: no index need know the package, and whoever takes its
-    name there does not get theirs installed.
+    From a checkout the command names the checkout: the package may be in no index, or another
+    package may have its name there.
 
     >>> "[tiles]" in install("tiles")
     True
@@ -48,12 +48,12 @@ def install(extra: str) -> str:
     with suppress(ValueError):
         python = python.relative_to(Path.cwd())
     pip = f"{python} -m pip install"
-    # a checkout from which it was built holds an egg-info, too, which does not say how
-    found = [
+    # A checkout may contain an egg-info, too, which does not record how it was installed.
+    records = [
         each.read_text("direct_url.json") for each in metadata.distributions(name=DISTRIBUTION)
     ]
     here = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
-    about: dict[str, Any] = json.loads(next(filter(None, found), "{}")) if found else here
+    about: dict[str, Any] = json.loads(next(filter(None, records), "{}")) if records else here
     if "dir_info" in about:
         folder = unquote(urlsplit(about["url"]).path)
         return f'{pip} {"-e " * bool(about["dir_info"].get("editable"))}"{folder}[{extra}]"'
@@ -65,7 +65,7 @@ def install(extra: str) -> str:
 
 
 def parsed(text: str) -> tuple[str, dict[str, str]]:
-    """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole.
+    """Split "name:key=value,key=value" into name and parameters; an existing path is a name.
 
     >>> parsed("city:buildings=20,seed=3")
     ('city', {'buildings': '20', 'seed': '3'})
@@ -75,11 +75,11 @@ def parsed(text: str) -> tuple[str, dict[str, str]]:
     match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
     if not match:
         return text, {}
-    # a comma within quotes or brackets parts nothing
+    # A comma within quotes or brackets separates nothing.
     masked, before = match[2], ""
     while masked != before:
-        before, masked = masked, _ENCLOSED.sub(lambda found: "_" * len(found[0]), masked)
-    cuts = [found.start() for found in re.finditer(r",(?=[A-Za-z_]\w*=)", masked)]
+        before, masked = masked, _ENCLOSED.sub(lambda match: "_" * len(match[0]), masked)
+    cuts = [match.start() for match in re.finditer(r",(?=[A-Za-z_]\w*=)", masked)]
     starts = [0, *(cut + 1 for cut in cuts)]
     pairs = [match[2][a:b] for a, b in zip(starts, [*cuts, None], strict=True)]
     return match[1], dict(pair.split("=", 1) for pair in pairs)
@@ -95,7 +95,7 @@ def is_function(name: str) -> bool:
 
 
 def is_path(name: str) -> bool:
-    """Whether this is a file's name: one that exists, or has a separator or a suffix.
+    """Whether this is the name of a file: it exists, or has a separator or a suffix.
 
     >>> is_path("town.gpkg"), is_path("maps/town"), is_path("city"), is_path("my.module:squares")
     (True, True, False, False)
@@ -106,7 +106,7 @@ def is_path(name: str) -> bool:
 
 
 def exists(name: str) -> bool:
-    """Whether there is a file or folder of this name, which may be no name for one.
+    """Whether a file or folder of this name exists; the name may be invalid.
 
     >>> exists("."), exists("a\\0b"), exists(1000 * "long")
     (True, False, False)
@@ -118,17 +118,20 @@ def exists(name: str) -> bool:
 
 
 def joined(name: str, **parameters: Any) -> str:
-    """A scene's name with parameters added, as `load` reads them; None adds nothing.
+    """Return a scene's name with parameters added, as `load` reads them; None adds nothing.
 
-    Raises SceneError for a value that would be read as several parameters.
+    Raises SceneError for a value that would be parsed as several parameters.
 
     >>> joined("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
     "town.gpkg:layer=parks,where=kind IN ('a', b=1)"
     """
     base, given = parsed(name)
-    asked = {**given, **{key: str(each) for key, each in parameters.items() if each is not None}}
-    text = base + ":" * bool(asked) + ",".join(f"{key}={each}" for key, each in asked.items())
-    if parsed(text) != (base, asked):
+    wanted = {
+        **given,
+        **{key: str(value) for key, value in parameters.items() if value is not None},
+    }
+    text = base + ":" * bool(wanted) + ",".join(f"{key}={value}" for key, value in wanted.items())
+    if parsed(text) != (base, wanted):
         raise SceneError(
             f"{text} is ambiguous, because ',name=' begins the next parameter: put it in brackets"
         )
@@ -136,7 +139,7 @@ def joined(name: str, **parameters: Any) -> str:
 
 
 def label(text: str) -> str:
-    """The scene's name in results: a file without its folder, so that it is the same anywhere.
+    """Return the scene's name in results: files without their folder, for comparison.
 
     >>> label("data/town.gpkg:where=height/2 > 3"), label("city:buildings=20")
     ('town.gpkg:where=height/2 > 3', 'city:buildings=20')
@@ -148,7 +151,9 @@ def label(text: str) -> str:
 def arguments_for(
     name: str, function: Callable[..., Any], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """Parameters converted to the types the builder declares; unknown ones are refused.
+    """Return parameters converted to the types that the builder declares.
+
+    Raises SceneError for unknown parameters.
 
     >>> def build(*, seed: int = 0, size: float = 1.0): ...
     >>> arguments_for("grid", build, {"size": "2"})
@@ -156,14 +161,15 @@ def arguments_for(
     """
     try:
         declared = inspect.signature(function, eval_str=True).parameters
-    except NameError:  # an annotation that only type checkers can read: values stay text
+    except NameError:  # an annotation for type checkers only: values stay text
         declared = inspect.signature(function).parameters
     if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
         return dict(parameters)
     known = [
         key
-        for key, each in declared.items()
-        if key != "seed" and (each.kind is each.KEYWORD_ONLY or each.default is not each.empty)
+        for key, parameter in declared.items()
+        if key != "seed"
+        and (parameter.kind is parameter.KEYWORD_ONLY or parameter.default is not parameter.empty)
     ]
     for key in parameters:
         if key not in known:
@@ -173,7 +179,7 @@ def arguments_for(
 
 
 def converted(key: str, value: Any, kind: Any) -> Any:
-    """A value given as text, turned into the declared type; other values as they are.
+    """Return a value given as text in the declared type; other values unchanged.
 
     >>> converted("limit", "7", int | None), converted("project", "no", bool), converted("n", 7, 0)
     (7, False, 7)

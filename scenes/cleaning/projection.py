@@ -1,4 +1,4 @@
-"""Projects longitude and latitude to metres, on a map that fits the data, by PROJ.
+"""Projection of longitude and latitude to metres, on a map that fits the data, by PROJ.
 
 Readers give coordinates with x (east, longitude) first, whatever order the reference system
 defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
@@ -20,7 +20,7 @@ from pyproj.crs.coordinate_operation import (
 from pyproj.exceptions import CRSError
 
 REACH = 90.0
-"""Degrees from their centre beyond which data get no azimuthal map: shapes would fold."""
+"""Maximum distance from the centre of an azimuthal map, in degrees: beyond it shapes fold."""
 
 LONG_EDGE = 90.0
 """An edge over more degrees of longitude is straight on the plane of longitude and latitude, not on
@@ -31,9 +31,9 @@ _POLE = 89.999
 
 @cache
 def system(crs: str | None) -> CRS | None:
-    """The horizontal part of the reference system that has this name, code, WKT or PROJJSON.
+    """Return the horizontal part of a reference system given by name, code, WKT or PROJJSON.
 
-    None if PROJ does not know it.
+    None if PROJ does not know the system.
 
     >>> system("EPSG:7844").name
     'GDA2020'
@@ -43,14 +43,14 @@ def system(crs: str | None) -> CRS | None:
     if not crs:
         return None
     try:
-        found = CRS.from_user_input(crs)
+        horizontal = CRS.from_user_input(crs)
     except CRSError:
         return None
-    if found.is_bound and found.source_crs is not None:
-        found = found.source_crs
-    if found.is_compound:
-        found = found.sub_crs_list[0]
-    return found.to_2d() if found.is_geographic else found
+    if horizontal.is_bound and horizontal.source_crs is not None:
+        horizontal = horizontal.source_crs
+    if horizontal.is_compound:
+        horizontal = horizontal.sub_crs_list[0]
+    return horizontal.to_2d() if horizontal.is_geographic else horizontal
 
 
 def is_geographic(crs: str | None) -> bool:
@@ -59,15 +59,17 @@ def is_geographic(crs: str | None) -> bool:
     >>> is_geographic("EPSG:6318"), is_geographic("EPSG:3067"), is_geographic(None)
     (True, False, False)
     """
-    known = system(crs)
-    if known is None or not known.is_geographic:
+    datum = system(crs)
+    if datum is None or not datum.is_geographic:
         return False
-    # some, most of them French, count in grads, 400 to the turn
-    return bool(abs(known.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
+    # Some systems, most of them French, use grads, 400 per turn.
+    return bool(abs(datum.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
 
 
 def off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) which coordinates (n, 2) are no longitude (to 360) and latitude; NaN may be any.
+    """Return (n,) whether coordinates (n, 2) exceed 360 degrees of longitude or 90 of latitude.
+
+    False for NaN.
 
     >>> off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
     [False, True, True]
@@ -76,20 +78,20 @@ def off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def units(crs: str | None) -> str | None:
-    """The unit of a reference system's coordinates; None where PROJ does not know the system.
+    """Return the unit of a reference system's coordinates, or None if PROJ does not know it.
 
     >>> units("EPSG:3067"), units("EPSG:2263"), units("EPSG:4326")
     ('m', 'US survey foot', 'degree')
     """
-    known = system(crs)
-    if known is None or not known.axis_info:
+    datum = system(crs)
+    if datum is None or not datum.axis_info:
         return None
-    return {"metre": "m"}.get(known.axis_info[0].unit_name, known.axis_info[0].unit_name)
+    return {"metre": "m"}.get(datum.axis_info[0].unit_name, datum.axis_info[0].unit_name)
 
 
 @dataclass(frozen=True)
 class Projection:
-    """A map of a data set, in metres, on which areas are those on the ellipsoid.
+    """An equal-area map of a data set, in metres.
 
     `crs` is the geographic system of the data; its datum is kept. `centre` is the longitude and
     latitude, in degrees from that system's own prime meridian, of the centre of Lambert's azimuthal
@@ -103,10 +105,10 @@ class Projection:
 
     @classmethod
     def of(cls, crs: str, geometries: Any) -> "Projection":
-        """The map for geometries in longitude and latitude.
+        """Return the map for geometries in longitude and latitude.
 
-        It is azimuthal unless they reach further than `REACH` from their centre, or have edges
-        longer than `LONG_EDGE`, such as a box from -180 to 180 has.
+        The map is azimuthal unless geometries reach further than `REACH` from their centre, or
+        have edges longer than `LONG_EDGE`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
         centre = mean_direction(degrees)
@@ -129,87 +131,87 @@ class Projection:
 
     @cached_property
     def _to_metres(self) -> Transformer:
-        known = system(self.crs) or CRS("OGC:CRS84")
-        base = known.source_crs if known.is_derived and known.source_crs is not None else known
+        datum = system(self.crs) or CRS("OGC:CRS84")
+        base = datum.source_crs if datum.is_derived and datum.source_crs is not None else datum
         conversion = (
             LambertCylindricalEqualAreaConversion()
             if self.centre is None
             else LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
         )
-        # about the data's own datum: nothing is shifted to another
+        # On the datum of the data: there is no shift to another one.
         return Transformer.from_crs(
-            known, ProjectedCRS(conversion, geodetic_crs=base), always_xy=True
+            datum, ProjectedCRS(conversion, geodetic_crs=base), always_xy=True
         )
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 2) coordinates of the source to (n, 2) metres east and north.
+        """Return (n, 2) metres east and north of (n, 2) coordinates of the source.
 
-        What cannot be projected becomes infinite.
+        Coordinates that cannot be projected become infinite.
 
         >>> there = Projection("EPSG:4326", (25.0, 60.0))
         >>> there.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
         [[0.0, 0.0], [0.0, 11141.3]]
         """
         if self.centre is not None:
-            # the two sides of the 180th meridian, and all longitudes of a pole, are one place: with
-            # the same numbers for it, the seam of a ring round a pole vanishes
+            # Both sides of the 180th meridian are one line, and all longitudes of a pole one point:
+            # equal numbers for these close the seam of a ring round a pole.
             lon, lat = coordinates.T
             lon = np.where(lon == -180.0, 180.0, lon)
             lon = np.where(np.abs(lat) == 90.0, 0.0, lon)
             return np.column_stack(self._to_metres.transform(lon, lat))
-        # longitudes beyond 180 go on, where PROJ would wrap them
+        # Longitudes beyond 180 continue; PROJ would wrap them.
         turns = np.round(coordinates[:, 0] / 360.0)
         lon = coordinates[:, 0] - turns * 360.0
         x, y = self._to_metres.transform(lon, coordinates[:, 1])
         return np.column_stack([x + turns * self._width, y])
 
     def inverse(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Undo `forward`, to about 1e-11 degrees; longitudes come between -180 and 180."""
+        """Return the inverse of `forward`, to about 1e-11 degrees, with longitudes in -180..180."""
         if self.centre is None:
             metres = metres - np.round(metres[:, :1] / self._width) * [self._width, 0.0]
         x, y = metres.T
         lon, lat = self._to_metres.transform(x, y, direction="INVERSE")
-        # PROJ's inverse is right to some millimetres; a step of Newton's method, with differences
-        # for derivatives, brings back what the source had
-        dlon, dlat = (np.copysign(1e-5, -each) for each in (lon, lat))
+        # PROJ's inverse is accurate to some millimetres; one step of Newton's method, with finite
+        # differences as derivatives, restores the source's coordinates.
+        dlon, dlat = (np.copysign(1e-5, -angle) for angle in (lon, lat))
         here = np.array(self._to_metres.transform(lon, lat))
         with np.errstate(all="ignore"):
             along = (np.array(self._to_metres.transform(lon + dlon, lat)) - here) / dlon
             up = (np.array(self._to_metres.transform(lon, lat + dlat)) - here) / dlat
             miss = np.array([x, y]) - here
             steps = np.array([_cross(miss, up), _cross(along, miss)]) / _cross(along, up)
-            # a pole has no longitude to mend
+            # At a pole the longitude is undefined.
             steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
         return np.column_stack([lon + steps[0], lat + steps[1]])
 
     @cached_property
     def _width(self) -> float:
-        """The cylindrical map's, in metres."""
+        """Return the width of the cylindrical map, in metres."""
         east, _ = self._to_metres.transform(np.array([180.0]), np.zeros(1))
         return 2.0 * float(east[0])
 
     def project(self, geometries: Any) -> NDArray[Any]:
-        """Geometries (shapely's, or None) in metres, two-dimensional."""
-        given = np.array(geometries, dtype=object)
-        projected: NDArray[Any] = shapely.transform(given, self.forward)
+        """Return geometries (shapely's, or None) in metres, two-dimensional."""
+        inputs = np.array(geometries, dtype=object)
+        projected: NDArray[Any] = shapely.transform(inputs, self.forward)
         return projected
 
     def torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which geometries cross the 180th meridian, where the map of the whole globe ends.
+        """Return whether each geometry crosses the 180th meridian, where the cylindrical map ends.
 
         An edge of more than 180 degrees does; one of just 360, along a parallel, does not.
         """
-        found = np.zeros(len(geometries), dtype=bool)
+        torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
             step, _, owner = _steps(geometries)
-            found[owner[(np.abs(step) > 180.0) & (np.abs(step) < 360.0 * (1 - 1e-12))]] = True
-        return found
+            torn[owner[(np.abs(step) > 180.0) & (np.abs(step) < 360.0 * (1 - 1e-12))]] = True
+        return torn
 
 
 def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Longitude and latitude of the mean of the points as vectors on the globe.
+    """Return longitude and latitude of the mean of points as vectors on the globe.
 
-    So points on both sides of the 180th meridian have their mean between them.
+    The mean of points on both sides of the 180th meridian is between them.
 
     >>> mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
     180.0
@@ -227,7 +229,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Each edge of each ring: its step in longitude, the latitude of its middle, its geometry."""
+    """Return step in longitude, latitude of the middle, and geometry of each edge of each ring."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

@@ -20,10 +20,10 @@ Part = Callable[[Generator, int], shapely.Geometry]
 
 
 def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
-    """`parts` parts of random sizes, in millimetres, laid out in rows.
+    """Return `parts` parts of random sizes, in millimetres, laid out in rows.
 
-    `segments` is the number of chords in a full circle. A name plate gives a polygon more for each
-    island that its letters cut out (the inside of an O). Raises SceneError for `parts` not in
+    `segments` is the number of chords in a full circle. A name plate gives one more polygon for
+    each island that its letters cut out (the inside of an O). Raises SceneError for `parts` not in
     1..100,000 or `segments` not in 8..1000.
     """
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
@@ -33,8 +33,8 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
         )
     rng = np.random.default_rng([seed, 0xCAD])
     kinds: list[Part] = [_plate, _flange, _bracket, _gear, _name_plate]
-    made = [kinds[i % len(kinds)](rng, segments) for i in range(parts)]
-    rounded = shapely.transform(np.array(made), lambda xy: np.round(xy, 4) + 0.0)
+    outlines = [kinds[i % len(kinds)](rng, segments) for i in range(parts)]
+    rounded = shapely.transform(np.array(outlines), lambda xy: np.round(xy, 4) + 0.0)
     cleaned = clean(rounded, [f"part {i}" for i in range(parts)])
     return Scene(
         name="cad",
@@ -49,20 +49,20 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
 
 
 def _by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
-    """Laid out by part, so that islands stay where they were cut."""
-    whole = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
-    placed = arrange_in_rows(whole, gap=0.15)
-    out = []
-    for i, before, after in zip(np.unique(source), whole, placed, strict=True):
+    """Return the polygons laid out by part, so that islands stay inside their letters."""
+    boxes = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
+    arranged = arrange_in_rows(boxes, gap=0.15)
+    polygons_in_rows = []
+    for i, before, after in zip(np.unique(source), boxes, arranged, strict=True):
         dx, dy = np.subtract(after.bounds[:2], before.bounds[:2])
-        out += [translate(p, dx, dy) for p in polygons[source == i]]
-    return out
+        polygons_in_rows += [translate(p, dx, dy) for p in polygons[source == i]]
+    return polygons_in_rows
 
 
 def _arc(
     centre: tuple[float, float], radius: float, start: float, end: float, segments: int
 ) -> np.ndarray:
-    """Points of an arc from `start` to `end` radians, both ends included."""
+    """Return the points of an arc from `start` to `end` radians, both ends included."""
     steps = max(2, round(segments * abs(end - start) / (2 * np.pi)) + 1)
     t = np.linspace(start, end, steps)
     return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
@@ -73,7 +73,7 @@ def _circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon
 
 
 def _slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
-    """A hole with round ends, lying along x."""
+    """Return a hole with round ends, along x."""
     right = _arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
     left = _arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
     return shapely.Polygon(np.concatenate([right, left]))
@@ -95,7 +95,7 @@ def _without(
 
 
 def _plate(rng: Generator, segments: int) -> shapely.Geometry:
-    """Rounded corners, a bolt hole in each, and a row of slots."""
+    """Return a plate with rounded corners, a bolt hole in each, and a row of slots."""
     w, h = rng.uniform(80, 160), rng.uniform(60, 110)
     inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
     holes = [_circle(x, y, bolt, segments) for x in (inset, w - inset) for y in (inset, h - inset)]
@@ -108,7 +108,7 @@ def _plate(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _flange(rng: Generator, segments: int) -> shapely.Geometry:
-    """A disc with a bore and a circle of bolts."""
+    """Return a disc with a bore and a circle of bolts."""
     radius, bolts = rng.uniform(35, 60), int(rng.integers(4, 13))
     bolt = min(4.5, 0.5 * np.pi * 0.8 * radius / bolts)
     bore = _circle(0, 0, rng.uniform(0.3, 0.5) * radius, 2 * segments)
@@ -121,7 +121,7 @@ def _flange(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _bracket(rng: Generator, segments: int) -> shapely.Geometry:
-    """An L with a filleted inner corner and two slotted or drilled arms."""
+    """Return an L with a filleted inner corner and two slotted or drilled arms."""
     a, b, t = rng.uniform(70, 130), rng.uniform(70, 130), rng.uniform(18, 28)
     fillet = rng.uniform(6, 14)
     inner = _arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)
@@ -132,7 +132,7 @@ def _bracket(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _gear(rng: Generator, segments: int) -> shapely.Geometry:
-    """Involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
+    """Return a gear: involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
 
     The flank is the involute of the base circle; below it the tooth goes straight to the root.
     """
@@ -165,7 +165,7 @@ def _gear(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
-    """A plate from which a part number is cut out."""
+    """Return a plate from which a part number is cut out."""
     face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
@@ -180,7 +180,7 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def build_faces(*, seed: int = 0) -> Scene:
-    """Faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
+    """Return the faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
     polygons = []
     for part in build(seed=seed, parts=10, segments=16).polygons:
         polygons += facets(*_extruded(part, 20.0))[0]
@@ -198,7 +198,7 @@ def build_faces(*, seed: int = 0) -> Scene:
 
 
 def _extruded(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a prism over the polygon."""
+    """Return vertices and triangles of a prism over the polygon."""
     import trimesh
 
     solid = trimesh.creation.extrude_polygon(part, height, engine="earcut")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scenes.generated.footprints import footprint
 from scenes.scene import Scene, SceneError
 
-MOST = 100_000
+MAX_BUILDINGS = 100_000
 _AREA_A_BUILDING = 900.0  # square metres of city, streets included
 _MILLIMETRE = 3  # decimals; coordinates are rounded so that every platform gives the same
 
@@ -39,12 +39,12 @@ class _Lots(NamedTuple):
 
 
 def build(*, seed: int = 0, buildings: int = 500) -> Scene:
-    """A city of exactly `buildings` footprints, in metres, from the centre outwards.
+    """Return a city of exactly `buildings` footprints, in metres, from the centre outwards.
 
     The same seed and number give the same city. Raises SceneError unless 1 <= buildings <= 100,000.
     """
-    if not 1 <= buildings <= MOST:
-        raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MOST}")
+    if not 1 <= buildings <= MAX_BUILDINGS:
+        raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MAX_BUILDINGS}")
     rng = np.random.default_rng([seed, 0xC17])
     wanted = buildings * 1.25 + 40
     radius = max(250.0, np.sqrt(wanted * _AREA_A_BUILDING / np.pi))
@@ -53,7 +53,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
         districts = _districts(rng, radius)
         polygons = np.concatenate([_district(rng, d, radius) for d in districts])
         radius *= 1.2
-    # from the centre on, with a ragged edge of the city
+    # From the centre outwards, with a ragged edge of the city.
     distance = np.hypot(*shapely.get_coordinates(shapely.centroid(polygons)).T)
     ragged = distance + rng.normal(0.0, 12.0, len(polygons))
     innermost = np.argsort(ragged, kind="stable")
@@ -68,7 +68,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
 
 
 def _districts(rng: Generator, radius: float) -> NDArray[Any]:
-    """Districts as polygons: Voronoi cells less the ring boulevard and the avenues."""
+    """Return districts as polygons: Voronoi cells less the ring boulevard and the avenues."""
     count = max(7, int(np.pi * radius**2 / 55_000))
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
     reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62

@@ -16,7 +16,7 @@ WING = 5.0
 def footprint(
     width: float, depth: float, vertices: int, courtyards: int, u: Sequence[float]
 ) -> list[Ring]:
-    """Rings of a building of about `vertices` vertices, exterior first.
+    """Return the rings of a building of about `vertices` vertices, exterior first.
 
     `u` are at least 8 numbers in [0, 1) that decide everything else. A building too small for
     what is asked gets a simpler form.

@@ -21,7 +21,7 @@ Shape = Ring | tuple[Ring, list[Ring]]
 
 
 def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
-    """One polygon of each family, or of the one named, with about `vertices` vertices.
+    """Return one polygon of each family, or of the named one, with about `vertices` vertices.
 
     Families: comb, sawtooth, spiral, star, koch, near-collinear, sliver, needle-holes,
     random-star, random-monotone, random-maze. Raises SceneError for another family and for
@@ -163,7 +163,7 @@ def random_monotone(rng: Generator, n: int) -> Ring:
 
 
 def random_maze(rng: Generator, n: int) -> Ring:
-    """The way around a random spanning tree of a grid, its vertices shaken.
+    """Return the outline of a random spanning tree of a grid, its vertices shaken.
 
     The way visits each point of the grid of half the pitch once. Neighbours there are moved by less
     than half of their distance, so the polygon stays simple, whatever the tree.

@@ -1,4 +1,4 @@
-"""CityJSON: roof and ground surfaces of city models, seen from above."""
+"""Reader of CityJSON: roof and ground surfaces of city models, seen from above."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -14,11 +14,19 @@ from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
 _WANTED = ("RoofSurface", "GroundSurface")
+_DEPTHS = {
+    **dict.fromkeys(("MultiSurface", "CompositeSurface"), 0),
+    "Solid": 1,
+    **dict.fromkeys(("MultiSolid", "CompositeSolid"), 2),
+}
+"""Types of geometries to the number of levels above their surfaces."""
+
+_INSTANCE = "has an instance of a template, which is not read: replace it by its geometry"
 _PLAN = "surfaces seen from above, with their height as an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
-    """Surfaces of all city objects, as polygons in plan.
+    """Yield the surfaces of all city objects, as polygons in plan.
 
     `layer` is RoofSurface or GroundSurface; both are read by default. Where a model has no
     semantics, a surface that faces up is a roof and one that faces down is ground. Of an object
@@ -26,37 +34,37 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     type, the kind of surface, and its height.
     """
     model = _model(str(source.path), source.path.read_bytes)
-    found = _Surfaces(source)
-    found.add(dict(model["CityObjects"]), _vertices(model, model))
-    yield found.raw(_crs(model))
+    surfaces = _Surfaces(source)
+    surfaces.add(dict(model["CityObjects"]), _vertices(model, model))
+    yield surfaces.raw(_crs(model))
 
 
 def read_sequence(source: Source, size: int) -> Iterator[Raw]:
-    """A text sequence: a CityJSON object for all, then a line for each CityJSONFeature.
+    """Yield the surfaces of a text sequence, `size` features at a time: see `read`.
 
-    As `read`, `size` features at a time.
+    The first line is a CityJSON object, each other line a CityJSONFeature.
     """
     refuse_unended(source.path, json.loads)
-    found = _Surfaces(source)
+    surfaces = _Surfaces(source)
     with source.path.open("rb") as lines:
         head = _model(f"{source.path}, line 1", lambda: next(lines, b""))
         crs = _crs(head)
         for number, line in enumerate(lines, start=2):
             if not line.strip():
                 continue
-            with noted(found.dropped, f"line {number}", "is not sound"):
+            with noted(surfaces.dropped, f"line {number}", "is not sound"):
                 feature = json.loads(line)
                 if feature["type"] != "CityJSONFeature":
                     raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
-                found.add(dict(feature["CityObjects"]), _vertices(feature, head))
+                surfaces.add(dict(feature["CityObjects"]), _vertices(feature, head))
             if number % size == 0:
-                yield found.raw(crs)
-                found = _Surfaces(source)
-    yield found.raw(crs)
+                yield surfaces.raw(crs)
+                surfaces = _Surfaces(source)
+    yield surfaces.raw(crs)
 
 
 class _Surfaces:
-    """The wanted surfaces of city objects, gathered."""
+    """Collected surfaces of city objects."""
 
     def __init__(self, source: Source) -> None:
         if source.layer not in (None, *_WANTED):
@@ -70,18 +78,21 @@ class _Surfaces:
         self._rows: list[dict[str, Any]] = []
 
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
-        """Take in the surfaces of objects that share vertices."""
-        for identifier, thing in objects.items():
+        """Collect the surfaces of objects that share vertices."""
+        for identifier, city_object in objects.items():
             with noted(self.dropped, str(identifier), "is not a sound city object"):
-                for number, (kind, polygon, height) in enumerate(_surfaces(thing, vertices)):
+                geometry_types = [g["type"] for g in city_object.get("geometry", [])]
+                if "GeometryInstance" in geometry_types:
+                    self.dropped.append((str(identifier), _INSTANCE))
+                for number, (kind, polygon, height) in enumerate(_surfaces(city_object, vertices)):
                     if kind in self._wanted:
                         self._geometries.append(polygon)
                         self._labels.append(f"{identifier} surface {number}")
-                        kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
+                        kinds = {"id": identifier, "type": city_object.get("type"), "surface": kind}
                         self._rows.append({**kinds, "height": height})
 
     def raw(self, crs: str | None) -> Raw:
-        """What was gathered, as a reader yields it."""
+        """Return the collected surfaces."""
         table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
         return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
 
@@ -102,7 +113,7 @@ def _crs(model: dict[str, Any]) -> str | None:
 
 
 def _vertices(model: dict[str, Any], about: dict[str, Any]) -> NDArray[np.float64]:
-    """(n, 3), as `about`, the model or the head of its sequence, scales and moves them."""
+    """Return (n, 3), scaled and translated by `about`: the model or the head of its sequence."""
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
     if "transform" in about:
         transform = about["transform"]
@@ -111,26 +122,26 @@ def _vertices(model: dict[str, Any], about: dict[str, Any]) -> NDArray[np.float6
 
 
 def _surfaces(
-    thing: dict[str, Any], vertices: NDArray[np.float64]
+    city_object: dict[str, Any], vertices: NDArray[np.float64]
 ) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
-    """Kind, plan and mean height of each surface of a city object's most detailed geometry."""
-    shapes = [g for g in thing.get("geometry", []) if "boundaries" in g]
+    """Yield kind, plan and mean height of each surface of an object's most detailed geometry.
+
+    A surface without semantics is a roof or ground by its slope.
+    """
+    shapes = [
+        g for g in city_object.get("geometry", []) if "boundaries" in g and g["type"] in _DEPTHS
+    ]
     if not shapes:
         return
     shape = max(shapes, key=lambda g: str(g.get("lod", "")))
-    depth = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1}.get(shape["type"])
-    depth = 2 if depth is None and "Solid" in shape["type"] else depth
-    if depth is None:
-        return
+    depth = _DEPTHS[shape["type"]]
     semantics = shape.get("semantics") or {}
-    kinds = [s.get("type") for s in semantics.get("surfaces", [])]
-    values = _flat(semantics.get("values"), depth)
-    for number, rings in enumerate(_flat(shape["boundaries"], depth)):
+    kinds = [s.get("type") for s in semantics.get("surfaces") or []]
+    surfaces = _flatten(shape["boundaries"], depth)
+    values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
+    for rings, value in zip(surfaces, values, strict=True):
         points = [vertices[_indices(ring, len(vertices))] for ring in rings]
-        known = number < len(values) and values[number] is not None
-        kind = kinds[values[number]] if known else None
-        if not kinds:
-            kind = _by_slope(points[0])
+        kind = _kind_by_slope(points[0]) if value is None else kinds[value]
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
         yield kind, plan, float(points[0][:, 2].mean())
 
@@ -142,15 +153,24 @@ def _indices(ring: Any, count: int) -> NDArray[np.int64]:
     return indices
 
 
-def _flat(nested: Any, depth: int) -> list[Any]:
-    """The surfaces of shells (depth 1) of solids (depth 2), in one list."""
+def _flatten(nested: Any, depth: int) -> list[Any]:
+    """Return the surfaces of shells (depth 1) of solids (depth 2) in one list."""
     for _ in range(depth):
-        nested = [inner for outer in nested or [] for inner in outer or []]
-    return list(nested or [])
+        nested = [inner for outer in nested for inner in outer]
+    return list(nested)
 
 
-def _by_slope(ring: NDArray[np.float64]) -> str:
-    """Roof or ground by the direction of the normal's vertical part, by Newell's method."""
+def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:
+    """Return the semantics of each surface; null may stand for a surface, a shell or a solid."""
+    padded = [*(values or []), *[None] * len(boundaries)][: len(boundaries)]
+    if depth == 0:
+        return padded
+    parts = zip(padded, boundaries, strict=True)
+    return [value for inner, outer in parts for value in _flatten_values(inner, outer, depth - 1)]
+
+
+def _kind_by_slope(ring: NDArray[np.float64]) -> str:
+    """Return roof or ground by the vertical part of the normal, by Newell's method."""
     after = np.roll(ring, -1, axis=0)
     up = np.sum((ring[:, 0] - after[:, 0]) * (ring[:, 1] + after[:, 1]))
     return "RoofSurface" if up > 0 else "GroundSurface"

@@ -1,4 +1,4 @@
-"""GeoParquet, by way of the optional package pyarrow, and Arrow's tables as pandas' ones."""
+"""Reader of GeoParquet, by the optional package pyarrow; conversion of Arrow's tables to pandas."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
-    """Geometries of the file's primary column, `size` rows at a time.
+    """Yield the geometries of the file's primary column, `size` rows at a time.
 
     `layer` names another geometry column. Geometries are encoded as WKB, as nearly all writers do.
     """
@@ -31,7 +31,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 
 def pyarrow_parquet(source: Source) -> Any:
-    """The module that reads Parquet; raises SceneError, which says what to install."""
+    """Return pyarrow.parquet; raises SceneError with the command that installs it."""
     try:
         from pyarrow import parquet
     except ImportError as error:
@@ -42,11 +42,11 @@ def pyarrow_parquet(source: Source) -> Any:
 
 
 def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
-    """Batches of the rows that are wanted, and the number of each one's first row."""
+    """Yield batches of the rows asked for, and the number of the first row of each."""
     sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
     ends = np.cumsum(sizes, dtype=np.int64)
     first, last = rows or (0, file.metadata.num_rows)
-    # the row groups that hold them; rows of the first one that come before are read and left
+    # The row groups that contain them; rows before the first one are read and skipped.
     groups = [i for i, end in enumerate(ends) if end > first and end - sizes[i] < last]
     start = int(ends[groups[0]] - sizes[groups[0]]) if groups else 0
     for batch in file.iter_batches(batch_size=size, row_groups=groups):
@@ -59,7 +59,7 @@ def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tup
 
 
 def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
-    """Name and reference system of the column to read, and a note on other ones.
+    """Return name and reference system of the column to read, and a note on other ones.
 
     Raises SceneError if the file has none, or none that can be read.
     """
@@ -89,7 +89,7 @@ def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple
 
 
 def _code(crs: Any) -> str | None:
-    """PROJJSON to an authority code, or else to its own text."""
+    """Return the authority code of PROJJSON, or its text if it has none."""
     if not isinstance(crs, dict):
         return crs if isinstance(crs, str) else None
     identifier = crs.get("id")
@@ -108,13 +108,13 @@ def _raw(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -
 
 
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """A batch of Arrow as a table, and a note on columns whose text is not UTF-8.
+    """Return a batch of Arrow as a table, and a note on columns whose text is not UTF-8.
 
-    `exact`: columns keep Arrow's types, so that each part of a file has those of the whole;
-    otherwise they become those of pandas, where a missing value makes a float of an integer.
+    `exact`: columns keep Arrow's types, so that all parts of a file have the same ones; otherwise
+    they become those of pandas, where a missing value turns integers into floats.
 
-    Old Shapefiles and database exports have text that is not UTF-8; what cannot be read becomes
-    U+FFFD. Arrow and pandas do not check the bytes before the text is used.
+    Old Shapefiles and database exports contain text that is not UTF-8; invalid bytes become U+FFFD.
+    Arrow and pandas do not check the bytes before the text is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())
@@ -131,7 +131,7 @@ def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[s
             column.validate(full=True)
         except pa.ArrowInvalid:
             broken.append(field.name)
-            column = _mended(column)
+            column = _replace_invalid_text(column)
         arrays.append(column)
     notes: tuple[str, ...] = ()
     if broken:
@@ -141,8 +141,8 @@ def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[s
     return batch.to_pandas(types_mapper=pd.ArrowDtype if exact else None), notes
 
 
-def _mended(column: Any) -> Any:
-    """A column of text with what is not UTF-8 replaced; other columns become empty."""
+def _replace_invalid_text(column: Any) -> Any:
+    """Return a column of text with invalid UTF-8 replaced; other columns become empty."""
     import pyarrow as pa
 
     binary = {pa.string(): pa.binary(), pa.large_string(): pa.large_binary()}.get(column.type)

@@ -1,8 +1,8 @@
-"""What may be opened, and what a failure says: one clear line, whatever a library raises.
+"""Checks before a file is opened, and one-line errors for whatever a library raises.
 
-A library may raise any exception on bytes that it did not expect, so a list of exceptions is never
-complete. Everything that a reader raises ends at one of the two boundaries here; the log has it
-with its traceback.
+A library may raise any exception on unexpected bytes, so a list of exceptions is never complete.
+Every exception of a reader is caught at one of the two boundaries here; the log contains it with
+its traceback.
 """
 
 import logging
@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 @contextmanager
 def clear_errors(name: str, kind: str) -> Iterator[None]:
-    """Turn whatever is raised within into a SceneError of one line.
+    """Turn any exception raised within into a SceneError of one line.
 
     name : the file, as the user gave it
     kind : what it was read as, e.g. "GeoParquet"
@@ -30,8 +30,8 @@ def clear_errors(name: str, kind: str) -> Iterator[None]:
     >>> with clear_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
     Traceback (most recent call last):
-    scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code (it is \
-damaged or has another format: write it again)
+    scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code; check \
+its format, or export it again
     """
     try:
         yield
@@ -39,18 +39,18 @@ damaged or has another format: write it again)
         raise
     except MemoryError as error:
         raise SceneError(
-            f"{name} needs more memory than there is: it is damaged, or give only a part of it"
+            f"{name} needs more memory than there is: give only a part of it"
         ) from error
     except Exception as error:
         raise SceneError(
-            f"{name} cannot be read as {kind}: {reason(error)} "
-            "(it is damaged or has another format: write it again)"
+            f"{name} cannot be read as {kind}: {reason(error)}; "
+            "check its format, or export it again"
         ) from error
 
 
 @contextmanager
 def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
-    """Add a note to `notes` for whatever is raised within: one bad item costs that item only.
+    """Add a note to `notes` for any exception raised within: an invalid item is skipped.
 
     >>> notes = []
     >>> with noted(notes, "line 7", "is not sound"):
@@ -68,7 +68,7 @@ def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """What an error says, in one line.
+    """Return the message of an error, in one line.
 
     >>> reason(ValueError("no\\n  number")), reason(KeyError("type")), reason(EOFError())
     ('no number', "no 'type'", 'EOFError')
@@ -80,20 +80,20 @@ def reason(error: Exception) -> str:
 
 
 LONGEST = 64 * 2**20
-"""Characters of the longest line that is read; a coastline of a million vertices has 40 million."""
+"""Maximum characters of a line; a coastline of a million vertices has 40 million."""
 
 LARGEST = 2**30
-"""Bytes of the largest file that is read whole.
+"""Maximum bytes of a file that is read into memory at once.
 
 Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
 """
 
 _RATIO = 100
-"""A usual archive is at most this many times smaller than its content, a ZIP bomb 1000 times."""
+"""Maximum ratio of an archive's content to its size; that of a ZIP bomb is 1000."""
 
 
 def existing(path: str) -> Path:
-    """The file; raises SceneError, in one line, where there is none, or it is empty or no file."""
+    """Return the path; raises SceneError if nothing is there, or an empty or special file."""
     file = Path(path)
     try:
         if file.is_dir():
@@ -110,13 +110,19 @@ def existing(path: str) -> Path:
 
 
 def refuse_special(path: Path) -> None:
-    """Raise SceneError for a pipe, socket or device: it may never end. There may be nothing."""
+    """Raise SceneError for a pipe, socket or device, whose content may be endless."""
     if exists(str(path)) and not (path.is_file() or path.is_dir()):
         raise SceneError(f"{path} is a pipe, socket or device, not a file: save it as a file first")
 
 
+def refuse_gzip(path: Path) -> None:
+    """Raise SceneError for a file compressed by gzip."""
+    if edges(path, 2)[0] == b"\x1f\x8b":
+        raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
+
+
 def check_size(path: Path, whole: bool) -> None:
-    """Raise SceneError for a file too large to be read whole, and for a ZIP bomb."""
+    """Raise SceneError for a file too large for memory, and for a ZIP bomb."""
     size = path.stat().st_size
     if whole and size > LARGEST:
         raise SceneError(
@@ -134,21 +140,21 @@ def check_size(path: Path, whole: bool) -> None:
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """(number from 1, text) of each line. Raises SceneError for a line longer than `LONGEST`."""
+    """Yield (number from 1, text) of each line; SceneError for one longer than `LONGEST`."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
         while line := stream.readline(LONGEST):
             number += 1
             if len(line) == LONGEST:
                 raise SceneError(
-                    f"{path} line {number} has more than {LONGEST} characters: it is damaged, "
-                    "or not a text file"
+                    f"{path} line {number} has more than {LONGEST} characters: give a "
+                    "text file with shorter lines"
                 )
             yield number, line
 
 
 def edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
-    """The first and the last bytes of a file."""
+    """Return the first and the last bytes of a file."""
     with path.open("rb") as stream:
         head = stream.read(size)
         stream.seek(max(0, path.stat().st_size - size))
@@ -156,36 +162,35 @@ def edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
 
 
 def cut_off(path: Path, where: str) -> SceneError:
-    """The error for a file that ends too early; `where` says how that is seen."""
+    """Return the error for a truncated file; `where` is the evidence."""
     return SceneError(f"{path} was cut off: {where}; polygons are missing: write or copy it again")
 
 
 def check_cut_off(path: Path) -> None:
-    """Raise SceneError for a file that says how long it is, or where it ends, and is shorter.
+    """Raise SceneError for a truncated file of a format that states its length or its end.
 
-    By its suffix, for formats whose readers give what is there without a word. XML, JSON, Parquet,
-    PLY and CSV need no check: what is open in them at the end is an error to their parsers. Other
-    formats that are not looked at here show it to their reader, or not at all.
+    The check depends on the suffix: it is for formats whose readers ignore truncation. In XML,
+    JSON, Parquet, PLY and CSV truncation is a syntax error.
     """
-    seen = _CHECKS.get(path.suffix.lower())
-    where = seen(path) if seen is not None else None
+    check = _CHECKS.get(path.suffix.lower())
+    where = check(path) if check is not None else None
     if where:
         raise cut_off(path, where)
 
 
-def refuse_unended(path: Path, sound: Callable[[bytes], object]) -> None:
-    """Raise SceneError for a file of lines whose last one has no end and is not sound."""
+def refuse_unended(path: Path, is_valid: Callable[[bytes], object]) -> None:
+    """Raise SceneError for a file of lines whose last one has no end and is invalid."""
     last = edges(path)[1]
     if b"\n" not in last:
         last = edges(path, LONGEST)[1]
     before, _, line = last.rpartition(b"\n")
     if not (before.strip() and line.strip()):
-        return  # ended, or there is no other line
+        return  # the line has an end, or is the only one
     try:
-        whole = sound(line.strip(b"\x1e \t\r"))
+        is_complete = bool(is_valid(line.strip(b"\x1e \t\r")))
     except (ValueError, RecursionError):
-        whole = False
-    if not whole:
+        is_complete = False
+    if not is_complete:
         raise cut_off(path, "its last line ends in the middle")
 
 
@@ -200,13 +205,13 @@ def _shorter(path: Path, stated: int) -> str | None:
 
 
 def _shape(path: Path) -> str | None:
-    """A Shapefile says at byte 24 how many 16-bit words it has."""
+    """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
     head, _ = edges(path)
     return _shorter(path, 2 * struct.unpack_from(">I", head, 24)[0]) if len(head) >= 100 else None
 
 
 def _database(path: Path) -> str | None:
-    """SQLite counts its pages; the count holds if it was made by the version that wrote last."""
+    """Return evidence from SQLite's number of pages, if its last writer updated it."""
     head, _ = edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
@@ -217,7 +222,7 @@ def _database(path: Path) -> str | None:
 
 
 def _stl(path: Path) -> str | None:
-    """Binary STL counts its triangles; text ends with endsolid."""
+    """Return evidence from the number of triangles of binary STL, or the end of text."""
     head, tail = edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
@@ -228,15 +233,15 @@ def _stl(path: Path) -> str | None:
 
 
 def _off(path: Path) -> str | None:
-    """OFF counts its vertices and faces, a line each, and a face its corners."""
+    """Return evidence from the numbers of vertices and faces of OFF, one per line."""
     text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
-    found = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
-    if found is None:
+    header = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
+    if header is None:
         return None
-    vertices, faces = int(found[1]), int(found[2])
-    rest = [line.split() for line in text[found.end() :].splitlines()[1:] if line.strip()]
-    whole = [words for words in rest[vertices:] if len(words) > int(words[0])]
-    return f"it has {len(whole)} of {faces} faces" if len(whole) < faces else None
+    vertices, faces = int(header[1]), int(header[2])
+    rest = [line.split() for line in text[header.end() :].splitlines()[1:] if line.strip()]
+    complete = [words for words in rest[vertices:] if len(words) > int(words[0])]
+    return f"it has {len(complete)} of {faces} faces" if len(complete) < faces else None
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
@@ -249,11 +254,11 @@ _CHECKS: dict[str, Callable[[Path], str | None]] = {
 
 
 DEEPEST = 100
-"""Levels of the deepest geometry that is parsed: far more than any has, and safe on any stack."""
+"""Maximum levels of a geometry that is parsed: more than any has, and safe on any stack."""
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
 _HOLDERS = (4, 5, 6, 7, 9, 10, 11, 12)
-"""Types made of geometries: multi-points to collections, and those of curves."""
+"""Types that contain geometries: multi-points to collections, and those of curves."""
 
 
 def is_text_too_deep(text: str) -> bool:
@@ -264,30 +269,30 @@ def is_text_too_deep(text: str) -> bool:
     """
     if text.count("(") <= DEEPEST:
         return False
-    steps = ((found[0] == "(") - (found[0] == ")") for found in re.finditer(r"[()]", text))
+    steps = ((match[0] == "(") - (match[0] == ")") for match in re.finditer(r"[()]", text))
     return max(accumulate(steps)) > DEEPEST
 
 
 def is_too_deep(wkb: bytes) -> bool:
-    """Whether (E)WKB is nested deeper than `DEEPEST`. What is not WKB is not; its parser says so.
+    """Whether (E)WKB is nested deeper than `DEEPEST`; False for bytes that are not WKB.
 
     >>> level = bytes.fromhex("010700000001000000")
     >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
-    if len(wkb) <= 9 * DEEPEST:  # of a nested geometry there are 9 bytes at least
+    if len(wkb) <= 9 * DEEPEST:  # each level has 9 bytes at least
         return False
     try:
         _end(wkb, 0, "<", 0)
     except RecursionError:
         return True
-    except (struct.error, IndexError):  # no WKB, or cut short before it is too deep
+    except (struct.error, IndexError):  # not WKB, or truncated before it is too deep
         return False
     return False
 
 
 def _end(wkb: bytes, at: int, order: str, level: int) -> tuple[int, str]:
-    """Where the geometry ends that begins at `at`, and the order of bytes that holds there."""
+    """Return the end of the geometry that begins at `at`, and the byte order there."""
     if level > DEEPEST:
         raise RecursionError
     order = {0: ">", 1: "<"}.get(wkb[at], order)

@@ -27,7 +27,7 @@ _PLANAR = 1e-3
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
-    """Every face in its own plane, laid out in rows, in model units.
+    """Yield every face in its own plane, laid out in rows, in model units.
 
     Level faces keep their plan and upright ones stand; `layer` is not used. Where a model has
     triangles only, neighbours in one plane are joined.
@@ -42,18 +42,18 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
         return
     vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
     dropped: list[Note] = []
-    kept = [
+    usable = [
         (f"face {number}", face)
         for number, face in enumerate(faces)
-        if _sound(face, len(vertices), f"face {number}", dropped)
+        if _has_vertices(face, len(vertices), f"face {number}", dropped)
     ]
-    if kept and all(len(face) == 3 for _, face in kept):
-        joined = _join(*_merge(vertices, np.array([face for _, face in kept])))
+    if usable and all(len(face) == 3 for _, face in usable):
+        joined = _join(*_merge(vertices, np.array([face for _, face in usable])))
         yield replace(joined, dropped=dropped + joined.dropped)
         return
     polygons, labels, repaired = [], [], []
-    for label, face in kept:
-        polygon, off = _flat(vertices[face])
+    for label, face in usable:
+        polygon, off = _flatten(vertices[face])
         if polygon is None:
             dropped.append((label, _NO_AREA))
             continue
@@ -64,8 +64,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     yield Raw(arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
 
 
-def _sound(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
-    """Whether a face has vertices that exist; noted where it has not."""
+def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
+    """Whether a face has vertices that exist; noted if not."""
     if len(face) < 3:
         dropped.append((label, "has fewer than 3 vertices"))
     elif face.min() < 0 or face.max() >= count:
@@ -75,12 +75,12 @@ def _sound(face: NDArray[np.int64], count: int, label: str, dropped: list[Note])
     return False
 
 
-def _flat(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
-    """A face in its plane, and by how much of its size its vertices leave that plane."""
+def _flatten(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
+    """Return a face in its plane, and the largest distance from it as a share of the size."""
     with np.errstate(over="ignore", invalid="ignore"):
         local = points - points.mean(axis=0)
         after = np.roll(local, -1, axis=0)
-        # Newell's normal: right for concave and for slightly bent faces
+        # Newell's normal is right for concave and for slightly bent faces.
         normal = np.cross(local, after).sum(axis=0)
         length = np.linalg.norm(normal)
     if not np.isfinite(length) or length == 0.0:
@@ -91,7 +91,7 @@ def _flat(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
 
 
 def plane(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows x, y, normal of a right-handed frame; x is level, and y up where that can be."""
+    """Return rows x, y, normal of a right-handed frame; x is level, y points up if possible."""
     x = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(x) < 1e-9:
         x = np.array([1.0, 0.0, 0.0])
@@ -166,7 +166,7 @@ def _join(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
 def facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Coplanar neighbouring triangles of a mesh, joined and laid flat: one geometry per facet."""
+    """Return coplanar neighbouring triangles of a mesh joined and laid flat, one per facet."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
@@ -189,9 +189,9 @@ def facets(
 
 
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """(n, 3) vertices and, for each face, the indices of its vertices from 0.
+    """Return (n, 3) vertices and, for each face, the indices of its vertices from 0.
 
-    Indices that point at nothing are left for the caller to find. Raises SceneError, with the
+    Indices are not checked. Raises SceneError, with the
     line's number, for a line that is not OBJ.
     """
     vertices: list[list[float]] = []
@@ -213,7 +213,7 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
 
 
 def _continued(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines with those that follow a backslash; the number is that of the last one."""
+    """Yield lines joined at backslashes, with the number of the last one."""
     parts: list[str] = []
     number = length = 0
     for number, line in numbered_lines(path):
@@ -229,7 +229,7 @@ def _continued(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _face(words: list[str], count: int) -> NDArray[np.int64]:
-    """ "7/1/3" is vertex 7, counted from 1; "-1" is the last one so far."""
+    """Return indices from 0: "7/1/3" is vertex 7, counted from 1, "-1" the last one so far."""
     given = [int(word.partition("/")[0]) for word in words]
     return np.array([i - 1 if i > 0 else count + i if i < 0 else -1 for i in given], dtype=np.int64)
 
@@ -238,10 +238,10 @@ _INDICES = ("vertex_indices", "vertex_index")
 
 
 def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """(n, 3) vertices and, for each face, the indices of its vertices from 0.
+    """Return (n, 3) vertices and, for each face, the indices of its vertices from 0.
 
-    Raises SceneError for a file without faces and where plyfile is missing, and whatever plyfile
-    does for one that is not PLY or is cut short.
+    Raises SceneError for a file without faces and if plyfile is missing, and plyfile's errors for
+    invalid PLY.
     """
     try:
         from plyfile import PlyData  # type: ignore[import-untyped]
@@ -255,4 +255,4 @@ def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
     if name is None:
         raise SceneError(f"{path} has faces without {_INDICES[0]}: give a model with polygons")
     vertices = np.column_stack([np.asarray(vertex[axis], dtype=float) for axis in "xyz"])
-    return vertices, [np.atleast_1d(np.asarray(each, dtype=np.int64)) for each in face[name]]
+    return vertices, [np.atleast_1d(np.asarray(row, dtype=np.int64)) for row in face[name]]

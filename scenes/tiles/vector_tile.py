@@ -1,8 +1,8 @@
-"""The Mapbox Vector Tile format, version 2.1: layers, and the polygons in them, as they are.
+"""Reader of the Mapbox Vector Tile format, version 2.1: the polygons of layers, unchanged.
 
-Libraries that read tiles mend rings or drop them, clip them at the tile or project them. A
-measurement must count what is lost, and needs whole coordinates: so protobuf decodes the messages,
-and this makes polygons of them.
+Libraries that read tiles repair or drop rings, clip them at the tile or project them. But a
+measurement must count dropped polygons and needs integer coordinates: so protobuf decodes the
+messages, and this module builds polygons from them.
 
 Source: the Mapbox Vector Tile Specification 2.1. Which ring is a hole is decided as its readers do
 it (`classifyRings` of npm's @mapbox/vector-tile): a ring is outer if it winds as the first one with
@@ -39,10 +39,10 @@ class _Messages(NamedTuple):
 
 @cache
 def _messages() -> _Messages:
-    """The classes of protobuf's messages.
+    """Return the classes of protobuf's messages.
 
-    What is within a message is bytes here, and decoded by itself: one bad layer or feature then
-    costs itself alone. A name is bytes, too, which need not be UTF-8.
+    Nested messages are bytes here and decoded separately: an invalid layer or feature then affects
+    no other. A name is bytes, too, because it may be invalid UTF-8.
     """
     descriptor = needed("google.protobuf.descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
@@ -78,14 +78,14 @@ def _messages() -> _Messages:
 
 
 def _decoded(kind: Any, data: bytes) -> Any:
-    """A message; ValueError where it is none, or has a known field of another wire type.
+    """Return a message; raises ValueError if it is invalid, or a known field has another wire type.
 
-    Protobuf leaves such a field out without a word, and polygons might be in it.
+    Protobuf silently skips such a field, which may contain polygons.
     """
     try:
         message = kind.FromString(data)
-    except Exception as error:  # what protobuf raises differs from version to version
-        raise ValueError("it is not as protobuf encodes a message, or cut off") from error
+    except Exception as error:  # protobuf's exceptions differ between versions
+        raise ValueError("it is not a vector tile, or truncated") from error
     known = kind.DESCRIPTOR.fields_by_number
     for field in _messages().unknown(message):
         if field.field_number in known:
@@ -95,11 +95,11 @@ def _decoded(kind: Any, data: bytes) -> Any:
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer's polygons in whole units, y down, the tile from 0 to `extent`.
+    """A layer's polygons in integer units, y down, the tile from 0 to `extent`.
 
     polygons : (p,) shapely polygons, valid or not
-    feature : (p,) which of the layer's features, from 0, each is of
-    dropped : (feature, why) of what could not be read
+    feature : (p,) index of the feature of each polygon
+    dropped : (feature, reason) of features that could not be read
     """
 
     name: str
@@ -110,10 +110,10 @@ class Layer:
 
 
 def layers_of(tile: bytes) -> dict[str, list[Any]]:
-    """The layers of a tile that is not compressed, as messages, by name; "" for any without.
+    """Return the layers of an uncompressed tile, as messages, by name; "" if it has none.
 
-    Each name should have one. A layer that cannot be decoded has no name, and is the ValueError
-    that says why. Raises ValueError, in one line, where the tile is not as the format says.
+    Each name should have one message. A layer that cannot be decoded is a ValueError under "".
+    Raises ValueError, in one line, if the tile violates the format.
     """
     messages = _messages()
     found: dict[str, list[Any]] = {}
@@ -128,10 +128,10 @@ def layers_of(tile: bytes) -> dict[str, list[Any]]:
 
 
 def layer_of(name: str, found: list[Any]) -> Layer:
-    """Read a layer that `layers_of` found.
+    """Return a layer, given the messages of its name by `layers_of`.
 
-    Raises ValueError, in one line, where it is not as the format says. What is wrong with one
-    feature alone is noted, and that feature left out.
+    Raises ValueError, in one line, if it violates the format. Invalid features are noted and
+    skipped.
     """
     if isinstance(found[0], ValueError):
         raise found[0]
@@ -168,7 +168,7 @@ def _layer(name: str, layer: Any) -> Layer:
 
 
 def _feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
-    """A feature's type and the numbers of its geometry; ValueError where it is not sound."""
+    """Return a feature's type and the numbers of its geometry; ValueError if it is invalid."""
     feature = _decoded(_messages().feature, data)
     if not feature.HasField("type") or not feature.geometry:
         raise ValueError(f"it has no {'geometry' if feature.HasField('type') else 'type'}")
@@ -182,7 +182,7 @@ def _feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
 
 
 def _check_strokes(geometry: Sequence[int], kind: int) -> None:
-    """Raise ValueError if the commands of points or lines are not as the format says."""
+    """Raise ValueError if the commands of points or lines violate the format."""
     place = 0
     while kind and place < len(geometry):
         command, count = geometry[place] & 7, geometry[place] >> 3
@@ -193,7 +193,7 @@ def _check_strokes(geometry: Sequence[int], kind: int) -> None:
 
 
 def _rings(commands: list[int]) -> tuple[list[int], list[int]]:
-    """The steps from point to point of a feature's rings, and how many points each ring has."""
+    """Return the steps from point to point of a feature's rings, and the size of each ring."""
     kept: list[int] = []
     sizes, place = [], 0
     while place < len(commands):
@@ -218,9 +218,9 @@ def _grouped(
     owners: NDArray[np.int64],
     dropped: list[Note],
 ) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """Polygons of rings: the steps of all, how many points each has, and the feature it is of.
+    """Return polygons and their features, given the steps, sizes and features of all rings.
 
-    A feature's steps go on from ring to ring, and begin at (0, 0).
+    A feature's steps begin at (0, 0) and continue from ring to ring.
     """
     if not len(sizes):
         return np.empty(0, object), owners

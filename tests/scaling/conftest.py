@@ -53,7 +53,7 @@ def footprints() -> np.ndarray:
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a row group of 40 be a part."""
     monkeypatch.setattr("scenes.slices.LEAST", ROW_GROUP // 2)
-    monkeypatch.setattr("scenes.slices.MOST", ROW_GROUP)
+    monkeypatch.setattr("scenes.slices.MAX_ROWS", ROW_GROUP)
 
 
 @pytest.fixture

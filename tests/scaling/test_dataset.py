@@ -243,11 +243,11 @@ def test_row_groups_are_slices_and_give_the_file(parts, footprints):
 
 
 def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
-    monkeypatch.setattr("scenes.slices.LEAST", 60)
-    monkeypatch.setattr("scenes.slices.MOST", 80)
+    monkeypatch.setattr("scenes.slices.MIN_ROWS", 60)
+    monkeypatch.setattr("scenes.slices.MAX_ROWS", 80)
     assert cut(str(parts / "0.parquet")).rows == [(0, 80), (80, 120)]
-    monkeypatch.setattr("scenes.slices.LEAST", 5)
-    monkeypatch.setattr("scenes.slices.MOST", 15)
+    monkeypatch.setattr("scenes.slices.MIN_ROWS", 5)
+    monkeypatch.setattr("scenes.slices.MAX_ROWS", 15)
     rows = cut(str(parts / "0.parquet")).rows
     assert rows == [*pairwise([0, 13, 26, 40, 53, 66, 80, 93, 106, 120])]
     read = [polygons_of(parts / "0.parquet", each) for each in rows]

@@ -28,7 +28,7 @@ from harness.scaling.sums import Counted
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
-from scenes.slices import MOST_TILES, chosen, cut_tiles
+from scenes.slices import MAX_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened
 from scenes.tiles.read import FILE
 from tests.conftest import assert_refused, ends_well
@@ -68,7 +68,7 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
 
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
 def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.slices.MOST_TILES", 2)
+    monkeypatch.setattr("scenes.slices.MAX_TILES", 2)
     monkeypatch.setattr("harness.scaling.census.CHUNK_ROWS", 300)
     counted, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
@@ -151,16 +151,16 @@ def test_slices_hold_each_tile_once_and_are_small(tmp_path):
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
     path = written(tmp_path / "a.pmtiles", tiles)
     slices = cut_tiles(path, None)
-    assert len(slices.rows) == -(-len(tiles) // MOST_TILES)
+    assert len(slices.rows) == -(-len(tiles) // MAX_TILES)
     assert sum(slices.sizes) == len(tiles)
-    assert max(slices.sizes) == MOST_TILES
+    assert max(slices.sizes) == MAX_TILES
     archive = opened(Path(path))
     found = [run for rows in slices.rows for run in archive.runs(9, *rows)]
     assert [archive.name_of(run.number) for run in found] == archive.names(9)
 
 
 def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.slices.MOST_BYTES", 100)
+    monkeypatch.setattr("scenes.slices.MAX_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
     tiles = {first_of(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
     assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
@@ -200,7 +200,7 @@ def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
         found, summary = census(path, tmp_path / f"bad-{kind}")
         ((name, why),) = found.damaged
         assert name == "5/2/7"
-        assert why.startswith("cannot be read: it is not as protobuf encodes")
+        assert why.startswith("cannot be read: it is not a vector tile")
         assert found.known == {"land"}
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
         assert found.groups[5, "land"].count("tiles") == 3

@@ -3,6 +3,7 @@
 The inputs here are the same every time; tests/fuzz/targets/readers.py searches at random.
 """
 
+import gzip
 import json
 import random
 import zipfile
@@ -189,3 +190,18 @@ def test_entities_that_unfold(tmp_path):
     path = tmp_path / "laughs.svg"
     path.write_text(f'<!DOCTYPE svg [{"".join(lines)}]><svg><path d="&a11;"/></svg>')
     assert sound_or_refused(path) is None
+
+
+@pytest.mark.parametrize("name", ["a.geojson.gz", "a.geojson", "a.wkt", "a.svgz"])
+def test_compressed_files_are_refused_by_their_compression(tmp_path, name):
+    (tmp_path / name).write_bytes(gzip.compress(town(1)))
+    with pytest.raises(SceneError, match="is compressed by gzip: unpack it first"):
+        load(tmp_path / name)
+
+
+def test_no_damage_is_claimed_of_what_is_only_unknown(tmp_path):
+    for name in ("a.xyz", "a.mbtiles", "a.glb", "a.parquet", "a.gpkg"):
+        (tmp_path / name).write_text("anything else")
+        with pytest.raises(SceneError) as error:
+            load(tmp_path / name)
+        assert "damaged" not in str(error.value)

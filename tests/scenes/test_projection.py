@@ -310,3 +310,15 @@ def test_repairs_are_named_by_the_places_of_the_source(tmp_path):
     ((_, reason),) = scene.repaired
     x, y = map(float, reason.split(" at ")[1].split(";")[0].split())
     assert (x, y) == pytest.approx((25.003, 60.004), abs=1e-6)
+
+
+@pytest.mark.parametrize(("x", "hinted"), [(24.9, True), (386_000.0, False)])
+def test_a_shapefile_without_a_reference_system_may_be_in_degrees(tmp_path, x, hinted):
+    square = [shapely.box(x, 60.1, x + 0.001, 60.101)]
+    path = tmp_path / "a.shp"
+    pyogrio.raw.write(path, shapely.to_wkb(square), [], [], geometry_type="Polygon", crs=None)
+    (note,) = load(path).notes
+    assert note.startswith("no reference system, coordinates used as they are")
+    assert ("if they are longitude and latitude, add project=true" in note) == hinted
+    if hinted:
+        assert load(f"{path}:project=true").units == "m"

@@ -203,6 +203,23 @@ class TestCityJson:
             sorted(both.attributes["surface"]) == ["GroundSurface", "RoofSurface"] or not semantics
         )
 
+    @pytest.mark.parametrize("values", [None, [None], [[None] * 6], [[None, 0]], [[]]])
+    def test_surfaces_without_semantics_are_taken_by_their_slope(self, tmp_path, values):
+        model = json.loads(cityjson())
+        solid = model["CityObjects"]["house"]["geometry"][0]
+        solid["semantics"] = {"surfaces": [{"type": "RoofSurface"}], "values": values}
+        path = write(tmp_path / "town.city.json", json.dumps(model))
+        assert [p.area for p in load(path, layer="RoofSurface").polygons] == [80]
+
+    def test_instances_of_templates_are_named(self, tmp_path):
+        model = json.loads(cityjson())
+        instance = {"type": "GeometryInstance", "template": 0, "boundaries": [0]}
+        model["CityObjects"]["tree"] = {"type": "CityFurniture", "geometry": [instance]}
+        scene = load(write(tmp_path / "town.city.json", json.dumps(model)))
+        reasons = dict(scene.dropped)
+        assert reasons["tree"].startswith("has an instance of a template, which is not read")
+        assert len(scene.polygons) == 2
+
     def test_errors(self, tmp_path):
         broken = {
             "house": {
