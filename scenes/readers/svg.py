@@ -156,6 +156,8 @@ class _Drawing:
             clip = self._by_id.get(reference[1].strip())
             if clip is not None and tag_of(clip) == "clipPath":
                 state = _clip(state, self._clip_area(clip, element, state))
+        elif own["clip-path"] not in ("inherit", "none"):
+            raise ValueError(f"clip-path {own['clip-path']!r} is not supported")
         return state, style
 
     def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:

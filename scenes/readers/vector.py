@@ -16,7 +16,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pyogrio
 import shapely
 from numpy.typing import NDArray
@@ -173,10 +172,11 @@ def locate(path: Path) -> Path | str:
         return path
     with zipfile.ZipFile(path) as archive:
         names = [entry.filename for entry in archive.infolist() if not entry.is_dir()]
-    if any("/" not in name for name in names):
-        return path
     found = [name for name in names if Path(name).suffix.lower() in _DATA_SETS]
     found = [name for name in found if not Path(name).name.startswith(".")]
+    is_flat = any("/" not in name for name in found or names)
+    if is_flat:  # GDAL looks into the archive, but not into its folders
+        return path
     if len(found) == 1:
         return f"/vsizip/{path.resolve()}/{found[0]}"
     content = f"several data sets in folders ({', '.join(found[:3])})" if found else "no data set"
@@ -270,13 +270,23 @@ def _close_lines(source: Source, raw: Raw) -> Raw:
     """Return a chunk of a drawing with closed lines as polygons; other chunks unchanged."""
     if source.path.suffix.lower() not in _DRAWINGS:
         return raw
-    geometries = np.array(raw.geometries, dtype=object)
-    lines = shapely.get_type_id(geometries) == shapely.GeometryType.LINESTRING
-    closed = lines & shapely.is_closed(geometries) & (shapely.get_num_coordinates(geometries) > 3)
-    if not closed.any():
-        return raw
-    geometries[closed] = [shapely.Polygon(line.coords) for line in geometries[closed]]
-    return replace(raw, geometries=geometries, notes=(*raw.notes, _CLOSED))
+    geometries = [_close(geometry) for geometry in raw.geometries]
+    is_changed = any(new is not old for new, old in zip(geometries, raw.geometries, strict=True))
+    return replace(raw, geometries=geometries, notes=raw.notes + (_CLOSED,) * is_changed)
+
+
+def _close(geometry: Any) -> Any:
+    """Return a polygon for a closed line, also within the collections that blocks become."""
+    if geometry is None or geometry.is_empty:
+        return geometry
+    if geometry.geom_type in ("LineString", "LinearRing"):
+        is_area = geometry.is_closed and shapely.get_num_coordinates(geometry) > 3
+        return shapely.Polygon(geometry.coords) if is_area else geometry
+    if geometry.geom_type in ("MultiLineString", "GeometryCollection"):
+        parts = [_close(part) for part in geometry.geoms]
+        if any(new is not old for new, old in zip(parts, geometry.geoms, strict=True)):
+            return shapely.GeometryCollection(parts)
+    return geometry
 
 
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:

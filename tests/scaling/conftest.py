@@ -52,7 +52,7 @@ def footprints() -> np.ndarray:
 @pytest.fixture
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a row group of 40 be a part."""
-    monkeypatch.setattr("scenes.slices.LEAST", ROW_GROUP // 2)
+    monkeypatch.setattr("scenes.slices.MIN_ROWS", ROW_GROUP // 2)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", ROW_GROUP)
 
 

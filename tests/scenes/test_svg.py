@@ -148,6 +148,7 @@ def test_what_is_not_filled_or_not_read_is_named(tmp_path):
                     "cannot be read as SVG: transform spin(3": 'transform="spin(3)"',
                     "cannot be read as SVG: its clip path has a use": 'clip-path="url(#u)"',
                     "cannot be read as SVG: length": 'x="2em"',
+                    "cannot be read as SVG: clip-path 'inset(1px)' is": 'style="clip-path: inset(1px)"',
                 }.items()
             ),
             '<g display="none">' + shape % ("is not displayed", 'display="inline"') + "</g>",
