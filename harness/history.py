@@ -21,15 +21,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.compare.matching import case_name
-from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.machine.git import commit_of
 from harness.metrics.processors import by_processor
 from harness.metrics.registry import find_metric, list_metrics, metrics_of
 from harness.results.cases import latest
-from harness.results.record import CaseId, Record
+from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import state_of
@@ -59,7 +57,7 @@ class Series:
         that is the device
     """
 
-    name: CaseName
+    id: CaseId
     metric: str
     exact: bool
     values: NDArray[np.float64]
@@ -149,33 +147,33 @@ def _mark_content(case: CaseId, processor: str) -> CaseId:
     return replace(case, scene_hash=f"{case.scene_hash} on {processor}")
 
 
-def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
+def _cases(runs: Sequence[Run]) -> dict[CaseId, list[Record | None]]:
     """Return each case's measured record in every run, None where there is none."""
-    cases: dict[CaseName, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
+    cases: dict[CaseId, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
     for number, run in enumerate(runs):
         for record in run.records:
             if record.is_ok:
-                cases[case_name(record)][number] = record
+                cases[record.id][number] = record
     return dict(cases)
 
 
-def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:
+def _series(case: CaseId, metric: str, records: Sequence[Record | None]) -> Series:
     if metric == MEASURED_ONCE:
         records = [None if record and record.polygons_cached else record for record in records]
     figures = [find_metric(metric)(record) if record else None for record in records]
     values = np.array([np.nan if value is None else value for value in figures], np.float64)
-    return Series(name, metric, find_metric(metric).exact, values, _contents(records))
+    return Series(case, metric, find_metric(metric).exact, values, _contents(records))
 
 
-def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
+def _times(cases: dict[CaseId, list[Record | None]]) -> list[Series]:
     """Return each case's time beside those of its peers, and what all of a group did together.
 
     As in a comparison, what the cases of a group do together is taken out: it is the machine's
     as often as the code's.
     """
-    groups: dict[str, list[CaseName]] = defaultdict(list)
+    groups: dict[CaseGroup, list[CaseId]] = defaultdict(list)
     for name in cases:
-        groups[name.where].append(name)
+        groups[name.group].append(name)
     found = []
     for names in groups.values():
         logs = pd.DataFrame({name: list(map(_log_time, cases[name])) for name in names})
@@ -184,7 +182,7 @@ def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
         kept = [name for name in names if name in logs]
         if len(kept) > 1:
             together = logs.median(axis=1)
-            whole = CaseName(**{**vars(names[0]), "triangulator": TOGETHER})
+            whole = replace(names[0], triangulator=TOGETHER, number=None, upright=False)
             contents = _contents(cases[kept[0]])
             found.append(Series(whole, TIME, False, np.exp(together.to_numpy()), contents))
             logs = logs.sub(together, axis=0)
@@ -220,12 +218,17 @@ def matching(series: Sequence[Series], wanted: Mapping[str, Sequence[str]]) -> l
     """
     left = list(series)
     for kind, names in wanted.items():
-        known = {getattr(entry.name, kind) for entry in left}
+        known = {_name_of(entry.id, kind) for entry in left}
         for name in names:
             if name not in known:
                 raise unknown(kind, name, known)
-        left = [entry for entry in left if getattr(entry.name, kind) in names]
+        left = [entry for entry in left if _name_of(entry.id, kind) in names]
     return left
+
+
+def _name_of(case: CaseId, kind: str) -> str:
+    names = {"scene": case.scene, "triangulator": case.name, "rasteriser": case.rasteriser}
+    return names[kind]
 
 
 def worth_showing(series: Sequence[Series]) -> list[Series]:
@@ -240,7 +243,7 @@ def worth_showing(series: Sequence[Series]) -> list[Series]:
 
 def _interest(entry: Series) -> tuple[float, bool, float]:
     """Return a sort key: the largest step as an absolute log ratio, inf from or to 0, first."""
-    together = entry.name.triangulator == TOGETHER
+    together = entry.id.name == TOGETHER
     steps = [0.0 if together else _step(*levels) for levels in entry.steps]
     return -max(steps, default=0.0), together, -np.isfinite(entry.values).sum()
 
@@ -318,17 +321,17 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
 
 def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
     """Draw the series of one metric, changes marked by a ring and the content's by a line."""
-    titles = list(dict.fromkeys(entry.name.where for entry in series))
-    names = list(dict.fromkeys(entry.name.triangulator for entry in series))
+    groups = list(dict.fromkeys(entry.id.group for entry in series))
+    names = list(dict.fromkeys(entry.id.name for entry in series))
     of = series[0].metric
     label = "time, relative" if of == TIME else f"{find_metric(of).title}, {find_metric(of).unit}"
-    figure, panels = grid((7.0, 0.8 + 2.4 * len(titles)), len(titles), sharex=True)
-    for panel, title in zip(panels, titles, strict=True):
+    figure, panels = grid((7.0, 0.8 + 2.4 * len(groups)), len(groups), sharex=True)
+    for panel, group in zip(panels, groups, strict=True):
         for entry in series:
-            if entry.name.where == title:
-                _line(panel, entry, names.index(entry.name.triangulator))
-        _content(panel, next(entry for entry in series if entry.name.where == title))
-        panel.set_title(title, fontsize=8, loc="left")
+            if entry.id.group == group:
+                _line(panel, entry, names.index(entry.id.name))
+        _content(panel, next(entry for entry in series if entry.id.group == group))
+        panel.set_title(str(group), fontsize=8, loc="left")
         panel.set_ylabel(label)
     places = range(0, len(runs), max(1, -(-len(runs) // LABELS)))
     panels[-1].set_xticks(list(places), [run_label(runs[place]) for place in places], rotation=30)
@@ -338,11 +341,11 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
 
 
 def _line(panel: Axes, entry: Series, number: int) -> None:
-    together = entry.name.triangulator == TOGETHER
+    together = entry.id.name == TOGETHER
     colour = "#999999" if together else COLOURS[number % (len(COLOURS) - 1)]
     places = np.arange(len(entry.values))
     style = (":" if together else "-") + MARKERS[number % len(MARKERS)]
-    label = entry.name.triangulator
+    label = entry.id.name
     panel.plot(places, entry.values, style, color=colour, markersize=3, linewidth=1, label=label)
     for place in entry.changes:
         ring: Any = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.5}

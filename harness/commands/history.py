@@ -95,7 +95,7 @@ def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
 
     lines = []
     for entry in series:
-        where = f"{entry.metric} of {entry.name.triangulator}, {entry.name.where}"
+        where = f"{entry.metric} of {entry.id.name}, {entry.id.group}"
         for place, (before, after) in zip(entry.changes, entry.steps, strict=True):
             label = run_label(runs[place]).replace("\n", ", ")
             lines.append(f"{label}: {where}: {step(before, after)}")
@@ -108,7 +108,7 @@ def _write_csv(runs: Sequence[Run], series: Sequence[Series], file: Path) -> Non
 
     rows = []
     for entry in series:
-        case = (entry.metric, entry.name.triangulator, entry.name.where)
+        case = (entry.metric, entry.id.name, str(entry.id.group))
         for number, (run, value) in enumerate(zip(runs, entry.values, strict=True)):
             created = run.facts.get("created") or ""
             rows.append((run.path, created, *case, value, int(number in entry.changes)))

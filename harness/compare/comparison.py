@@ -34,7 +34,7 @@ from harness.machine.git import commit_of
 from harness.metrics.processors import format_processors, several_processors
 from harness.metrics.registry import METRICS, PREDICTED, find_metric, in_order, predictions
 from harness.results.cases import latest
-from harness.results.record import Record, printable
+from harness.results.record import CaseGroup, Record, printable
 from harness.results.run_folder import Run
 from harness.stats.run_quality import state_of
 
@@ -84,7 +84,7 @@ def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
         base=RunFacts(path),
         head=_facts(head),
         settings=settings,
-        cases=tuple(CaseChange(found.name, "only-head") for found in matches),
+        cases=tuple(CaseChange(found.id, "only-head") for found in matches),
         notes=tuple(head.problems),
     )
 
@@ -102,13 +102,13 @@ def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
     base, head = found.base, found.head
     status, reason = _status(found, run)
     if base is None or head is None or status != "compared":
-        return CaseChange(found.name, status, reason)
+        return CaseChange(found.id, status, reason)
     before, after = exact_figures(base), exact_figures(head)
     changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
     lost = (counter_name(name) for name in base.counters if name not in head.counters)
     # Of gated counters that BASE has and HEAD does not, nothing can be said.
     gated = (name for name in lost if settings.threshold(name) is not None)
-    return CaseChange(found.name, status, reason, tuple(changes), tuple(gated))
+    return CaseChange(found.id, status, reason, tuple(changes), tuple(gated))
 
 
 def _status(found: Match, run: Run) -> tuple[Status, str]:
@@ -117,7 +117,7 @@ def _status(found: Match, run: Run) -> tuple[Status, str]:
     if base is None or head is None:
         record = head or base
         assert record is not None  # a match has a record
-        missing = missing_from(run, found.name) if head is None else None
+        missing = missing_from(run, found.id) if head is None else None
         if missing and record.is_ok:
             return "not-done", missing
         told = "" if record.is_ok else f"{record.status}: {_reason(record)}"
@@ -148,7 +148,7 @@ def _timed(
 ) -> tuple[list[CaseChange], list[Drift]]:
     """Return the cases with their times judged, and the drift of each group timed together."""
     judged = {}
-    groups: dict[str, dict[int, times.Pair]] = defaultdict(dict)
+    groups: dict[CaseGroup, dict[int, times.Pair]] = defaultdict(dict)
     for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
         if case.status == "compared" and found.base and found.head:
             counted = [
@@ -159,7 +159,7 @@ def _timed(
                 found.base, found.head, same_work=same_work, machines_differ=machines_differ
             )
             if isinstance(pair, times.Pair):
-                groups[case.name.where][number] = pair
+                groups[case.id.group][number] = pair
             elif pair is not None:
                 judged[number] = pair
     drifts = []

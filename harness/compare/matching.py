@@ -7,14 +7,13 @@ plan, software and machine, is told.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.compare.model import CaseName
 from harness.errors import UsageError
 from harness.results.processors import may_be_same, processor_label
-from harness.results.record import Record, printable
+from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
 from harness.style import flat
 
@@ -26,24 +25,9 @@ ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "thre
 class Match:
     """A case with its record in BASE and in HEAD, None where the run has none."""
 
-    name: CaseName
+    id: CaseId
     base: Record | None
     head: Record | None
-
-
-def case_name(record: Record) -> CaseName:
-    """Return what the record's case means."""
-    case = record.id
-    return CaseName(
-        scene=printable(case.scene),
-        triangulator=printable(record.name),
-        rasteriser=printable(case.rasteriser),
-        device=printable(case.device_name),
-        fit=case.view.fit,
-        resolution=case.view.resolution,
-        rotation=case.view.rotation,
-        options=tuple(sorted(vars(case.options).items())),
-    )
 
 
 def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
@@ -57,14 +41,17 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
         if the runs are of different devices and that was not asked for, or cannot be paired
     """
     renamed = _renamed(base, head, across_devices=across_devices)
-    before: dict[CaseName, Record] = {}
+    before: dict[CaseId, Record] = {}
     for record in base.records:
-        name = case_name(record)
-        device = renamed.get((name.rasteriser, name.device), name.device)
-        before[case_name(record.with_id(device=device, host=""))] = record
-    after = {case_name(record): record for record in head.records}
-    names = [*after, *(name for name in before if name not in after)]
-    return [Match(name, before.get(name), after.get(name)) for name in names]
+        case = record.id
+        device = renamed.get((case.rasteriser, case.device_name))
+        if device is not None:
+            target = next(each.id for each in head.records if each.id.device_name == device)
+            case = replace(case, device=target.device, host=target.host)
+        before[case] = record
+    after = {record.id: record for record in head.records}
+    cases = [*after, *(case for case in before if case not in after)]
+    return [Match(case, before.get(case), after.get(case)) for case in cases]
 
 
 def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
@@ -122,7 +109,7 @@ def _renderers(run: Run) -> dict[str, str]:
     return {label: str(name) for label, name in names.items() if name}
 
 
-def missing_from(head: Run, case: CaseName) -> str | None:
+def missing_from(head: Run, case: CaseId) -> str | None:
     """Say why a case that `head` holds no record of should be there; None where it need not be.
 
     Where the plan is not known, as of a single file of records, everything should be there.
@@ -138,13 +125,13 @@ def missing_from(head: Run, case: CaseName) -> str | None:
     return f"it is in HEAD's plan: the run {stopped}"
 
 
-def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
+def _asks_for(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
     """Whether the plan names the case; a part that it lacks names everything."""
     parts: dict[str, Any] = {
-        "triangulators": case.triangulator,
+        "triangulators": case.name,
         "rasterisers": case.rasteriser,
-        "views": {"resolution": case.resolution, "rotation": case.rotation, "fit": case.fit},
-        "options": dict(case.options),
+        "views": vars(case.view),
+        "options": vars(case.options),
     }
     for name, wanted in parts.items():
         if isinstance(plan.get(name), list) and wanted not in plan[name]:
@@ -155,7 +142,7 @@ def _asks_for(plan: Mapping[str, Any], case: CaseName, head: Run) -> bool:
     devices = plan.get("devices")
     used = [r.id.device_name for r in head.records if r.id.rasteriser == case.rasteriser]
     named = (*used, *(devices if isinstance(devices, list) else ()))
-    return case.scene in scenes and (not used or case.device in named)
+    return case.scene in scenes and (not used or case.device_name in named)
 
 
 def machine(facts: Mapping[str, Any]) -> str:

@@ -9,11 +9,8 @@ from typing import Any, Literal
 
 from harness import errors
 from harness.errors import UsageError, unknown
-from harness.frame import View
 from harness.metrics.registry import find_metric, list_metrics
-from harness.rasterisers.base import Options
-from harness.results.record import CaseGroup
-from harness.settings import Fit
+from harness.results.record import CaseGroup, CaseId
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""
@@ -65,34 +62,6 @@ EXIT_CODES: dict[Verdict, int] = {
     "nothing-comparable": errors.NOTHING_MEASURED,
     "no-baseline": errors.GOOD,
 }
-
-
-@dataclass(frozen=True)
-class CaseName:
-    """What a case means, apart from its content: the same in BASE and in HEAD.
-
-    options : (name, value) of every option of drawing
-    """
-
-    scene: str
-    triangulator: str
-    rasteriser: str
-    device: str
-    resolution: int
-    rotation: float
-    fit: Fit
-    options: tuple[tuple[str, Any], ...]
-
-    def __str__(self) -> str:
-        """Name the case for people: `fan, city 1024 px, opengl on llvmpipe`."""
-        return f"{self.triangulator}, {self.where}"
-
-    @property
-    def where(self) -> str:
-        """The case without its triangulator."""
-        view = View(self.resolution, self.rotation, self.fit)
-        options = Options(**dict(self.options))
-        return str(CaseGroup(self.scene, self.rasteriser, self.device, "", view, options))
 
 
 @dataclass(frozen=True)
@@ -154,7 +123,7 @@ class Drift:
     gated : whether `regressed` makes the gate fail: only where both were timed in the same rounds
     """
 
-    where: str
+    group: CaseGroup
     cases: int
     outcome: Outcome
     reason: str
@@ -172,7 +141,7 @@ class CaseChange:
     lost : gated counters that BASE has and HEAD has not
     """
 
-    name: CaseName
+    id: CaseId
     status: Status
     reason: str = ""
     counters: tuple[CounterChange, ...] = ()

@@ -26,7 +26,7 @@ from harness.compare.wording import (
     totals,
     within,
 )
-from harness.results.record import printable
+from harness.results.record import CaseGroup, CaseId, printable
 from harness.style import count, plain_table
 from harness.webpages import template
 
@@ -43,8 +43,12 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
     """Return all that `comparison` found; docs/ci/compare.schema.json describes it."""
     found = asdict(comparison)
     for case, told in zip(comparison.cases, found["cases"], strict=True):
-        told["name"]["options"] = dict(case.name.options)
+        told["name"] = _name_to_json(case.id)
+        del told["id"]
         told["regressed"] = comparison.is_regressed(case)
+    for drift, told in zip(comparison.drifts, found["drifts"], strict=True):
+        told["where"] = str(drift.group)
+        del told["group"]
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": comparison.verdict,
@@ -52,6 +56,13 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
         "headline": headline(comparison),
         **found,
     }
+
+
+def _name_to_json(case: CaseId) -> dict[str, Any]:
+    names = {"scene": case.scene, "triangulator": case.name}
+    names |= {"rasteriser": case.rasteriser, "device": case.device_name}
+    printed = {name: printable(text) for name, text in names.items()}
+    return {**printed, **vars(case.view), "options": vars(case.options)}
 
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
@@ -187,9 +198,10 @@ def to_junit(comparison: Comparison) -> str:
     other word for it.
     """
     suites = Element("testsuites", name="raster-harness compare")
-    titles = dict.fromkeys(case.name.where for case in comparison.cases)
-    for title in titles or ("comparison",):
-        tests = list(_tests(comparison, title)) or [("cases", "skipped", headline(comparison))]
+    groups: dict[CaseGroup | None, None] = dict.fromkeys(case.id.group for case in comparison.cases)
+    for group in groups or (None,):
+        title = "comparison" if group is None else str(group)
+        tests = list(_tests(comparison, group)) or [("cases", "skipped", headline(comparison))]
         numbers = Counter(outcome for _, outcome, _ in tests)
         counts = {name: str(numbers[outcome]) for outcome, name in COUNTED.items()}
         attributes = {"name": title, "tests": str(len(tests)), **counts}
@@ -205,21 +217,21 @@ def to_junit(comparison: Comparison) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _tests(comparison: Comparison, title: str) -> Iterator[tuple[str, Outcome, str]]:
+def _tests(comparison: Comparison, group: CaseGroup | None) -> Iterator[tuple[str, Outcome, str]]:
     """Yield the tests of a group: name, what became of it, and why or what was found."""
     gated = comparison.settings.gates_time
     for case in comparison.cases:
-        name = case.name.triangulator
-        if case.name.where == title and case.status != "compared":
+        name = printable(case.id.name)
+        if case.id.group == group and case.status != "compared":
             wrong: Outcome = "error" if case.status in BROKEN else "failure"
             outcome = wrong if comparison.is_regressed(case) else "skipped"
             yield f"{name}: measured", outcome, judged(comparison, case)[1]
-        elif case.name.where == title:
+        elif case.id.group == group:
             yield f"{name}: counters", *_of_counters(case)
             if case.time is not None:
                 yield f"{name}: time", *_of_time(case.time, gated=gated)
     for drift in comparison.drifts:
-        if drift.where == title:
+        if drift.group == group:
             yield "all cases together: time", *_of_time(drift, gated=drift.gated and gated)
 
 

@@ -56,13 +56,13 @@ def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
 
     Only where both runs kept what they counted of each polygon, and what they drew.
     """
-    names = {case.name for case in comparison.regressed() if case.status == "compared"}
+    names = {case.id for case in comparison.regressed() if case.status == "compared"}
     base, head = latest(base), latest(head)
     matches = match(base, head, across_devices=comparison.settings.across_devices)
     candidates = [
         (found, *each)
         for found in matches
-        if found.name in names
+        if found.id in names
         for each in _growth(base, head, found)
     ]
     candidates.sort(key=lambda each: each[3] - each[4])
@@ -118,4 +118,4 @@ def _grown(
         )
         triangles[f"{side}: {record.name}"] = own.astype(np.int32)
     assert alone is not None
-    return Grown(str(found.name), metric, old, new, int(alone.source[0]), alone, triangles)
+    return Grown(str(found.id), metric, old, new, int(alone.source[0]), alone, triangles)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
-from harness.results.record import Record, Time
+from harness.results.record import CaseGroup, Record, Time
 from harness.stats import run_quality
 from harness.stats.intervals import paired_ratio
 from harness.stats.run_quality import ENOUGH, select_rounds
@@ -125,7 +125,7 @@ def read_pair(
 
 
 def judge_group(
-    where: str, pairs: Sequence[Pair], settings: Settings, *, machines_differ: bool
+    group: CaseGroup, pairs: Sequence[Pair], settings: Settings, *, machines_differ: bool
 ) -> tuple[list[TimeChange], Drift]:
     """Judge cases that were timed together in both runs, and what they did together.
 
@@ -140,7 +140,7 @@ def judge_group(
         kept = np.all(every, axis=0) if every else None
         if kept is not None and kept.sum() < ENOUGH:
             kept = None
-        return changes, drift_of_rounds(where, together, settings, pairs[0].parts, kept)
+        return changes, drift_of_rounds(group, together, settings, pairs[0].parts, kept)
     known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
     changes = []
     for number, pair in enumerate(pairs):
@@ -150,7 +150,7 @@ def judge_group(
             changes.append(_undecided(pair.base, pair.head, reason))
         else:
             changes.append(_judge(pair, known[number], *part, settings))
-    return changes, _drift(where, pairs, known, settings, machines_differ)
+    return changes, _drift(group, pairs, known, settings, machines_differ)
 
 
 def _machines_part(
@@ -232,7 +232,7 @@ def _faster_half(samples: Samples) -> Samples:
 
 
 def _drift(
-    where: str,
+    group: CaseGroup,
     pairs: Sequence[Pair],
     known: Samples,
     settings: Settings,
@@ -261,7 +261,7 @@ def _drift(
         outcome, reason = "inconclusive", "the machines differ"
     ends = (math.exp(shift), math.exp(low), math.exp(high))
     whole = None if reference is None else math.exp(reference)
-    return Drift(where, len(pairs), outcome, reason, *ends, reference=whole, gated=False)
+    return Drift(group, len(pairs), outcome, reason, *ends, reference=whole, gated=False)
 
 
 def _normal(confidence: float) -> float:
@@ -336,7 +336,7 @@ def in_short(base: Samples, head: Samples) -> dict[str, Any]:
 
 
 def drift_of_rounds(
-    where: str,
+    group: CaseGroup,
     pairs: Sequence[tuple[Samples, Samples]],
     settings: Settings,
     parts: Parts = (None, None),
@@ -349,7 +349,7 @@ def drift_of_rounds(
     if outcome in ("regressed", "improved") and (change.q_value or 0.0) > Q_VALUE:
         outcome, reason = "inconclusive", "too few rounds"
     value, low, high = (float(end or math.nan) for end in (change.ratio, change.low, change.high))
-    return Drift(where, len(pairs), outcome, reason, value, low, high, reference=1.0, gated=True)
+    return Drift(group, len(pairs), outcome, reason, value, low, high, reference=1.0, gated=True)
 
 
 def sign_test(logs: Samples) -> float:

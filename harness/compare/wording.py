@@ -19,6 +19,7 @@ from harness.compare.model import (
     Total,
 )
 from harness.metrics.registry import find_metric
+from harness.results.record import printable
 from harness.settings import COST_COUNTERS
 from harness.style import count, figure, percent, step
 
@@ -51,17 +52,17 @@ def _regression(comparison: Comparison) -> str:
     regressed = sorted(comparison.regressed(), key=_severity, reverse=True)
     if not regressed:
         drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
-        return f"Regression: {drift.where}: {drift_text(comparison, drift)}"
+        return f"Regression: {drift.group}: {drift_text(comparison, drift)}"
     worst, *others = regressed
     rest = f"; {count(len(others), 'more case')} regressed" if others else ""
     if worst.status != "compared":
-        return f"Regression: {worst.name}: {judged(comparison, worst)[1]}{rest}"
+        return f"Regression: {worst.id}: {judged(comparison, worst)[1]}{rest}"
     parts = [f"{spaced(worst.lost)} no longer counted"] if worst.lost else []
     counters = {change.metric: change for change in worst.regressions()}
     parts += [f"{spaced([n])} {counter_text(counters[n])}" for n in in_order(counters)[:1]]
     if comparison.settings.gates_time and worst.time and worst.time.outcome == "regressed":
         parts.append(f"time {time_text(worst.time)}")
-    return f"Regression: {worst.name}: {' and '.join(parts)}{rest}"
+    return f"Regression: {worst.id}: {' and '.join(parts)}{rest}"
 
 
 def _severity(case: CaseChange) -> tuple[bool, float]:
@@ -75,7 +76,7 @@ def _calm(comparison: Comparison) -> str:
     """Say what was found where nothing regressed."""
     compared, settings = comparison.compared(), comparison.settings
     start = "Inconclusive" if comparison.verdict == "inconclusive" else "No regression"
-    devices = ", ".join(sorted({case.name.device for case in compared}))
+    devices = ", ".join(sorted({printable(case.id.device_name) for case in compared}))
     differing = sum(any(c.exact in ("worse", "better") for c in x.counters) for x in compared)
     counters = f"counters differ in {differing}" if differing else "no counter differs"
     if "counters" not in settings.gates:
@@ -231,17 +232,17 @@ def groups(comparison: Comparison, counters: int = len(COST_COUNTERS)) -> list[G
     counters : most counters to show, so that a narrow terminal can show the rest
     """
     found = []
-    for title in dict.fromkeys(case.name.where for case in comparison.cases):
-        cases = [case for case in comparison.cases if case.name.where == title]
+    for group in dict.fromkeys(case.id.group for case in comparison.cases):
+        cases = [case for case in comparison.cases if case.id.group == group]
         shown = _shown(cases)[:counters]
         timed = any(case.time is not None for case in cases)
         rows = [_row(comparison, case, shown, timed) for case in cases]
         rows.sort(key=lambda row: ORDER.index(row.kind))
-        drift = next((each for each in comparison.drifts if each.where == title), None)
+        drift = next((each for each in comparison.drifts if each.group == group), None)
         text = drift_text(comparison, drift) if drift else ""
         heading = ("triangulator", *(name.replace("_", " ") for name in shown))
         heading += ("time vs BASE",) * timed + ("verdict",)
-        found.append(Group(title, heading, tuple(rows), text, drift in comparison.drifted()))
+        found.append(Group(str(group), heading, tuple(rows), text, drift in comparison.drifted()))
     return found
 
 
@@ -256,7 +257,7 @@ def _shown(cases: Sequence[CaseChange]) -> list[str]:
 
 def _row(comparison: Comparison, case: CaseChange, shown: Sequence[str], timed: bool) -> Row:
     changes = {change.metric: change for change in case.counters}
-    cells = [case.name.triangulator, *(_counter_cell(changes.get(name)) for name in shown)]
+    cells = [printable(case.id.name), *(_counter_cell(changes.get(name)) for name in shown)]
     cells += [time_text(case.time) if case.time else ""] * timed
     kind, verdict = judged(comparison, case)
     same = case.status == "compared" and all(change.exact == "equal" for change in case.counters)

@@ -78,14 +78,14 @@ def test_junit_is_valid_and_counts_its_tests(comparison):
     troubled = tree.findall(".//failure") + tree.findall(".//error")
     assert bool(troubled) == (comparison.verdict == "regression")
     for case in comparison.cases:
-        name = case.name.triangulator
+        name = case.id.name
         assert any(test.get("name").startswith(name) for test in tree.iter("testcase"))
 
 
 def test_inconclusive_is_never_a_passed_test(comparison):
     tree = etree.fromstring(to_junit(comparison).encode())
     noisy = {
-        f"{case.name.triangulator}: time"
+        f"{case.id.name}: time"
         for case in comparison.compared()
         if case.time is not None and case.time.outcome == "inconclusive"
     }
@@ -203,7 +203,7 @@ def test_times_are_drawn_beside_their_figures(tmp_path):
         if "<svg" in cells:
             pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
             drawn[name] = [float(each) for each in re.search(pattern, cells, re.DOTALL).groups()]
-    times = {case.name.triangulator: case.time for case in found.compared()}
+    times = {case.id.name: case.time for case in found.compared()}
     times.pop("fan")  # it was not timed
     assert drawn.keys() == times.keys()
     reach = max(abs(end - 1) for time in times.values() for end in (time.low, time.high))

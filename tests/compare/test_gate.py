@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.compare.comparison import _across, compare_runs, no_baseline
-from harness.compare.matching import Match, case_name, other_hardware
+from harness.compare.matching import Match, other_hardware
 from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import decide
@@ -66,7 +66,7 @@ def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTE
 def test_what_differs_in_one_of_these_is_another_case(field, value):
     usual = {"fit": "box", **record("delaunay", seed=1)}
     name, other, same = (
-        case_name(make_record(**usual | change)) for change in ({}, {field: value}, {"polygons": 3})
+        make_record(**usual | change).id for change in ({}, {field: value}, {"polygons": 3})
     )
     assert name != other
     assert name == same
@@ -97,7 +97,7 @@ def test_the_headline_names_what_grew_most_whether_it_was_counted_or_timed(tmp_p
     edits = {"delaunay": slow, "fan": costlier(0.5)}
     other = write_run(tmp_path / "head", seed=2, edits=edits)
     found = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
-    assert {case.name.triangulator for case in found.regressed()} == {"delaunay", "fan"}
+    assert {case.id.name for case in found.regressed()} == {"delaunay", "fan"}
     assert headline(found).startswith(f"Regression: {worst}, city")
 
 
@@ -237,7 +237,7 @@ def test_a_file_of_records_alone_cannot_hide_what_it_lacks(tmp_path):
     head = write_run(tmp_path / "head", seed=2, cut_short=("fan",))
     (head / "run.json").unlink()
     found = compare_runs(base, read_run(head))
-    assert [case.name.triangulator for case in found.regressed()] == ["fan"]
+    assert [case.id.name for case in found.regressed()] == ["fan"]
 
 
 def test_another_rasteriser_that_was_cut_off_is_missed(tmp_path):
@@ -256,7 +256,7 @@ def test_another_rasteriser_that_was_cut_off_is_missed(tmp_path):
         stream.write(text)
     head = write_run(tmp_path / "head", seed=2, facts=facts)
     found = compare_runs(read_run(first), read_run(head))
-    assert {case.name.rasteriser for case in found.regressed()} == {"theirs"}
+    assert {case.id.rasteriser for case in found.regressed()} == {"theirs"}
     facts = {"plan": plan(rasterisers=["opengl"])}
     narrower = write_run(tmp_path / "narrower", seed=2, facts=facts)
     assert compare_runs(read_run(first), read_run(narrower)).exit_code == 0
@@ -287,8 +287,8 @@ def usual(edit: Edit) -> Callable[[str], dict[str, Any]]:
 
 
 def test_a_case_says_where_it_is(tmp_path):
-    case = case_name(make_record(**record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}))
-    assert case.where == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
+    case = make_record(**record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}).id
+    assert str(case.group) == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
 
 
 def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):
@@ -296,7 +296,7 @@ def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):
     base = read_run(write_run(tmp_path / "base", seed=1))
     moved = {"plan": plan(scene="elsewhere")}
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=moved))
-    assert [case.name.triangulator for case in compare_runs(base, head).regressed()] == ["fan"]
+    assert [case.id.name for case in compare_runs(base, head).regressed()] == ["fan"]
 
 
 def test_only_what_both_runs_measured_repeats():
@@ -347,18 +347,18 @@ def test_what_the_plan_did_not_ask_for_is_not_missed(tmp_path, narrower):
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=facts))
     found = compare_runs(base, head, Settings(across_devices=True))
     on_a_device = "devices" in narrower  # whose records are there all the same
-    assert [case.name.triangulator for case in found.regressed()] == ["fan"] * on_a_device
+    assert [case.id.name for case in found.regressed()] == ["fan"] * on_a_device
 
 
 def test_one_case_on_another_device_makes_it_another_machine():
     here, there = make_record(device="llvmpipe"), make_record(device="zink")
-    name = case_name(here)
+    name = here.id
     assert _across([Match(name, here, here), Match(name, here, there)])
     assert not _across([Match(name, here, here), Match(name, None, there)])
 
 
 def test_what_head_lacks_fails_only_where_all_are_asked_for():
-    name = case_name(make_record("fan"))
+    name = make_record("fan").id
     for asked, found in ((True, [True, False]), (False, [False, False])):
         comparison = no_baseline("base", Run(Path("head"), {}, []), Settings(require_all=asked))
         cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))

@@ -45,13 +45,13 @@ def test_runs_are_found_below_folders_and_ordered_by_when_they_were_made(year):
 
 def test_changes_are_where_they_were_made(year):
     series = read_series(find_runs([year])[0])
-    found = {(s.metric, s.name.triangulator): s.changes for s in series if s.changes}
+    found = {(s.metric, s.id.name): s.changes for s in series if s.changes}
     assert found == {
         ("quads", "ear-clipping"): (5,),
         ("helper_lanes", "ear-clipping"): (5,),
         ("time", "delaunay"): (9,),
     }
-    together = next(s for s in series if s.name.triangulator == TOGETHER)
+    together = next(s for s in series if s.id.name == TOGETHER)
     assert together.metric == "time"
     assert np.ptp(np.log(together.values)) > 0.05
 
@@ -71,7 +71,7 @@ def test_gaps_are_no_changes(tmp_path):
     for number in range(1, 5):
         leave_out = ("fan",) if number == 2 else ()
         write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
-    fan = next(s for s in read_series(find_runs([tmp_path])[0]) if s.name.triangulator == "fan")
+    fan = next(s for s in read_series(find_runs([tmp_path])[0]) if s.id.name == "fan")
     assert np.isnan(fan.values).tolist() == [False, True, False, False]
     assert fan.changes == ()
 
@@ -84,7 +84,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
         edits = {"delaunay": read_back} if number in (2, 5) else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
     found = read_series(find_runs([tmp_path])[0], ["triangulate_ms"])
-    delaunay = next(series for series in found if series.name.triangulator == "delaunay")
+    delaunay = next(series for series in found if series.id.name == "delaunay")
     assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
     assert np.nanmax(delaunay.values) == 50
     assert not any(series.changes for series in found)

@@ -105,10 +105,10 @@ def test_samples_pair_and_a_change_is_found(measured):
     keys = [{r["triangulator"]: r["key"] for r in lines_of(run)} for run in (base, head)]
     assert keys[0] == keys[1]
     found = compare_runs(base, head)
-    times = {case.name.triangulator: case.time for case in found.compared()}
+    times = {case.id.name: case.time for case in found.compared()}
     assert {time.against for time in times.values()} == {"rounds"}
     assert times["fan"].ratio == 1.0  # the same triangles: one drawing is both
-    newer = {case.name.triangulator: case.status for case in found.cases}["newer:cut"]
+    newer = {case.id.name: case.status for case in found.cases}["newer:cut"]
     assert newer == "now-measured"
     (reason,) = (r["reason"] for r in lines_of(base) if r["status"] == "failed")
     assert "newer" in reason
