@@ -33,6 +33,7 @@ from harness.errors import (
 )
 from harness.machine import system
 from harness.progress import detach_terminal
+from triangulators.errors import TriangulationError
 
 ClickException: Any = next(  # typer bundles click, and does not export this class
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
@@ -42,9 +43,6 @@ HELP = ("-h", "--help")
 COMPLETION = {"--show-completion", "--install-completion"}
 COMPLETION_VARIABLE = "_RASTER_HARNESS_COMPLETE"
 """Environment variable by which a shell asks for completions."""
-
-REFUSED = {"SceneError", "UnknownName", "TriangulationError"}
-"""Names of input errors of scenes and triangulators, whose packages may not be loaded."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -158,13 +156,20 @@ def _explain(error: BaseException) -> int | str | None:
             return _say(f"error: {of_system(error)}", BAD_INPUT)
         case MemoryError():
             return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
-        case _ if REFUSED & {kind.__name__ for kind in type(error).__mro__}:
+        case _ if _is_input_error(error):
             return _say(f"error: {error}", BAD_INPUT)
         case _:
             if not is_debugging():
                 print_traceback(error)
             summary = f"{type(error).__name__}: {error}".splitlines()[0]
             return _say(f"error: internal error, please report it: {summary}", DEFECT)
+
+
+def _is_input_error(error: BaseException) -> bool:
+    """Return whether scenes or triangulators refused an input."""
+    scenes = sys.modules.get("scenes.scene")  # takes long to load, and raised nothing if it is not
+    refusals = (TriangulationError, *([scenes.SceneError] if scenes else []))
+    return isinstance(error, refusals)
 
 
 def _misused(error: ClickException) -> tuple[str, int]:

@@ -1,10 +1,11 @@
 """Errors that a user can cause, and the exit codes the command line ends with."""
 
-import difflib
 import errno
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+
+from triangulators.errors import suggest
 
 GOOD = 0
 REGRESSION = 1
@@ -22,31 +23,51 @@ BROKEN_PIPE = 141
 
 
 class HarnessError(Exception):
-    """Base of all errors shown to the user as one line; `exit_code` is the process's exit code."""
+    """Base of all errors of this package, printed as one line; `exit_code` ends the command."""
 
     exit_code = BAD_INPUT
 
 
 class UsageError(HarnessError):
-    """A name, option or file that cannot be used as given."""
+    """A name, option or argument is invalid, or options contradict each other."""
 
 
-class NoRasteriser(HarnessError):  # noqa: N818 - says what there is not
+class InputError(HarnessError):
+    """An input file is missing, invalid, truncated or unsupported, or holds nothing usable."""
+
+
+class StorageError(HarnessError):
+    """A file or folder cannot be read or written (disk full, no permission, in use)."""
+
+
+class IncompatibleRunsError(HarnessError):
+    """Runs or parts cannot be combined: other plans, scenes, versions or formats."""
+
+
+class NoRasteriserError(HarnessError):
     """No rasteriser or device of the requested kind works on this machine."""
 
     exit_code = NO_RASTERISER
 
 
-class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
-    """Nothing was measured, or can be compared."""
+class NothingMeasuredError(HarnessError):
+    """Nothing was measured, or nothing can be compared."""
 
     exit_code = NOTHING_MEASURED
 
 
-class Inconclusive(HarnessError):  # noqa: N818 - says what came out
-    """Too noisy to say, or a part of what was asked for failed."""
+class InconclusiveError(HarnessError):
+    """Times are too noisy for a conclusion, or a part of the work failed."""
 
     exit_code = INCONCLUSIVE
+
+
+# Former names, until all modules use the new ones.
+NoRasteriser, NothingMeasured, Inconclusive = (
+    NoRasteriserError,
+    NothingMeasuredError,
+    InconclusiveError,
+)
 
 
 def of_system(error: OSError) -> str:
@@ -60,32 +81,19 @@ def of_system(error: OSError) -> str:
     return reason
 
 
-def did_you_mean(name: str, known: Iterable[str], like: float = 0.4, otherwise: str = "") -> str:
-    """Return a clause that names the nearest of the `known` names.
-
-    like : how near it has to be, 0 to 1 for the same; otherwise : said where none is; by default
-        all that are known
-    """
-    choices = sorted(known)
-    near = difflib.get_close_matches(name, choices, n=1, cutoff=like)
-    if near:
-        return f"did you mean '{near[0]}'?"
-    return otherwise or f"known: {', '.join(choices) or 'none'}"
-
-
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
     """Build the error for an unknown name of a kind, e.g. "device", with the nearest of `known`."""
-    return UsageError(f"unknown {kind} '{name}'; {did_you_mean(name, known)}")
+    return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(known))}")
 
 
 def refuse_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
-    """Raise `Inconclusive` if polygons failed.
+    """Raise `InconclusiveError` if polygons failed.
 
     counts : (kind, reason) to polygons dropped, repaired or failed
     """
     failed = sum(count for (kind, _), count in counts.items() if kind == "failed")
     if failed:
-        raise Inconclusive(
+        raise InconclusiveError(
             f"{failed:,} {'polygons' if failed > 1 else 'polygon'} failed; the rest is in "
             f"{os.path.relpath(out)}"
         )

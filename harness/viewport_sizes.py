@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError, did_you_mean
+from harness.errors import UsageError
 from harness.frame import Frame, View, frame_of
 from harness.metrics.decision import MIN_PIXELS
 from harness.profile.counted import TERMS, count_triangles, design_of
@@ -26,6 +26,7 @@ from harness.triangulating.recipes import Recipe
 from harness.triangulating.rounds import time_in_rounds
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import Scene
+from triangulators.errors import suggest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -132,7 +133,7 @@ def read_costs(name: str, *folders: Path) -> DeviceCosts:
         if not file.stem.endswith(".refused")
     }
     if name not in known and not Path(name).exists():
-        hint = did_you_mean(name, list(known), otherwise="raster-harness profile makes one")
+        hint = suggest(name, sorted(known), fallback="raster-harness profile makes one")
         raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
     return read_profile(known.get(name, Path(name)), _costs_of)
 

@@ -9,4 +9,6 @@
 from scenes.registry import load, names
 from scenes.scene import Scene, SceneError, UnknownScene
 
+__version__ = "1.0.0"
+
 __all__ = ["Scene", "SceneError", "UnknownScene", "load", "names"]

@@ -1,4 +1,4 @@
-"""Triangulators: polygon -> triangles over the polygon's own vertices; none is ever added.
+"""Triangulators: from a polygon to triangles over its vertices; no vertex is added.
 
     >>> import shapely
     >>> from triangulators import triangulate, vertices
@@ -9,17 +9,17 @@
     >>> vertices(polygon)[triangles].shape
     (4, 3, 2)
 
-What is guaranteed: orientations are decided exactly for all doubles (no overflow or underflow), so
+Guarantees: orientations are decided exactly for all doubles (without overflow or underflow), so
 every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`
-is a conforming triangulation of the polygon as given, and `verify` is exact in what it says about
-coverage. Only which of two triangulations is cheaper is a matter of rounding. Libraries' results
-(`ear-clipping`, `delaunay`, `sweep`, `manifold`) are passed on as they are, wound
-counter-clockwise; where coordinates are not on a grid (see `predicates.grid_unit`), a vertex within
-rounding error of an edge counts as on it when they are verified or repaired.
+is a conforming triangulation of the polygon as given, and `verify` decides coverage exactly. Only
+the comparison of costs is subject to rounding. Triangles of other libraries (`ear-clipping`,
+`delaunay`, `sweep`, `manifold`) are passed on as they are, counter-clockwise; if coordinates are
+not on a grid (see `predicates.grid_unit`), verification and repair treat a vertex within rounding
+error of an edge as lying on it.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from triangulators import criteria as criteria
@@ -28,11 +28,12 @@ if TYPE_CHECKING:
     from triangulators.calling import triangulate_with_gap as triangulate_with_gap
     from triangulators.certificate.certify import certify as certify
     from triangulators.checking.evidence import Certificate as Certificate
-    from triangulators.errors import InvalidPolygon as InvalidPolygon
-    from triangulators.errors import Skipped as Skipped
+    from triangulators.errors import ArgumentError as ArgumentError
+    from triangulators.errors import InvalidPolygonError as InvalidPolygonError
+    from triangulators.errors import SkippedError as SkippedError
     from triangulators.errors import TriangulationError as TriangulationError
-    from triangulators.errors import Unavailable as Unavailable
-    from triangulators.errors import UnknownName as UnknownName
+    from triangulators.errors import UnavailableError as UnavailableError
+    from triangulators.errors import UnknownNameError as UnknownNameError
     from triangulators.many import triangulate_many as triangulate_many
     from triangulators.methods.flips import flip as flip
     from triangulators.polygon import vertices as vertices
@@ -42,34 +43,43 @@ if TYPE_CHECKING:
     from triangulators.registry import names as names
     from triangulators.registry import parse as parse
 
+__version__ = "1.0.0"
+
 _NAMES = {
     "batch": ("Triangulations",),
     "calling": ("triangulate", "triangulate_with_gap"),
     "certificate.certify": ("certify",),
     "checking.evidence": ("Certificate",),
-    "errors": ("InvalidPolygon", "Skipped", "TriangulationError", "Unavailable", "UnknownName"),
+    "errors": (
+        "ArgumentError",
+        "InvalidPolygonError",
+        "SkippedError",
+        "TriangulationError",
+        "UnavailableError",
+        "UnknownNameError",
+    ),
     "many": ("triangulate_many",),
     "methods.flips": ("flip",),
     "polygon": ("vertices",),
     "polygon_arrays": ("PolygonArray",),
     "registry": ("find", "full_name", "names", "parse"),
 }
-_HOME = {name: module for module, names in _NAMES.items() for name in names}
-"""Where each name is: it is imported when it is asked for, because compiled code takes a second."""
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
+"""The module of each name; imported on first access, because compiled code takes a second."""
 
-__all__ = ["criteria", *_HOME]
+__all__ = ["criteria", *_MODULE_OF]
 
 
-def __getattr__(name: str) -> Any:
-    """Import what is asked for: a name of `__all__`."""
+def __getattr__(name: str) -> object:
+    """Import a name of `__all__` on first access."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name == "criteria":
-        return import_module("triangulators.criteria")
-    value = getattr(import_module(f"triangulators.{_HOME[name]}"), name)
+        return _import_module("triangulators.criteria")
+    value: object = getattr(_import_module(f"triangulators.{_MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__"])

@@ -1,4 +1,4 @@
-"""Triangulates one polygon by a triangulator's name, and checks what comes back."""
+"""Triangulation of one polygon by a triangulator's name, with a check of the result."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ from triangulators import criteria
 from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
 from triangulators.polygon import Boundary, checked_boundary
-from triangulators.registry import Choice, load, parse
+from triangulators.registry import Choice, check_criterion, load, parse
 from triangulators.repair import insert_dropped_vertices, left_turning
 from triangulators.verify import rows_of
 
@@ -23,22 +23,51 @@ def triangulate(
     repair: bool = False,
     **parameters: Any,
 ) -> np.ndarray:
-    """Triangulate a polygon; return (m, 3) int32 indices into `vertices(polygon)`.
+    """Triangulate a polygon; no vertex is added.
 
-    Triangles are counter-clockwise (y up). `name` is a triangulator, optionally with a criterion
-    (`optimal:half-perimeter`); `criterion` may also be given apart, as a name, a `Criterion` or a
-    Numba function of three points. `repair=True` puts back collinear vertices that a library has
-    dropped, where it left T-junctions. Other parameters go to the triangulator.
+    Parameters
+    ----------
+    polygon
+        A valid polygon; holes are allowed.
+    name
+        A triangulator (see `names`), optionally with a criterion: "optimal:half-perimeter".
+        "optimal" alone is the paper's, "optimal:overdraw".
+    criterion
+        The criterion, if the name contains none: a name, a `Criterion`, or a Numba function of
+        three points (six numbers).
+    repair
+        Insert collinear vertices that a library dropped, which removes its T-junctions.
+    **parameters
+        Passed to the triangulator, for example `seed` of "random", or the weights `alpha`, `beta`
+        and `gamma` of the criterion "mixed".
 
-    Raises `InvalidPolygon` for input that is not a valid polygon, `Skipped` where the triangulator
-    does not do this polygon by design, `Unavailable` if a package is missing,
-    `TriangulationError` if it failed, and `UnknownName`.
+    Returns
+    -------
+    ndarray
+        (m, 3) int32 indices into `vertices(polygon)`; counter-clockwise with y up.
 
-        >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()
-        [[0, 1, 2]]
+    Raises
+    ------
+    InvalidPolygonError
+        If the polygon is invalid or empty.
+    SkippedError
+        If the triangulator does not support this polygon, by design.
+    UnavailableError
+        If an optional package is missing.
+    UnknownNameError
+        If there is no such triangulator or criterion.
+    ArgumentError
+        If the criterion or its weights are given twice or are invalid.
+    TriangulationError
+        If the triangulator failed; the base of the errors above.
+
+    Examples
+    --------
+    >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()
+    [[0, 1, 2]]
     """
-    outline, choice, raw = _called(polygon, name, criterion, parameters)
-    triangles = _checked(outline, raw, choice, criterion)
+    outline, choice, raw = _run_triangulator(polygon, name, criterion, parameters)
+    triangles = _check_triangles(outline, raw, choice, criterion)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
 
 
@@ -49,20 +78,37 @@ def triangulate_with_gap(
     criterion: criteria.Criterion | str | Callable[..., float] | None = None,
     **parameters: Any,
 ) -> tuple[np.ndarray, float | None]:
-    """Return what `triangulate` does, and how far it may be from the optimum of its criterion.
+    """Triangulate a polygon, and bound the distance from the optimum of the criterion.
 
-    The gap is relative to the cost, 0 where the result is optimal and infinite where nothing is
-    known; None for a triangulator that does not look for the optimum. Raises as `triangulate`.
+    Parameters
+    ----------
+    polygon, name, criterion, **parameters
+        As for `triangulate`.
 
-        >>> triangulate_with_gap(shapely.box(0, 0, 2, 1), "optimal")[1]
-        0.0
+    Returns
+    -------
+    triangles : ndarray
+        (m, 3) int32, as `triangulate` returns.
+    gap : float or None
+        Relative to the cost: 0 if the result is optimal, infinite if no bound is known. None for
+        triangulators that do not look for the optimum.
+
+    Raises
+    ------
+    TriangulationError
+        As `triangulate`.
+
+    Examples
+    --------
+    >>> triangulate_with_gap(shapely.box(0, 0, 2, 1), "optimal:half-perimeter")[1]
+    0.0
     """
-    outline, choice, raw = _called(polygon, name, criterion, parameters, with_gap=True)
+    outline, choice, raw = _run_triangulator(polygon, name, criterion, parameters, with_gap=True)
     raw, gap = raw if choice.entry.with_gap else (raw, None)
-    return _checked(outline, raw, choice, criterion), gap
+    return _check_triangles(outline, raw, choice, criterion), gap
 
 
-def _called(
+def _run_triangulator(
     polygon: shapely.Polygon,
     name: str,
     criterion: criteria.Criterion | str | Callable[..., float] | None,
@@ -70,25 +116,24 @@ def _called(
     *,
     with_gap: bool = False,
 ) -> tuple[Boundary, Choice, Any]:
-    """Return what a triangulator gives for a polygon, with its gap where it knows one."""
+    """Return a triangulator's unchecked result, paired with its gap if `Entry.with_gap` is set."""
     choice = parse(name)
     entry = choice.entry
+    check_criterion(name, criterion)
     outline = checked_boundary(polygon)
+    if entry.builtin and entry.criteria and criterion is None:
+        criterion = choice.criterion
+    if criterion is not None:
+        parameters["criterion"] = criterion
     function = load(entry.with_gap) if with_gap and entry.with_gap else entry.load()
-    if not entry.builtin:
-        return outline, choice, function(polygon, **parameters)
-    if entry.criteria:
-        parameters["criterion"] = choice.criterion if criterion is None else criterion
-    elif criterion is not None:
-        raise TypeError(f"triangulator {entry.name!r} takes no criterion")
-    return outline, choice, function(outline, **parameters)
+    return outline, choice, function(outline if entry.builtin else polygon, **parameters)
 
 
-def _checked(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out.
+def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
+    """Return triangles as int32 (m, 3), counter-clockwise, without those of zero area.
 
-    Raises `TriangulationError` for anything else, and if a user's criterion is no number for a
-    triangle.
+    Raises `TriangulationError` for any other result, and if a user's criterion is not a finite
+    number for a triangle.
     """
     try:
         triangles = left_turning(outline.points, rows_of(raw, outline.points))

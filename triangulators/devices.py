@@ -1,11 +1,11 @@
-"""What computes: names of the devices that OpenGL may offer, and the CPU's cores."""
+"""Names of the devices that OpenGL can offer, and the number of CPU cores."""
 
 import os
 
-from triangulators.errors import UnknownName
+from triangulators.errors import UnknownNameError
 
 CPU = "cpu"
-"""No device: compiled code."""
+"""Compiled code on the CPU, without OpenGL."""
 
 LLVMPIPE = "llvmpipe"
 
@@ -15,24 +15,25 @@ SOFTWARE_RENDERERS = (
 
 
 def is_software(renderer: str) -> bool:
-    """Whether a renderer's name, such as GL_RENDERER, is of one that runs on a CPU."""
+    """Return whether a renderer's name, such as GL_RENDERER, is of one that runs on a CPU."""
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
 def matches(name: str, renderer: str) -> bool:
-    """Whether GL_RENDERER is the device that `name` asks for."""
+    """Return whether a device's name, such as "gpu0", selects a renderer, given by GL_RENDERER."""
     if name.startswith("gpu"):
         return not is_software(renderer)
     return renderer.lower().startswith(name)
 
 
 def check_name(name: str) -> None:
-    """Raise `UnknownName` unless `name` is that of a device on some machine.
+    """Raise `UnknownNameError` unless `name` is a device's name on some machine.
 
     >>> check_name("gpu1")
     """
     if name not in (CPU, LLVMPIPE) and not (name.startswith("gpu") and name[3:].isdigit()):
-        raise UnknownName(f"unknown device {name!r} (known: gpu0, gpu1, ..., {LLVMPIPE}, {CPU})")
+        known = f"gpu0, gpu1, ..., {LLVMPIPE}, {CPU}"
+        raise UnknownNameError(f"unknown device {name!r}; known: {known}")
 
 
 def cores() -> int:

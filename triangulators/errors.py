@@ -1,49 +1,81 @@
-"""What a triangulator can raise, and how that is told."""
+"""Exceptions of the package, the suggestion of a known name, and one-line formatting."""
 
+import difflib
 import traceback
+from collections.abc import Iterable
 from pathlib import Path
 
-MOST_SAID = 300
-"""Characters of an error that are kept."""
+MAX_MESSAGE = 300
+"""Characters of a foreign message that are reported."""
 
-MOST_TRACED = 10_000
-"""Characters of a traceback that are kept."""
+MAX_TRACEBACK = 10_000
+"""Characters of a traceback that are stored."""
 
 
 class TriangulationError(Exception):
-    """A polygon could not be triangulated; the message says which and why."""
+    """Base of all errors of this package; raised itself if a triangulator failed on a polygon."""
 
 
-class InvalidPolygon(TriangulationError):  # noqa: N818 - says what the polygon is
+class InvalidPolygonError(TriangulationError):
     """The input is not a valid polygon (empty, self-intersecting, NaN coordinates, ...)."""
 
 
-class Skipped(Exception):  # noqa: N818 - a status, not an error: the harness records it as such
-    """A triangulator does not do this polygon, by design; the message is the reason."""
+class SkippedError(TriangulationError):
+    """A triangulator does not support this polygon, by design; the message is the reason."""
 
 
-class UnknownName(ValueError):  # noqa: N818 - the name says what went wrong
-    """No triangulator or criterion has this name; the message suggests the nearest."""
+class UnavailableError(TriangulationError):
+    """An optional package is missing; the message contains the command that installs it."""
 
 
-class Unavailable(TriangulationError):  # noqa: N818 - says what the package is
-    """An optional package is missing; the message holds the line that installs it."""
+class UnknownNameError(TriangulationError, ValueError):
+    """No triangulator, criterion or device has this name; the message suggests the nearest."""
 
 
-def told_of(error: BaseException) -> str:
-    """Return in one line, and not a long one, what was raised and where."""
-    text = in_short(error)
+class ArgumentError(TriangulationError, ValueError):
+    """An argument is invalid, or contradicts another argument or the name."""
+
+
+# Former names, until all modules use the new ones.
+InvalidPolygon, Skipped, Unavailable = InvalidPolygonError, SkippedError, UnavailableError
+UnknownName = UnknownNameError
+MOST_TRACED = MAX_TRACEBACK
+
+
+def suggest(name: str, known: Iterable[str], cutoff: float = 0.4, fallback: str = "") -> str:
+    """Return "did you mean 'x'?" with the nearest known name, otherwise the fallback.
+
+    The similarity has to reach `cutoff` (0 to 1); the default fallback lists all known names.
+
+    >>> suggest("ear-cliping", ["delaunay", "ear-clipping"])
+    "did you mean 'ear-clipping'?"
+    >>> suggest("xyz", ["delaunay", "ear-clipping"])
+    'known: delaunay, ear-clipping'
+    """
+    choices = list(known)
+    nearest = difflib.get_close_matches(name, choices, n=1, cutoff=cutoff)
+    if nearest:
+        return f"did you mean '{nearest[0]}'?"
+    return fallback or f"known: {', '.join(choices) or 'none'}"
+
+
+def format_error(error: BaseException) -> str:
+    """Return an exception as one short line with the file and line that raised it."""
+    text = summarize_error(error)
     frames = traceback.extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
 
 
-def in_short(error: BaseException) -> str:
-    """Return an error's kind and message in one line, and not a long one."""
-    text = shortened(str(error))
+def summarize_error(error: BaseException) -> str:
+    """Return an exception's type and message as one short line."""
+    text = truncate(str(error))
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def shortened(text: str) -> str:
-    """Return a text of somebody else's in one line, cut off where it goes on and on."""
-    line = " ".join(text[: 4 * MOST_SAID].split())[:MOST_SAID]
-    return f"{line} ... ({len(text):,} characters)" if len(text) > MOST_SAID else line
+def truncate(text: str) -> str:
+    """Return a foreign text as one line of at most `MAX_MESSAGE` characters, with its length."""
+    line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
+    return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line
+
+
+told_of, in_short, shortened = format_error, summarize_error, truncate

@@ -15,14 +15,19 @@ from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name, cores
-from triangulators.errors import Skipped, TriangulationError, told_of
+from triangulators.errors import (
+    ArgumentError,
+    TriangulationError,
+    UnknownNameError,
+    format_error,
+)
 from triangulators.geometry.earcut import far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, improve_many, test_of
 from triangulators.methods.optimal import SearchOptions
 from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
 from triangulators.optimum.full_table import SMALL, do_rings
 from triangulators.polygon_arrays import PolygonArray, offsets_of
-from triangulators.registry import Choice, parse
+from triangulators.registry import Choice, check_criterion, parse
 
 _CHUNK_VERTICES = 20_000
 """Vertices whose ears are clipped while those of others are improved. mapbox_earcut holds the
@@ -63,7 +68,7 @@ def triangulate_many(
     half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 64 vertices, on
     a grid (1/256 px, whole metres, ...); the results are the same. Compiled code does the others,
     and all if the device fails, of which one line is logged. criterion, repair, parameters: as for
-    `triangulate`. Raises `UnknownName`.
+    `triangulate`. Raises `UnknownNameError`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed
@@ -85,10 +90,11 @@ def triangulate_many(
         try:
             pieces.append(triangulate(polygons[index], name, **steering))
         except (Exception, SystemExit) as error:
-            refused = isinstance(error, (TriangulationError, Skipped))
+            wrong_call = isinstance(error, (ArgumentError, UnknownNameError))
+            refused = isinstance(error, TriangulationError) and not wrong_call
             if builtin and not refused:
                 raise
-            failed[index] = str(error) if refused else told_of(error)
+            failed[index] = str(error) if refused else format_error(error)
             pieces.append(triangles[:0])
         lengths[index] = len(pieces[-1])
     pieces.append(triangles[offsets[copied] :])
@@ -108,8 +114,12 @@ def attempt_many(
 ) -> Triangulations:
     """Do the part of `triangulate_many` that a device and compiled code can.
 
-    Triangles of polygons with `compiled[i] == False` are uninitialised. Raises `UnknownName`.
+    Triangles of polygons with `compiled[i] == False` are uninitialised. Raises `UnknownNameError`.
     """
+    if isinstance(polygons, shapely.Geometry):
+        kind = type(polygons).__name__
+        raise ArgumentError(f"polygons: expected a sequence, got one {kind}; give [polygon]")
+    check_criterion(name, criterion)
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     batch = allocate_batch(arrays)
     result = Triangulations(batch.triangles, batch.triangle_offsets, compiled=batch.done)

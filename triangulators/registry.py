@@ -1,6 +1,5 @@
 """Triangulators by name: the built-in ones, entry points, and `module:function` strings."""
 
-import difflib
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.criteria import FLIP_TESTS
-from triangulators.errors import Unavailable, UnknownName
+from triangulators.errors import ArgumentError, UnavailableError, UnknownNameError, suggest
 
 ENTRY_POINTS = "raster_harness.triangulators"
 Function = Callable[..., np.ndarray]
@@ -21,13 +20,30 @@ Function = Callable[..., np.ndarray]
 
 @dataclass(frozen=True)
 class Entry:
-    """One triangulator.
+    """A registered triangulator.
 
-    `function` is `module:function`; built-in functions take (boundary, **parameters),
-    a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
-    `default_criterion` where none is given, `tests` what else may stand in a criterion's place.
-    `with_gap` is a function like `function` that also says how far the result may be from the
-    optimum. `needs` is a module that must be importable, `install` the line that provides it.
+    Parameters
+    ----------
+    name, description : str
+        As `raster-harness list triangulators` prints them.
+    function : str
+        "module:function"; built-in functions take (boundary, **parameters), others the polygon.
+    handles_holes : bool
+        False if polygons with holes are skipped.
+    criteria : bool
+        True if a criterion steers it.
+    default_criterion : str
+        The criterion if none is given.
+    tests : tuple of str
+        Names of flip tests that can be given instead of a criterion.
+    with_gap : str or None
+        A function like `function` that also returns the gap to the optimum.
+    needs : str or None
+        A module that must be importable, or a "module:function" that must return True.
+    install : str or None
+        The command that installs `needs`.
+    builtin : bool
+        False for entry points and `module:function` strings.
     """
 
     name: str
@@ -43,7 +59,7 @@ class Entry:
     builtin: bool = True
 
     def available(self) -> str | None:
-        """Return None if it can be used here, otherwise the line that installs what is missing."""
+        """Return None if the triangulator is usable here, otherwise the command to install it."""
         if self.needs is None:
             return None
         if ":" in self.needs:
@@ -54,33 +70,36 @@ class Entry:
     def load(self) -> Function:
         """Import and return the function.
 
-        Raises `Unavailable` with the install line, and `UnknownName` where a third party's module
-        has no such function, or cannot be imported.
+        Raises `UnavailableError` with the install command, and `UnknownNameError` if a third-party
+        module has no such function or cannot be imported.
         """
         missing = self.available()
         if missing:
-            raise Unavailable(f"triangulator {self.name!r} is not available; install: {missing}")
+            raise UnavailableError(
+                f"triangulator {self.name!r} is not available; install: {missing}"
+            )
         try:
             function = load(self.function)
         except (ImportError, AttributeError, ValueError) as error:
-            hint = _hint(self.function.partition(":")[0])
-            raise UnknownName(f"triangulator {self.function!r}: {error}{hint}") from error
+            module = self.function.partition(":")[0]
+            hint = suggest(module, names(), cutoff=0.6, fallback="check the name and PYTHONPATH")
+            raise UnknownNameError(f"triangulator {self.function!r}: {error}; {hint}") from error
         if not callable(function):
-            raise UnknownName(f"triangulator {self.function!r}: not a function")
+            raise UnknownNameError(f"triangulator {self.function!r}: not a function")
         return function
 
 
 def _ours(
     name: str, description: str, where: str = "", *, holes: bool = True, **more: Any
 ) -> Entry:
-    """Return a triangulator of `methods`; where: "module:function", or as `name` is."""
-    place = f"triangulators.methods.{where or f'{name}:triangulate'}"
-    return Entry(name, description, place, handles_holes=holes, **more)
+    """Return an entry of `methods`; where: "module:function", by default "NAME:triangulate"."""
+    function = f"triangulators.methods.{where or f'{name}:triangulate'}"
+    return Entry(name, description, function, handles_holes=holes, **more)
 
 
 def _library(name: str, description: str, **more: Any) -> Entry:
-    place = f"triangulators.libraries:{name.replace('-', '_')}"
-    return Entry(name, description, place, **more)
+    function = f"triangulators.libraries:{name.replace('-', '_')}"
+    return Entry(name, description, function, **more)
 
 
 BUILTIN = {
@@ -171,7 +190,7 @@ BUILTIN = {
 
 
 ALIASES = {"earcut": "ear-clipping"}
-"""Other names that people know triangulators by."""
+"""Common other names of triangulators."""
 
 
 class Choice(NamedTuple):
@@ -182,13 +201,13 @@ class Choice(NamedTuple):
 
     @property
     def full_name(self) -> str:
-        """`name` or `name:criterion`, the criterion always written out."""
+        """`name` or `name:criterion`, including a default criterion."""
         return f"{self.entry.name}:{self.criterion}" if self.criterion else self.entry.name
 
 
 @cache
 def load(reference: str) -> Function:
-    """Import what "module:function" names."""
+    """Import and return the object called "module:function"."""
     function: Function = resolve_name(reference)
     return function
 
@@ -199,22 +218,39 @@ def _third_party() -> dict[str, EntryPoint]:
 
 
 def names(*, available_only: bool = False) -> list[str]:
-    """Return the names of all triangulators, built-in first, then those of entry points.
+    """Return the names of all triangulators, built-in ones first, then those of entry points.
 
+    Parameters
+    ----------
+    available_only
+        Leave out triangulators whose package is not installed.
+
+    Examples
+    --------
     >>> names()[:3]
     ['fan', 'strip', 'ear-clipping']
     """
-    everything = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
+    known = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
     if available_only:
-        return [name for name in everything if find(name).available() is None]
-    return everything
+        return [name for name in known if find(name).available() is None]
+    return known
 
 
 def find(name: str) -> Entry:
-    """Return the entry called `name` or given as `module:function`; raises `UnknownName`.
+    """Return the entry of a triangulator; third-party modules are imported by `Entry.load` only.
 
-    A third party's module is not imported before `Entry.load`.
+    Parameters
+    ----------
+    name
+        A name without a criterion, or "module:function".
 
+    Raises
+    ------
+    UnknownNameError
+        If there is no such triangulator.
+
+    Examples
+    --------
     >>> find("fan").handles_holes
     False
     """
@@ -224,40 +260,84 @@ def find(name: str) -> Entry:
     if name in _third_party():
         point = _third_party()[name]
         return Entry(name, f"from {point.value}", point.value, builtin=False)
-    if ":" in name:  # imported when it is loaded: it may do anything
+    if ":" in name:
         return Entry(name, f"user's function {name}", name, builtin=False)
-    raise UnknownName(f"unknown triangulator {name!r}{_hint(name)} (known: {', '.join(names())})")
-
-
-def _hint(name: str) -> str:
-    near = difflib.get_close_matches(name, names(), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    raise UnknownNameError(f"unknown triangulator {name!r}; {suggest(name, names())}")
 
 
 def parse(text: str) -> Choice:
-    """Read `name` or `name:criterion` (or `module:function`, as `find`); raises `UnknownName`.
+    """Return the triangulator and the criterion of a name.
 
+    Parameters
+    ----------
+    text
+        "name", "name:criterion" or "module:function". A triangulator that takes a criterion gets
+        its default if the name contains none.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such triangulator or criterion.
+    ArgumentError
+        If the criterion's weights are invalid, or the triangulator takes no criterion.
+
+    Examples
+    --------
     >>> parse("optimal").criterion
     'overdraw'
     """
-    name, _, criterion = text.partition(":")
-    name = ALIASES.get(name, name)
+    name, criterion = _split(text)
     if name not in BUILTIN:
         return Choice(find(text), None)
     entry = BUILTIN[name]
     if not entry.criteria:
-        if criterion:
-            raise UnknownName(f"triangulator {name!r} takes no criterion, got {criterion!r}")
+        check_criterion(name, criterion or None)
         return Choice(entry, None)
-    wanted = criterion or entry.default_criterion
-    return Choice(entry, wanted if wanted in entry.tests else criteria.find(wanted).name)
+    criterion = criterion or entry.default_criterion
+    return Choice(entry, criterion if criterion in entry.tests else criteria.find(criterion).name)
+
+
+def _split(text: str) -> tuple[str, str]:
+    """Return the triangulator, by its registered name, and the criterion of a name, or ""."""
+    if not isinstance(text, str):
+        raise ArgumentError(f"triangulator: expected a name, got {type(text).__name__}")
+    name, _, criterion = text.partition(":")
+    return ALIASES.get(name, name), criterion
+
+
+def check_criterion(text: str, criterion: Any) -> None:
+    """Raise `ArgumentError` if a built-in triangulator's name does not admit this criterion.
+
+    criterion: as given besides the name; None if it was not.
+    """
+    name, in_name = _split(text)
+    if name not in BUILTIN or criterion is None:
+        return
+    if not BUILTIN[name].criteria:
+        raise ArgumentError(f"triangulator {name!r}: takes no criterion (got {criterion!r})")
+    if in_name:
+        raise ArgumentError(
+            f"triangulator {text!r}: criterion given twice ({in_name!r} in the name, "
+            f"{criterion!r} as an argument); give one of the two"
+        )
 
 
 def full_name(text: str) -> str:
-    """Return the full name: `optimal` is `optimal:overdraw`, `optimal:mixed=1.0/.5/0` is
-    `optimal:mixed=1/0.5/0`; raises `UnknownName`.
+    """Return a triangulator's full name, with its criterion and the shortest form of weights.
 
-        >>> full_name("optimal")
-        'optimal:overdraw'
+    Parameters
+    ----------
+    text
+        As for `parse`.
+
+    Raises
+    ------
+    UnknownNameError, ArgumentError
+        As `parse`.
+
+    Examples
+    --------
+    >>> full_name("optimal"), full_name("optimal:mixed=1.0/.5/0")
+    ('optimal:overdraw', 'optimal:mixed=1/0.5/0')
     """
     return parse(text).full_name

@@ -219,12 +219,12 @@ def _list_every(
     from harness.commands.outcome import folder_for
     from harness.study.enumeration import triangulation_table
     from harness.style import plain_table
-    from triangulators import Skipped, TriangulationError
+    from triangulators import TriangulationError
 
     folder = folder_for(scene.name, out, before="every-")
     try:
         table = triangulation_table(scene.polygons[polygon], mode)
-    except (Skipped, TriangulationError) as reason:
+    except TriangulationError as reason:
         raise UsageError(f"polygon {polygon} of {scene.name}: {reason}") from reason
     with atomic.folder(folder, added=True) as made:
         table.to_csv(made / "triangulations.csv", index=False)

@@ -25,10 +25,11 @@ from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
 from scenes.spec import arguments_for
-from triangulators import TriangulationError, UnknownName, certify, full_name, parse
+from triangulators import TriangulationError, certify, full_name, parse
 from triangulators.batch import Triangulations
 from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
+from triangulators.errors import suggest
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray
 
@@ -315,7 +316,7 @@ def chosen(triangulator: str | None, criterion: str | None = None) -> str:
         )
     try:
         return full_name(f"{triangulator}:{criterion}" if criterion else triangulator)
-    except (UnknownName, TriangulationError) as error:
+    except TriangulationError as error:
         raise UsageError(str(error)) from error
 
 

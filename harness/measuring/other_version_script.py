@@ -41,7 +41,7 @@ def _answer(question: dict[str, Any]) -> dict[str, Any]:
         try:
             results.append(("triangles", function(polygon)))
         except (Exception, SystemExit) as error:
-            skipped = type(error).__name__ == "Skipped"
+            skipped = type(error).__name__ in ("SkippedError", "Skipped")  # its former name
             said = str(error) if skipped else f"{type(error).__name__}: {error}"
             results.append(("skipped" if skipped else "failed", said))
         seconds += time.process_time() - start
@@ -59,6 +59,7 @@ def _function(name: str, parameters: dict[str, Any]) -> tuple[Callable[[Any], An
     file = _file_of("triangulators" if own or not colon else module)
     terms = parameters.pop("calibration", None)
     if terms is not None:
+        name = module  # the criterion is given apart
         parameters["criterion"] = triangulators.criteria.calibrated(dict(terms))
     return lambda polygon: triangulators.triangulate(polygon, name, **parameters), file
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.models.flat_faces import THIN, Faces, Ints
-from triangulators import UnknownName, criteria
+from triangulators import TriangulationError, criteria
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
 from triangulators.geometry.flips import convex, run
@@ -73,7 +73,7 @@ def cost_named(criterion: str) -> Cost:
     """
     try:
         found = criteria.find(criterion)
-    except UnknownName as error:
+    except TriangulationError as error:
         raise UsageError(str(error)) from error
     cost = plain_cost(found)
     if cost is None:

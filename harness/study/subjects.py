@@ -29,7 +29,7 @@ from harness.settings import StudySize
 from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
 from triangulators import criteria, registry, triangulate, vertices
-from triangulators.errors import Skipped, TriangulationError
+from triangulators.errors import TriangulationError
 
 NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
 """Triangulators that are not methods a program would choose by name."""
@@ -148,7 +148,7 @@ def _triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]
         parameters: dict[str, Any] = {"seed": int(seed)} if seed else {}
         try:
             triangles = triangulate(polygon, triangulator, **parameters)
-        except (Skipped, TriangulationError):
+        except TriangulationError:
             continue
         if len(triangles) == len(vertices(polygon)) - 2:
             yield name, triangles

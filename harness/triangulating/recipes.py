@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 import triangulators
-from harness.errors import UsageError, did_you_mean
+from harness.errors import UsageError
 from harness.machine.user_modules import allow_user_module
 from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, full_name
 from triangulators import criteria, registry
-from triangulators.errors import UnknownName, in_short
+from triangulators.errors import TriangulationError, suggest, summarize_error
 from triangulators.polygon_arrays import PolygonArray
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
@@ -84,11 +84,12 @@ class Recipe:
         return tuple(term for term in self.calibration or () if term[0] != "draw")
 
     @property
-    def _arguments(self) -> dict[str, Any]:
-        """What the triangulator is called with."""
+    def _call(self) -> tuple[str, dict[str, Any]]:
+        """Name and keyword arguments for `triangulators.triangulate`."""
         if self.calibration is not None:
-            return {"criterion": criteria.calibrated(dict(self._weights))}
-        return self.parameters
+            calibrated = criteria.calibrated(dict(self._weights))
+            return self.base.removesuffix(CALIBRATED), {"criterion": calibrated}
+        return self.base, self.parameters
 
     def load(self) -> None:
         """Import what it needs; a third party's code runs.
@@ -100,11 +101,11 @@ class Recipe:
         """
         try:
             registry.find(self.base if not self.builtin else self.base.partition(":")[0]).load()
-        except UnknownName as error:
+        except TriangulationError as error:
             raise UsageError(str(error)) from error
         except Exception as error:
             raise UsageError(
-                f"triangulator '{self}' cannot be loaded: {in_short(error)}"
+                f"triangulator '{self}' cannot be loaded: {summarize_error(error)}"
             ) from error
 
     def attempt(
@@ -118,7 +119,8 @@ class Recipe:
             return [], np.zeros(len(polygons), np.bool_)
         from triangulators.many import attempt_many  # where it is run
 
-        batch = attempt_many(polygons, self.base, threads=1, **self._arguments)
+        name, arguments = self._call
+        batch = attempt_many(polygons, name, threads=1, **arguments)
         return batch, batch.compiled
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
@@ -139,7 +141,8 @@ class Recipe:
 
     def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
         """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""
-        return triangulators.triangulate_with_gap(polygon, self.base, **self._arguments)
+        name, arguments = self._call
+        return triangulators.triangulate_with_gap(polygon, name, **arguments)
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
@@ -166,7 +169,7 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
     if base.partition(":")[0] in registry.BUILTIN or ":" not in base:
         try:
             base = registry.full_name(base)
-        except UnknownName as error:
+        except TriangulationError as error:
             raise UsageError(str(error)) from error
     else:
         _require_module(base)
@@ -206,5 +209,5 @@ def _require_module(reference: str) -> None:
     name = reference.partition(":")[0]
     # A module's name need not be like a triangulator's: only what is all but one is hinted at.
     otherwise = "a module lies in the folder you are in, or is installed"
-    hint = did_you_mean(name, registry.names(), like=0.75, otherwise=otherwise)
+    hint = suggest(name, registry.names(), cutoff=0.75, fallback=otherwise)
     raise UsageError(f"unknown triangulator '{reference}': there is no module '{name}'; {hint}")

@@ -61,7 +61,7 @@ def test_the_optimum_is_one_by_every_way(kind, seed, times, tell, tmp_path):
             points, single = vertices(polygon), triangulate(polygon, name)
             ways = {"single": single, "batch": many[number], "file": files[number]}
             if criterion == "half-perimeter":
-                flat = triangulate_float64(*earcut_rings(polygon), method="optimal")
+                flat = triangulate_float64(*earcut_rings(polygon), method="optimal:half-perimeter")
                 ways["drop-in"] = flat.reshape(-1, 3).astype(np.int32)
             least = total(points, single)
             for way, triangles in ways.items():

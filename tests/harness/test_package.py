@@ -82,6 +82,7 @@ def test_all_files_name_one_version():
         "ports/javascript/package.json": r'"version": "(.*?)"',
         "ports/cpp/CMakeLists.txt": r"flip_triangles VERSION (\S+)",
         "CHANGELOG.md": r"(?m)^## (\S+)",
+        **{f"{name}/__init__.py": r'(?m)^__version__ = "(.*)"' for name in PACKAGES},
     }
     found = {file: re.findall(what, (ROOT / file).read_text())[0] for file, what in places.items()}
     assert set(found.values()) == {__version__}, found

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 
 from scenes import load
 from tests.triangulators.cases import glyphs, hard_polygons, shared
-from triangulators import InvalidPolygon, Skipped, criteria, names, triangulate, vertices
+from triangulators import InvalidPolygonError, SkippedError, criteria, names, triangulate, vertices
 from triangulators.polygon import boundary
 from triangulators.registry import BUILTIN, Entry, find
 from triangulators.verify import verify_boundary
@@ -49,7 +49,7 @@ def check(polygon, label):
     """Run every triangulator on one polygon; return how many gave a triangulation."""
     if not polygon.is_valid or polygon.is_empty:
         for name in usable(tuple(BUILTIN)):
-            with pytest.raises(InvalidPolygon):
+            with pytest.raises(InvalidPolygonError):
                 triangulate(polygon, name)
         return 0
     outline = boundary(polygon)
@@ -59,7 +59,7 @@ def check(polygon, label):
         entry = find(name.partition(":")[0])
         try:
             triangles = triangulate(polygon, name)
-        except Skipped:
+        except SkippedError:
             holed = polygon.interiors and not entry.handles_holes
             assert name in NOT_ALWAYS or holed or len(points) > 1500, (label, name)
             continue
@@ -89,7 +89,7 @@ def twice_the_first(outline):
 
 def never(outline):
     """Refuse every polygon."""
-    raise Skipped("never: no polygon is good enough")
+    raise SkippedError("never: no polygon is good enough")
 
 
 @pytest.mark.parametrize("wrong", [twice_the_first, never])

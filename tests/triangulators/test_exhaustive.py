@@ -15,7 +15,7 @@ from tests.triangulators.cases import (
     star,
     with_hole,
 )
-from triangulators import Skipped, triangulate
+from triangulators import SkippedError, triangulate
 from triangulators.criteria import predict
 from triangulators.initial import cycle_of
 from triangulators.methods.counting import count_of_cycle, count_triangulations
@@ -86,9 +86,9 @@ def test_convex_polygons_have_catalans_number():
 
 @pytest.mark.parametrize("polygon", [convex(40), star(200)])
 def test_polygons_of_too_many_are_skipped_with_the_way_out(polygon):
-    with pytest.raises(Skipped, match="more than 1000000 triangulations; 'optimal' finds"):
+    with pytest.raises(SkippedError, match="more than 1000000 triangulations; 'optimal' finds"):
         triangulate(polygon, "exhaustive")
-    with pytest.raises(Skipped, match="more than 1000000 triangulations; 'optimal' finds"):
+    with pytest.raises(SkippedError, match="more than 1000000 triangulations; 'optimal' finds"):
         enumerate_triangulations(polygon)
 
 
@@ -101,7 +101,7 @@ def test_counting_may_stop_at_a_part_that_has_enough():
 
 
 def test_holes_are_skipped():
-    with pytest.raises(Skipped, match="holes"):
+    with pytest.raises(SkippedError, match="holes"):
         triangulate(with_hole(np.random.default_rng(0), 8, 3), "exhaustive")
 
 
@@ -115,7 +115,7 @@ def test_listed_gives_all_of_the_papers_mode_by_overdraw():
     assert costs[0] == 53.0
     assert not verify(paper_polygon(), found[0]).conforming
     assert sum(verify(paper_polygon(), triangles).conforming for triangles in found) == 29
-    with pytest.raises(Skipped, match="ends at number 46"):
+    with pytest.raises(SkippedError, match="ends at number 46"):
         triangulate(paper_polygon(), "listed", k=47)
-    with pytest.raises(Skipped, match="more than 20000"):
+    with pytest.raises(SkippedError, match="more than 20000"):
         triangulate(convex(20), "listed")

@@ -15,7 +15,7 @@ from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
 from tests.triangulators.test_geometry import exact_sign
 from tests.triangulators.test_optimal import squared_height
-from triangulators import UnknownName, criteria, flip, triangulate, triangulate_many, vertices
+from triangulators import UnknownNameError, criteria, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import CRITERIA, predict
 from triangulators.verify import verify
 
@@ -159,7 +159,9 @@ def test_what_cannot_be_flipped_is_named(points, triangles, by, message):
 
 
 def test_an_unknown_test_is_named_with_the_known_ones():
-    with pytest.raises(UnknownName, match=r"unknown criterion 'l2'.*l1, euclidean, delaunay"):
+    with pytest.raises(
+        UnknownNameError, match=r"unknown criterion 'l2'; .*l1, euclidean, delaunay"
+    ):
         flip(np.zeros((3, 2)), np.array([(0, 1, 2)]), "l2")
 
 

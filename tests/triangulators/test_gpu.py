@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
-from triangulators import UnknownName, triangulate_many, vertices
+from triangulators import UnknownNameError, triangulate_many, vertices
 from triangulators.gpu import engine
 from triangulators.gpu.rings import KINDS, MOST, ON_CPU, Rings, prepare
 from triangulators.polygon_arrays import PolygonArray
@@ -199,5 +199,5 @@ def test_callers_in_several_threads_share_the_device():
 
 def test_unknown_devices():
     for name in ("cuda", "gpu", "gpu-1", "softpipe"):
-        with pytest.raises(UnknownName, match="unknown device"):
+        with pytest.raises(UnknownNameError, match="unknown device"):
             triangulate_many([star(9)], device=name)

@@ -9,7 +9,7 @@ import shapely
 
 from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
-from triangulators import PolygonArray, UnknownName, triangulate, triangulate_many, vertices
+from triangulators import PolygonArray, UnknownNameError, triangulate, triangulate_many, vertices
 from triangulators import many as batch
 from triangulators.criteria import find
 from triangulators.dropin import triangulate_float64
@@ -83,7 +83,7 @@ def test_threads_and_unknown_names():
     polygons = mixture(400)
     one, three = (triangulate_many(polygons, threads=count) for count in (1, 3))
     assert np.array_equal(one.triangles, three.triangles)
-    with pytest.raises(UnknownName):
+    with pytest.raises(UnknownNameError):
         triangulate_many(polygons, "optimal:nothing")
 
 
@@ -159,7 +159,7 @@ def test_single_batch_and_drop_in_cost_the_same(scale, name):
         assert total(points, many[number]) == pytest.approx(least, rel=1e-12), polygon.wkt
         if name == "optimal:half-perimeter":
             dropped = (
-                triangulate_float64(*earcut_rings(polygon), "optimal")
+                triangulate_float64(*earcut_rings(polygon), "optimal:half-perimeter")
                 .reshape(-1, 3)
                 .astype(np.int32)
             )

@@ -13,7 +13,7 @@ from tests.triangulators.cases import (
     smooth,
     star,
 )
-from triangulators import Skipped, criteria, names, triangulate, triangulate_with_gap, vertices
+from triangulators import SkippedError, criteria, names, triangulate, triangulate_with_gap, vertices
 from triangulators.checking.units import doubles_add_up
 from triangulators.criteria import CRITERIA, predict
 from triangulators.criteria.cost import cost_of
@@ -91,7 +91,7 @@ def test_no_peer_beats_the_optimum(criterion):
         for peer in peers:
             try:
                 triangles = triangulate(polygon, peer)
-            except Skipped:
+            except SkippedError:
                 continue
             assert criteria.find(criterion).total(points, triangles) >= limit, peer
             compared += 1

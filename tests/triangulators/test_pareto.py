@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.triangulators.cases import all_triangulations, brute_cost, random_simple, star, with_hole
-from triangulators import Skipped, criteria, triangulate, vertices
+from triangulators import SkippedError, criteria, triangulate, vertices
 from triangulators.criteria import predict
 from triangulators.methods.pareto import pareto_front
 from triangulators.verify import verify
@@ -53,7 +53,7 @@ def test_its_points_are_triangulations_by_number():
             assert verify(polygon, triangles).conforming
             found = predict(vertices(polygon), triangles)
             assert [found[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
-        with pytest.raises(Skipped, match=f"ends at number {len(expected) - 1}, before"):
+        with pytest.raises(SkippedError, match=f"ends at number {len(expected) - 1}, before"):
             triangulate(polygon, "pareto", k=len(expected))
 
 
@@ -80,7 +80,7 @@ def test_a_sweep_of_the_weights_stays_on_the_front():
 
 
 def test_what_has_no_front_here_is_skipped():
-    with pytest.raises(Skipped, match="101 vertices, more than 100"):
+    with pytest.raises(SkippedError, match="101 vertices, more than 100"):
         triangulate(star(101), "pareto")
-    with pytest.raises(Skipped, match="holes"):
+    with pytest.raises(SkippedError, match="holes"):
         triangulate(with_hole(np.random.default_rng(0), 8, 4), "pareto", k=1)

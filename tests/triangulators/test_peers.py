@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from tests.triangulators.cases import convex, paper_polygon, random_simple, twice_area
-from triangulators import Skipped, Unavailable, find, triangulate, vertices
+from triangulators import SkippedError, UnavailableError, find, triangulate, vertices
 from triangulators.verify import verify
 
 
@@ -40,7 +40,7 @@ def test_strip_zigzags():
 def test_fan_and_strip_skip_what_they_cannot_do():
     comb = shapely.Polygon([(0, 0), (6, 0), (6, 4), (5, 1), (4, 4), (3, 1), (2, 4), (1, 1), (0, 4)])
     for name in ("fan", "strip"):
-        with pytest.raises(Skipped, match=name):
+        with pytest.raises(SkippedError, match=name):
             triangulate(comb, name)
 
 
@@ -68,5 +68,5 @@ def test_a_missing_package_is_unavailable_with_the_install_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "manifold3d", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert find("manifold").available() == "pip install manifold3d"
-    with pytest.raises(Unavailable, match="pip install manifold3d"):
+    with pytest.raises(UnavailableError, match="pip install manifold3d"):
         triangulate(convex(5), "manifold")

@@ -1,5 +1,7 @@
 """Names and the weights in them, errors and third parties."""
 
+import re
+from functools import partial
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -11,12 +13,14 @@ from hypothesis import strategies as st
 import triangulators
 from tests.triangulators.cases import star
 from triangulators import (
-    InvalidPolygon,
+    ArgumentError,
+    InvalidPolygonError,
     TriangulationError,
-    UnknownName,
+    UnknownNameError,
     criteria,
     full_name,
     triangulate,
+    triangulate_many,
     vertices,
 )
 from triangulators.criteria import read_weights, write_weights
@@ -41,12 +45,11 @@ def no_triangles_at_all(polygon):
         ("delauney", "delaunay"),
         ("optimal:overdrow", "overdraw"),
         ("earclipping:x", "ear-clipping"),
-        ("fan:overdraw", "takes no criterion"),
         ("math:nothing", "nothing"),
     ],
 )
 def test_unknown_names_suggest_the_nearest(name, nearest):
-    with pytest.raises(UnknownName, match=nearest):
+    with pytest.raises(UnknownNameError, match=nearest):
         triangulate(SQUARE, name)
 
 
@@ -75,7 +78,7 @@ def test_a_users_function_is_wound_counter_clockwise():
 )
 def test_bad_polygons_say_what_is_wrong(polygon, message):
     for name in ("fan", "ear-clipping", "delaunay", "optimal"):
-        with pytest.raises(InvalidPolygon, match=message):
+        with pytest.raises(InvalidPolygonError, match=message):
             triangulate(polygon, name)
 
 
@@ -85,7 +88,7 @@ def test_a_third_party_adds_its_own_by_an_entry_point(monkeypatch):
     assert "theirs" in triangulators.names(available_only=True)
     assert triangulators.full_name("theirs") == "theirs"
     assert triangulate(SQUARE, "theirs").tolist() == [[0, 1, 2], [0, 2, 3]]
-    with pytest.raises(UnknownName, match="theirs"):
+    with pytest.raises(UnknownNameError, match="theirs"):
         triangulate(SQUARE, "their")
 
 
@@ -114,7 +117,7 @@ def test_what_is_written_is_read_as_it_was(weights):
     assume(any(weights))
     text = write_weights(weights)
     assert "," not in text
-    assert tuple(read_weights("mixed", text, ("a", "b", "c")).values()) == weights
+    assert tuple(read_weights(text).values()) == weights
     name = criteria.mixed(*weights).name
     assert criteria.find(name).weights == criteria.mixed(*weights).weights
     assert criteria.find(name).name == name
@@ -132,31 +135,88 @@ def test_the_name_gives_the_weights():
     assert found.total(points, by_name) == same.total(points, by_name)
 
 
-_WEIGHTS = "give mixed=alpha/beta/gamma, 3 finite numbers, none negative and one above zero"
+_WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, none negative and one above zero"
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    ("weights", "problem"),
     [
-        ("mixed=1/0.5", _WEIGHTS),
-        ("mixed=1/2/3/4", _WEIGHTS),
-        ("mixed=", _WEIGHTS),
-        ("mixed=1/x/0", _WEIGHTS),
-        ("mixed=1/-2/0", _WEIGHTS),
-        ("mixed=1/nan/0", _WEIGHTS),
-        ("mixed=1e999/1/0", _WEIGHTS),
-        ("mixed=0/0/0", _WEIGHTS),
-        ("overdraw=1", "'overdraw' takes no weights"),
-        ("mixd=1/2/3", "did you mean 'mixed'"),
+        ("1/0.5", "'1/0.5' is not three numbers"),
+        ("1/2/3/4", "'1/2/3/4' is not three numbers"),
+        ("", "'' is not three numbers"),
+        ("1/x/0", "'1/x/0' is not three numbers"),
+        ("1/-2/0", "beta is negative"),
+        ("1/nan/0", "beta is nan"),
+        ("1e999/1/0", "alpha is inf"),
+        ("0/0/-0", "all weights are 0"),
     ],
 )
-def test_weights_that_cannot_be_used_are_refused(name, message):
-    with pytest.raises(UnknownName, match=message):
-        triangulate(star(8), f"optimal:{name}")
-    with pytest.raises(UnknownName, match=message):
-        full_name(f"worst:{name}")
+def test_invalid_weights_are_refused_wherever_they_are_given(weights, problem):
+    message = re.escape(problem + _WEIGHTS)
+    for refused in (full_name, lambda name: triangulate(star(8), name)):
+        with pytest.raises(ArgumentError, match=message):
+            refused(f"optimal:mixed={weights}")
+    if "is not three" not in problem:
+        given = dict(zip(criteria.MIXED_WEIGHTS, map(float, weights.split("/")), strict=True))
+        for refused in (criteria.mixed, partial(criteria.find, "mixed")):
+            with pytest.raises(ArgumentError, match=message):
+                refused(**given)
+        with pytest.raises(ArgumentError, match=message):
+            triangulate(star(8), "optimal:mixed", **given)
 
 
-def test_weights_are_given_once():
-    with pytest.raises(TypeError, match="has its weights already"):
-        criteria.find("mixed=1/2/0", alpha=3.0)
+def test_a_criterion_and_its_weights_are_given_once():
+    mixture, many = criteria.mixed(1.0, 2.0, 0.0), partial(triangulate_many, [star(8)])
+    calls = {
+        "criterion given twice": [
+            partial(triangulate, star(8), "optimal:half-perimeter", criterion="overdraw"),
+            partial(triangulate, star(8), "optimal:overdraw", criterion=mixture),
+            partial(many, "optimal:half-perimeter", criterion="overdraw"),
+            partial(many, "flips:l1", criterion="delaunay"),
+        ],
+        "weights given twice": [partial(criteria.find, "mixed=1/2/0", alpha=3.0)],
+        "takes no weights": [partial(triangulate, star(8), "optimal:overdraw=1")],
+        "takes no parameters": [
+            partial(criteria.find, mixture, alpha=3.0),
+            partial(criteria.find, clockwise_square, alpha=3.0),
+            partial(triangulate, star(8), "optimal:overdraw", alpha=3.0),
+        ],
+        "takes no criterion": [
+            partial(full_name, "fan:overdraw"),
+            partial(triangulate, star(8), "fan", criterion="overdraw"),
+            partial(many, "fan", criterion="overdraw"),
+        ],
+    }
+    for message, refused in calls.items():
+        for call in refused:
+            with pytest.raises(ArgumentError, match=message):
+                call()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (partial(triangulate, SQUARE, None), "triangulator: expected a name, got NoneType"),
+        (partial(triangulate, SQUARE, "optimal", criterion=7), "criterion: expected .* got int"),
+        (partial(triangulate_many, SQUARE), r"expected a sequence, got one Polygon; give \[poly"),
+        (partial(criteria.Criterion, "x", "", weights=(float("nan"),)), "is not a number"),
+        (partial(criteria.Criterion, "x", "", weights=(1e201,)), r"weight 1e\+201 is beyond 1e"),
+    ],
+)
+def test_arguments_of_another_kind_are_named(call, message):
+    with pytest.raises(ArgumentError, match=message):
+        call()
+
+
+def test_every_error_is_a_triangulation_error():
+    kinds = [kind for kind in vars(triangulators.errors).values() if isinstance(kind, type)]
+    raised = [kind for kind in kinds if issubclass(kind, Exception)]
+    assert len(raised) > 5
+    assert all(issubclass(kind, TriangulationError) for kind in raised)
+    with pytest.raises(TriangulationError, match="holes"):
+        triangulate(SQUARE.difference(shapely.box(1, 1, 2, 2)), "fan")
+
+
+def test_the_package_lists_its_public_names_only():
+    assert dir(triangulators) == sorted([*triangulators.__all__, "__version__"])
+    assert all(getattr(triangulators, name) is not None for name in dir(triangulators))

@@ -1,17 +1,16 @@
-"""Criteria: what a triangle is predicted to cost, from its coordinates alone.
+"""Criteria: predicted costs of a triangle, computed from its coordinates.
 
-A criterion sums a per-triangle cost over a triangulation. Every built-in one is a weighted sum of
-`features`; a user's own criterion is a Numba function of the same form as a feature, of three
-points given as six numbers. A criterion's name may hold its weights: `mixed=1/0.5/0` is alpha 1,
-beta 0.5, gamma 0.
+A criterion sums a cost per triangle over a triangulation. Every built-in criterion is a weighted
+sum of `FEATURES`; a user's criterion is a Numba function of three points given as six numbers, as
+the features are. The name of `mixed` can contain its weights: "mixed=1/0.5/0" is alpha 1, beta 0.5
+and gamma 0.
 
 Units are those of the coordinates: pixels for a frame.
 
-features   what one triangle is made of, compiled; quads that it shades in one place on the grid
+features   compiled features of one triangle; exact quads on the pixel grid
 cost       a criterion as compiled code takes it
 """
 
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.errors import UnknownName
+from triangulators.errors import ArgumentError, UnknownNameError, suggest
+
+__all__ = ["CRITERIA", "Criterion", "calibrated", "find", "mixed", "names", "predict", "predicted"]
 
 FEATURES = (
     "triangles",
@@ -33,26 +34,26 @@ FEATURES = (
     "expected_blocks",
     "expected_setups",
 )
-"""What one triangle is made of (see `features`), in the order that weights have."""
+"""Features of a triangle (see `features`), in the order of weights."""
 
 FEATURES_KEPT = ("triangles", "area", "bbox_area", "expected_setups")
-"""Features that are no criterion by themselves, and that fits of a device's time need."""
+"""Features that are no criterion by themselves, but that fits of a device's time need."""
 
 MARK = "="
-"""Between a criterion's name and its weights."""
+"""Separates a criterion's name from its weights."""
 
 BETWEEN = "/"
-"""Between weights; a comma separates the names in a list."""
+"""Separates weights; a comma separates the names in a list."""
 
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
 WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
 
-MOST_WEIGHT = 1e200
-"""Largest weight of a feature."""
+MAX_WEIGHT = 1e200
+"""Upper bound of a weight's size; sums of larger ones overflow."""
 
 
 def exact_quads_of(*points: float) -> float:
-    """Call `features.exact_quads`, which is compiled: the catalogue is read without it."""
+    """Call the compiled `features.exact_quads`, imported on the first call."""
     from triangulators.criteria.features import exact_quads
 
     return float(exact_quads(*points))
@@ -62,12 +63,27 @@ def exact_quads_of(*points: float) -> float:
 class Criterion:
     """A cost per triangle, to be summed over a triangulation.
 
-    `label`, `symbol` and `unit` are how tables and plots show it. `weights` are coefficients of
-    `FEATURES`; `function`, if given, is a Numba function of three points (six numbers) and takes
-    their place. `normalise` turns weights into others once the polygon's area and number of
-    triangles are known. `parameters` says that it is a family, whose value depends on weights that
-    a user gives, and `placed` that it is counted on the pixel grid, where the polygon lies: neither
-    is among what `predict` returns.
+    Parameters
+    ----------
+    name : str
+        As `find` takes it, weights included.
+    description, label, symbol, unit : str
+        As tables and plots show it.
+    weights : tuple of float
+        Coefficients of `FEATURES`.
+    function : callable or None
+        A Numba function of three points (six numbers), which replaces the weights.
+    normalise : callable or None
+        Returns other weights for (weights, area of the polygon, number of triangles).
+    parameters : bool
+        True for a family, whose weights the user gives; `predict` leaves it out.
+    placed : bool
+        True if the cost depends on the position on the pixel grid; `predict` leaves it out.
+
+    Raises
+    ------
+    ArgumentError
+        If a weight is not a number or is beyond 1e200.
     """
 
     name: str
@@ -82,27 +98,29 @@ class Criterion:
     placed: bool = False
 
     def __post_init__(self) -> None:
-        wrong = [weight for weight in self.weights if not abs(weight) <= MOST_WEIGHT]
-        if wrong:
-            raise UnknownName(
-                f"criterion {self.name}: the weight {wrong[0]:g} is beyond {MOST_WEIGHT:g}, where "
-                "sums overflow: divide all weights by the largest"
-            )
+        for weight in self.weights:
+            if math.isnan(weight):
+                raise ArgumentError(f"criterion {self.name}: a weight is not a number (nan)")
+            if abs(weight) > MAX_WEIGHT:
+                raise ArgumentError(
+                    f"criterion {self.name}: weight {weight:g} is beyond {MAX_WEIGHT:g}, where "
+                    "sums overflow; divide all weights by the largest"
+                )
 
     @property
     def column(self) -> str:
-        """Its name where hyphens cannot stand: keys of records and columns of files."""
+        """The name with underscores, for keys of records and columns of files."""
         return self.name.replace("-", "_")
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
-        """Return the (k,) weights of `FEATURES` for a polygon of this area and triangle count."""
+        """Return the weights (k,) of `FEATURES` for a polygon's area and number of triangles."""
         weights = np.array(self.weights, dtype=np.float64)
         if self.normalise is None:
             return weights
         return self.normalise(weights, polygon_area, max(triangles, 1))
 
     def total(self, points: np.ndarray, triangles: np.ndarray) -> float:
-        """Return the criterion of one triangulation."""
+        """Return the sum over triangles (m, 3), indices of points (n, 2)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         if len(triangles) == 0:
             return 0.0
@@ -125,7 +143,7 @@ CALIBRATED = (
     "expected_blocks",
     "expected_setups",
 )
-"""Features that a device's time may be made of."""
+"""Features that a device's fitted cost can use."""
 
 
 def _linear(
@@ -136,7 +154,7 @@ def _linear(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
-    """Return a weighted sum of features; what is not named has no weight."""
+    """Return a weighted sum of features; coefficients default to 0."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
@@ -149,15 +167,39 @@ def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np
 
 
 def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterion:
-    """F = alpha A / S + beta D / (240 T) + gamma C / (24 T), the paper's mixture.
+    """Return the paper's mixture, F = alpha A / S + beta D / (240 T) + gamma C / (24 T).
 
-    Each term is made comparable by its scale: A by the polygon's area S, D by the 240 degrees a
-    triangle can deviate at most, C by 24 bytes a triangle. So C adds the constant gamma.
-    It is called `mixed=alpha/beta/gamma`, and `mixed` where all three are 1.
+    A is divided by the polygon's area S, D by the number of triangles T times the 240 degrees that
+    a triangle deviates at most, and C by T times the 24 bytes of a triangle. C adds the constant
+    gamma.
+
+    Parameters
+    ----------
+    alpha, beta, gamma
+        Weights; finite, none negative, at least one positive.
+
+    Returns
+    -------
+    Criterion
+        Named "mixed=alpha/beta/gamma", or "mixed" if all three are 1.
+
+    Raises
+    ------
+    ArgumentError
+        If a weight is invalid.
+
+    Examples
+    --------
+    >>> mixed(1.0, 0.5, 0.0).name
+    'mixed=1/0.5/0'
     """
     weights = (alpha, beta, gamma)
+    name = "mixed" if weights == (1, 1, 1) else f"mixed{MARK}{write_weights(weights)}"
+    problem = _problem_of_weights(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
+    if problem:
+        raise _invalid_weights(name, problem)
     linear = _linear(
-        "mixed" if weights == (1, 1, 1) else f"mixed{MARK}{write_weights(weights)}",
+        name,
         "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
         "mixture",
         "F",
@@ -170,12 +212,46 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     return replace(linear, normalise=_per_polygon, parameters=True)
 
 
+MIXED_WEIGHTS = ("alpha", "beta", "gamma")
+
+
+def _problem_of_weights(weights: Mapping[str, float]) -> str | None:
+    """Return why a mixture's weights are invalid, or None if they are valid."""
+    for name, weight in weights.items():
+        if not math.isfinite(weight):
+            return f"{name} is {weight:g}"
+        if weight < 0.0:
+            return f"{name} is negative"
+        if weight > MAX_WEIGHT:
+            return f"{name} is beyond {MAX_WEIGHT:g}, where sums overflow"
+    return None if any(weights.values()) else "all weights are 0"
+
+
+def _invalid_weights(name: str, problem: str) -> ArgumentError:
+    return ArgumentError(
+        f"criterion {name!r}: {problem}; give mixed{MARK}{BETWEEN.join(MIXED_WEIGHTS)}, "
+        "3 finite numbers, none negative and one above zero"
+    )
+
+
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
-    """A device's fitted cost: coefficients of some of `CALIBRATED`. Raises `ValueError`."""
+    """Return a device's fitted cost.
+
+    Parameters
+    ----------
+    coefficients
+        Weights of some of the features `CALIBRATED`, by name.
+
+    Raises
+    ------
+    ArgumentError
+        If a feature is unknown, or a coefficient is not a number or beyond 1e200.
+    """
     unknown = sorted(set(coefficients) - set(CALIBRATED))
     if unknown:
-        raise ValueError(
-            f"calibrated: unknown coefficients {unknown}; expected some of {list(CALIBRATED)}"
+        raise ArgumentError(
+            f"criterion calibrated: unknown coefficients {unknown}; "
+            f"choose from {', '.join(CALIBRATED)}"
         )
     description = "T, S, H, w*h, D, Q, P and R at the rates fitted on a device"
     linear = _linear("calibrated", description, "calibrated time", "", "s", **coefficients)
@@ -256,7 +332,7 @@ CRITERIA: dict[str, Criterion] = {
     )
 }
 FLIP_TESTS = ("l1", "euclidean", "delaunay")
-"""What flips may lessen beside a criterion: a diagonal's L1 or Euclidean length, or the angles."""
+"""Flip tests next to the criteria: a diagonal's L1 length, its Euclidean length, the angles."""
 
 
 def names() -> list[str]:
@@ -265,55 +341,98 @@ def names() -> list[str]:
 
 
 def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Criterion:
-    """Return a criterion by name, or made of a user's Numba function of three points.
+    """Return a criterion by name, or made from a user's Numba function.
 
-    The name of `mixed` may hold its weights, `mixed=1/0.5/0` (see `weights`). parameters: alpha,
-    beta, gamma for `mixed`; coefficients for `calibrated`. The criterion's own name is the one way
-    to write it. Raises `UnknownName`, also for weights that cannot be used.
+    Parameters
+    ----------
+    name
+        A name, for `mixed` optionally with weights ("mixed=1/0.5/0"); a Numba function of three
+        points (six numbers); or a `Criterion`, which is returned.
+    **parameters
+        `alpha`, `beta` and `gamma` of "mixed", or `coefficients` of "calibrated".
 
-        >>> find("mixed=1.0/.5/0").name
-        'mixed=1/0.5/0'
+    Raises
+    ------
+    UnknownNameError
+        If there is no such criterion.
+    ArgumentError
+        If weights are invalid, given twice, or not taken by the criterion.
+
+    Examples
+    --------
+    >>> find("mixed=1.0/.5/0").name
+    'mixed=1/0.5/0'
     """
-    if isinstance(name, Criterion):
-        return name
-    if callable(name):
-        return Criterion(getattr(name, "__name__", "custom"), "user's function", function=name)
+    if not isinstance(name, str):
+        return _as_criterion(name, parameters)
     plain, mark, weights = name.partition(MARK)
     if plain not in CRITERIA:
-        near = difflib.get_close_matches(plain, CRITERIA, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UnknownName(f"unknown criterion {name!r}{hint} (known: {', '.join(CRITERIA)})")
-    criterion = CRITERIA[plain]
+        raise UnknownNameError(f"unknown criterion {name!r}; {suggest(plain, CRITERIA)}")
     if mark:
         if plain != "mixed":
-            raise UnknownName(f"criterion {plain!r} takes no weights, got {weights!r}; mixed does")
+            raise ArgumentError(
+                f"criterion {plain!r} takes no weights (got {weights!r}); mixed does"
+            )
         if parameters:
-            raise TypeError(f"criterion {name!r} has its weights already, got {sorted(parameters)}")
-        criterion = mixed(**read_weights(plain, weights, ("alpha", "beta", "gamma")))
-    elif plain == "mixed":
-        criterion = mixed(**parameters)
-    elif plain == "calibrated" and parameters:
-        criterion = calibrated(**parameters)
-    elif parameters:
-        raise TypeError(f"criterion {plain!r} takes no parameters, got {sorted(parameters)}")
-    return criterion
+            given = ", ".join(sorted(parameters))
+            raise ArgumentError(
+                f"criterion {name!r}: weights given twice (in the name and as {given}); "
+                "give one of the two"
+            )
+        return mixed(**read_weights(weights))
+    families: dict[str, Callable[..., Criterion]] = {"mixed": mixed, "calibrated": calibrated}
+    if plain not in families and parameters:
+        given = ", ".join(sorted(parameters))
+        raise ArgumentError(f"criterion {plain!r} takes no parameters (got {given})")
+    return families[plain](**parameters) if parameters else CRITERIA[plain]
+
+
+def _as_criterion(given: Any, parameters: Mapping[str, Any]) -> Criterion:
+    """Return a criterion that is given as an object or as a function, which take no parameters."""
+    if not (isinstance(given, Criterion) or callable(given)):
+        raise ArgumentError(
+            f"criterion: expected a name, a Criterion or a function, got {type(given).__name__}"
+        )
+    name: str = getattr(given, "name", "") or getattr(given, "__name__", "custom")
+    if parameters:
+        names = ", ".join(sorted(parameters))
+        raise ArgumentError(f"criterion {name!r} takes no parameters (got {names})")
+    if isinstance(given, Criterion):
+        return given
+    return Criterion(name, "user's function", function=given)
 
 
 def predicted() -> list[Criterion]:
     """Return the criteria that `predict` sums, in the order in which they are shown."""
-    return [each for each in CRITERIA.values() if not (each.parameters or each.placed)]
+    return [
+        criterion
+        for criterion in CRITERIA.values()
+        if not (criterion.parameters or criterion.placed)
+    ]
 
 
 def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     """Sum every criterion over a triangulation.
 
-    points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: `FEATURES_KEPT`, then the
-    `column` of each criterion of `predicted`, in its unit where coordinates are pixels.
+    Parameters
+    ----------
+    points
+        (n, 2) float64.
+    triangles
+        (m, 3) indices of points.
 
-        >>> square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
-        >>> sums = predict(square, np.array([(0, 1, 2), (0, 2, 3)]))
-        >>> sums["half_perimeter"], sums["overdraw"]
-        (8.0, 4.0)
+    Returns
+    -------
+    dict
+        Sums of the features `FEATURES_KEPT`, then of each criterion of `predicted` under its
+        `column`; in the criterion's unit if coordinates are pixels.
+
+    Examples
+    --------
+    >>> square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
+    >>> sums = predict(square, np.array([(0, 1, 2), (0, 2, 3)]))
+    >>> sums["half_perimeter"], sums["overdraw"]
+    (8.0, 4.0)
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
@@ -344,22 +463,17 @@ def _criterion_sums(sums: np.ndarray) -> dict[str, np.ndarray]:
     return columns
 
 
-def read_weights(criterion: str, text: str, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the weights called `names` that `text` gives a criterion, such as `1/0.5/0`.
+def read_weights(text: str) -> dict[str, float]:
+    """Return the weights of `mixed` by name that a text such as `1/0.5/0` gives.
 
-    Raises `UnknownName` unless there are as many figures as names, each finite and not negative,
-    one of them positive.
+    Raises `ArgumentError` unless there are three numbers; `mixed` checks their values.
     """
     try:
-        values = [float(part) for part in text.split(BETWEEN)]
-    except ValueError:
-        values = []
-    if len(values) != len(names) or not (0.0 < sum(values) < math.inf and min(values) >= 0.0):
-        raise UnknownName(
-            f"criterion '{criterion}{MARK}{text}': give {criterion}{MARK}{BETWEEN.join(names)}, "
-            f"{len(names)} finite numbers, none negative and one above zero"
-        )
-    return dict(zip(names, values, strict=True))
+        weights = [float(part) for part in text.split(BETWEEN)]
+        return dict(zip(MIXED_WEIGHTS, weights, strict=True))
+    except ValueError as error:
+        problem = f"{text!r} is not three numbers"
+        raise _invalid_weights(f"mixed{MARK}{text}", problem) from error
 
 
 def write_weights(values: tuple[float, ...]) -> str:

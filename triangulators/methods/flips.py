@@ -19,7 +19,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost, total_cost
-from triangulators.errors import UnknownName
+from triangulators.errors import UnknownNameError
 from triangulators.geometry.flips import (
     as_earcut,
     by_delaunay,
@@ -176,8 +176,9 @@ def _cost(
         return NO_COST, FLIP_TESTS.index(by)
     try:
         found = criteria.find(by, **parameters)
-    except UnknownName as error:
-        raise UnknownName(f"flip: {error}, or one of {', '.join(FLIP_TESTS)}") from error
+    except UnknownNameError as error:
+        message = f"flip: {error}; flip tests: {', '.join(FLIP_TESTS)}"
+        raise UnknownNameError(message) from error
     cost = plain_cost(found)
     if cost is None:
         sides = points[rows[:, 1:]] - points[rows[:, :1]]
