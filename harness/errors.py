@@ -83,7 +83,7 @@ def of_system(error: OSError) -> str:
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
     """Build the error for an unknown name of a kind, e.g. "device", with the nearest of `known`."""
-    return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(known))}")
+    return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(known), cutoff=0.4)}")
 
 
 def refuse_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:

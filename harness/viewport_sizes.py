@@ -133,7 +133,7 @@ def read_costs(name: str, *folders: Path) -> DeviceCosts:
         if not file.stem.endswith(".refused")
     }
     if name not in known and not Path(name).exists():
-        hint = suggest(name, sorted(known), fallback="raster-harness profile makes one")
+        hint = suggest(name, sorted(known), cutoff=0.4, fallback="raster-harness profile makes one")
         raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
     return read_profile(known.get(name, Path(name)), _costs_of)
 

@@ -42,7 +42,7 @@ UnknownName = UnknownNameError
 MOST_TRACED = MAX_TRACEBACK
 
 
-def suggest(name: str, known: Iterable[str], cutoff: float = 0.4, fallback: str = "") -> str:
+def suggest(name: str, known: Iterable[str], cutoff: float = 0.6, fallback: str = "") -> str:
     """Return "did you mean 'x'?" with the nearest known name, otherwise the fallback.
 
     The similarity has to reach `cutoff` (0 to 1); the default fallback lists all known names.

@@ -82,7 +82,7 @@ class Entry:
             function = load(self.function)
         except (ImportError, AttributeError, ValueError) as error:
             module = self.function.partition(":")[0]
-            hint = suggest(module, names(), cutoff=0.6, fallback="check the name and PYTHONPATH")
+            hint = suggest(module, names(), fallback="check the name and PYTHONPATH")
             raise UnknownNameError(f"triangulator {self.function!r}: {error}; {hint}") from error
         if not callable(function):
             raise UnknownNameError(f"triangulator {self.function!r}: not a function")
