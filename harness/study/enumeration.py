@@ -21,7 +21,7 @@ def triangulation_table(polygon: Polygon, mode: Literal["conforming", "paper"]) 
 
     Raises
     ------
-    triangulators.Skipped, triangulators.TriangulationError
+    triangulators.TriangulationError
         if the polygon has holes, or too many triangulations to list
     """
     points = vertices(polygon)
