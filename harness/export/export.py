@@ -29,7 +29,6 @@ from triangulators import TriangulationError, certify, full_name, parse
 from triangulators.batch import Triangulations
 from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
-from triangulators.errors import suggest
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray
 
