@@ -158,7 +158,7 @@ def _count(
         raise NothingMeasured(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
         )
-    if not found.whole().total("fragments")[0]:
+    if not found.sum_groups().total("fragments")[0]:
         what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
         raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
     with clear_errors(out, "run the same command again"), reporter.stage("drawing", 1):

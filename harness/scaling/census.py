@@ -1,7 +1,7 @@
-"""A census: what each triangulator gains on every polygon of a data set, by exact counting.
+"""Census: gains of each triangulator over all polygons of a data set, counted exactly.
 
-Footprints are drawn on the pixel grid of a map, each by itself. Polygons of map tiles are drawn as
-maps draw them, cut at their tile's edge, and added up for each zoom and layer.
+Each footprint is drawn alone on the pixel grid of a map. Polygons of map tiles are drawn as on a
+map, clipped at their tile's edge, and summed by zoom and layer.
 """
 
 from collections.abc import Sequence
@@ -36,17 +36,17 @@ from scenes.tiles.read import rounding
 from triangulators.polygon_arrays import PolygonArray
 
 PERIOD_PX = 4
-"""Moving a polygon by so many pixels changes no counter: blocks of 2x2 and 4x4 stay the same."""
+"""Translations by multiples of this many pixels preserve 2x2 and 4x4 blocks, and all counters."""
 
 THIN = "thinner than the grid of 1/256 px"
 
 
 @dataclass(frozen=True)
 class Counting(PartWork):
-    """What both have.
+    """Options common to both kinds of census.
 
-    triangulators : full names; the first is the one that the others are compared with
-    noun : what is counted
+    triangulators : full names; the others are compared with the first
+    noun : name of the counted things
     """
 
     title: ClassVar[str] = "counting"
@@ -61,8 +61,8 @@ class Counting(PartWork):
 class Census(Counting):
     """A census of footprints.
 
-    units_per_pixel : of the map on which footprints are drawn: metres, if they are in degrees
-    cell : edge of a cell of the map, in the source's own units
+    units_per_pixel : scale of the map; metres if the source is in degrees
+    cell : side of a map cell, in the source's units
     """
 
     noun: ClassVar[str] = "footprints"
@@ -78,12 +78,12 @@ class Census(Counting):
 
     def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Count the rows."""
-        found = _Found(self.triangulators, threads)
+        counter = _Counter(self.triangulators, threads)
         for chunk in read_chunks(
             part.path, layer=self.layer, where=self.where, size=CHUNK_ROWS, rows=part.rows
         ):
-            found.add_chunk(chunk, self)
-        return found.save(part, place)
+            counter.add_chunk(chunk, self)
+        return counter.save(part, place)
 
 
 @dataclass(frozen=True)
@@ -101,18 +101,18 @@ class TileCensus(Counting):
 
     def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Count the tiles."""
-        found = _Found(self.triangulators, threads)
+        counter = _Counter(self.triangulators, threads)
         assert part.rows is not None
         extents: set[int] = set()
         for tile in read_tiles(part.path, part.rows, self.chosen):
-            extents.update(own.extent for own in found.add_tile(tile, self.chosen.pixels))
-        found.count_waiting(self.chosen.pixels)
-        found.notes += rounding(extents, self.chosen.pixels)
-        return found.save(part, place)
+            extents.update(layer.extent for layer in counter.add_tile(tile, self.chosen.pixels))
+        counter.count_waiting(self.chosen.pixels)
+        counter.notes += rounding(extents, self.chosen.pixels)
+        return counter.save(part, place)
 
 
-class _Some(NamedTuple):
-    """Polygons of a group, what each is called, and how often they are there in tiles."""
+class _Batch(NamedTuple):
+    """Polygons of a group, their labels, and the number of tiles that have them."""
 
     group: Group
     polygons: NDArray[np.object_]
@@ -121,18 +121,18 @@ class _Some(NamedTuple):
 
 
 @dataclass
-class _Found:
-    """What was found so far, and `waiting`, the polygons of tiles that are not counted yet."""
+class _Counter:
+    """Counts of a part, and `waiting`, polygons of tiles that are not counted yet."""
 
     triangulators: tuple[str, ...]
     threads: int | None
     counted: Counted = field(default_factory=Counted)
     noted: NoteCounter = field(default_factory=NoteCounter)
     notes: list[str] = field(default_factory=list)
-    waiting: list[_Some] = field(default_factory=list)
+    waiting: list[_Batch] = field(default_factory=list)
 
     def add_chunk(self, chunk: Chunk, census: Census) -> None:
-        """Count the footprints of a chunk, and add them up by cells of the source's coordinates."""
+        """Count the footprints of a chunk, and sum them by map cells of the source."""
         self.noted.note("dropped", chunk.cleaned.dropped)
         self.noted.note("repaired", chunk.cleaned.repaired)
         self.notes += chunk.notes
@@ -140,7 +140,7 @@ class _Found:
         if not len(given):
             return
         labels = [chunk.labels[source] for source in chunk.cleaned.source.tolist()]
-        kept, table = self.count([_Some(FOOTPRINTS, given, labels)], census.units_per_pixel)
+        kept, table = self.count([_Batch(FOOTPRINTS, given, labels)], census.units_per_pixel)
         middle = shapely.get_coordinates(shapely.centroid(given[kept]))
         if chunk.projection is not None:
             middle = chunk.projection.inverse(middle)
@@ -151,7 +151,7 @@ class _Found:
         self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
-        """Take a tile in, and count what waits, if that is enough; returns layers with polygons."""
+        """Add the polygons of a tile; count once enough wait; return layers with polygons."""
         self.counted.known.update(tile.parts.known)
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
@@ -168,15 +168,15 @@ class _Found:
             group = (tile.zoom, own.name)
             self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
             labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
-            self.waiting.append(_Some(group, own.polygons, labels, tile.times))
+            self.waiting.append(_Batch(group, own.polygons, labels, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= CHUNK_ROWS:
             self.count_waiting(side)
         return layers
 
     def count_waiting(self, side: int) -> None:
-        """Count what waits, as tiles of `side` pixels show it."""
+        """Count the waiting polygons in tiles of `side` pixels."""
         if any(len(some.polygons) for some in self.waiting):
-            # No polygon reaches further over the edge than a side.
+            # Polygons extend at most one side beyond the edge.
             margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
             window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
             self.count(self.waiting, 1.0, margin, window)
@@ -184,14 +184,14 @@ class _Found:
 
     def count(
         self,
-        batch: Sequence[_Some],
+        batch: Sequence[_Batch],
         units_per_pixel: float,
         margin: int | None = None,
         window: NDArray[np.int64] = UNBOUNDED,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Triangulate a batch of p polygons by each triangulator, and add them to their groups.
+        """Triangulate p polygons by each triangulator, and add their counts to their groups.
 
-        Returns which (p,) all could do, and what was counted, (t, p, len(MEASURES)).
+        Returns flags (p,) of the polygons that all triangulated, and counts (t, p, len(MEASURES)).
         """
         sizes = [len(some.polygons) for some in batch]
         given = np.concatenate([some.polygons for some in batch])
@@ -203,10 +203,9 @@ class _Found:
         left = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
         for name in self.triangulators:
-            table, failed = _measured(arrays, owners, len(given), name, window, self.threads)
+            table, failed = _count_triangles(arrays, owners, len(given), name, window, self.threads)
             tables.append(table)
             for k, why in sorted(failed.items()):
-                # what it says of itself begins with its name already
                 left.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
         kept = np.ones(len(given), np.bool_)
         for kind, k, why in left:
@@ -218,13 +217,13 @@ class _Found:
         for group, k in number.items():
             own = (of == k) & kept
             lost = int(times[(of == k) & ~drawn].sum())
-            self.counted.add(group, _added_up(whole[:, own], given[own], times[own], lost))
+            self.counted.add(group, _sum_up(whole[:, own], given[own], times[own], lost))
         return kept, whole
 
     def save(self, part: FilePart, place: Path) -> PartResult:
-        """Write what was found as the part's file."""
-        nothing = Sums.of(len(self.triangulators))
-        sums = self.counted.whole() if self.counted.groups else nothing
+        """Write the counts as the part's file."""
+        zero = Sums.of(len(self.triangulators))
+        sums = self.counted.sum_groups() if self.counted.groups else zero
         done = PartResult(
             polygons=sums.count("polygons"),
             triangles=int(sums.total("triangles")[0]),
@@ -244,12 +243,12 @@ def on_pixels(
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
 
-    margin : pixels by which all are moved instead, where it matters at which pixel they lie
+    margin : translation of all polygons in pixels, if absolute pixel positions matter
 
-    Returns the pieces (p,), in px, and for each the number of its polygon; those that vanish on the
-    grid have none. The place on the grid of pixels, modulo `PERIOD_PX`, is that of the coordinates.
+    Returns the pieces (p,), in px, and the index of each piece's polygon; polygons that vanish on
+    the grid have no piece. Positions modulo `PERIOD_PX` are preserved.
     """
-    # near the origin doubles hold 1/256 px exactly, as the reference's integers do
+    # Near the origin, doubles represent 1/256 px exactly, as the reference's integers do.
     scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
     corner = shapely.bounds(scaled)[:, :2]
     shift = PERIOD_PX * np.floor(corner / PERIOD_PX)
@@ -261,12 +260,12 @@ def on_pixels(
     return snapped.pieces, snapped.source
 
 
-def _added_up(
+def _sum_up(
     table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64], dropped: int
 ) -> Sums:
-    """Add up what was measured (t, p, len(MEASURES)) of p polygons.
+    """Sum the counts (t, p, len(MEASURES)) of p polygons.
 
-    times : (p,) how often each is there; dropped : how many more vanished
+    times : (p,) multiplicity of each polygon; dropped : number of vanished polygons
     """
     corners = shapely.get_num_coordinates(polygons) - 1 - shapely.get_num_interior_rings(polygons)
     sums = Sums.of(
@@ -284,12 +283,12 @@ def _added_up(
 
 
 def gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much less `other` is than `base`, relative to it; 0 where both are 0."""
+    """Return the relative saving of `other` compared with `base`; 0 if both are 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(base == other, 0.0, 1.0 - other / base)
 
 
-def _measured(
+def _count_triangles(
     polygons: PolygonArray,
     owners: NDArray[np.int64],
     count: int,
@@ -297,12 +296,12 @@ def _measured(
     window: NDArray[np.int64],
     threads: int | None,
 ) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Triangulate polygons by one triangulator, and count them.
+    """Triangulate polygons by one triangulator, and count their triangles.
 
-    polygons, owners : p polygons on the grid of pixels, and which of `count` ones each is of
-    window : what is drawn, as `Frame.window` is
+    polygons, owners : p pieces on the pixel grid, and the index (0 to count - 1) of their polygons
+    window : drawn window, as `Frame.window`
 
-    Returns (count, len(MEASURES)) sums, and why which of them could not be done.
+    Returns sums (count, len(MEASURES)), and the reason of each failure by index.
     """
     found = triangulate_many(polygons, name, check=False, threads=threads)
     sizes = np.diff(found.triangle_offsets)

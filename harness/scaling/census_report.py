@@ -1,4 +1,4 @@
-"""What a census found: a table of gains, their distribution, and a map of them.
+"""Results of a census: table, distribution and map of gains.
 
 Footprints are one group. Polygons of map tiles have a line for each zoom and layer.
 """
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)
-"""Gains for which the table has the share of footprints that gain at least as much."""
+"""Gains for which the table has the share of footprints with at least this gain."""
 
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 
 EDGES = np.linspace(-1.0, 1.0, BINS + 1)
 """(BINS + 1,) bounds of the bins of a gain."""
 
-MOST_CELLS = 4000
-"""Cells along an edge of the map; a larger one is drawn more coarsely."""
+MAX_CELLS = 4000
+"""Upper bound of the cells along a side of the map; a larger map is drawn coarser."""
 
 
 def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
-    """Return a row for each triangulator and measure: totals, gains in all, their distribution.
+    """Return a row for each triangulator and measure: totals, total gain, distribution of gains.
 
     Shares and quantiles are exact to the width of a bin, 0.5 %: a quantile is the lower bound of
     its bin.
@@ -62,9 +62,9 @@ def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
 
 
 def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[str]:
-    """Write census.csv and the pictures into `folder`; returns what was written; raises OSError.
+    """Write census.csv and plots into `folder`; return the names written; raises OSError.
 
-    Of footprints cells.csv and a map, too; of tiles damaged.csv, if any is.
+    Footprints also get cells.csv and a map, damaged tiles damaged.csv.
     """
     names = census.triangulators
     written = {"census.csv": _lines(counted, census)}
@@ -78,12 +78,12 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
     for name, table in written.items():
         text = table.to_csv(index=False, lineterminator="\n")
         atomic.write(folder / name, text.encode())
-    draw(folder / "plots", "gains", distribution, counted.whole(), names, census.noun)
+    draw(folder / "plots", "gains", distribution, counted.sum_groups(), names, census.noun)
     return [*written, "plots/"]
 
 
 def _lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
-    """Return the rows of census.csv; of tiles for each zoom and layer."""
+    """Return the rows of census.csv, of tiles by zoom and layer."""
     tables = []
     for (zoom, layer), sums in _in_order(counted):
         table = rows(sums, census.triangulators)
@@ -101,16 +101,16 @@ def _lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
 
 
 def _in_order(counted: Counted) -> list[tuple[Group, Sums]]:
-    """Return groups by zoom, then by layer."""
+    """Return the groups sorted by zoom, then by layer."""
     return sorted(counted.groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
 
 
 def table(counted: Counted, census: Census | TileCensus) -> Table:
-    """Return what a terminal shows: helper lanes, which a choice of triangulation saves."""
+    """Return the table for the terminal: savings of helper lanes."""
     base, *others = census.triangulators
     if isinstance(census, TileCensus):
         return _table_of_tiles(counted, base, others)
-    sums = counted.whole()
+    sums = counted.sum_groups()
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
     shown = plain_table(title, "triangulator", *headings)
@@ -126,7 +126,7 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
 
 
 def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table:
-    # A long name breaks where it has a colon or a hyphen.
+    # Long names wrap after a colon or a hyphen.
     names = [name.replace(":", ":\n").replace("-", "-\n") for name in others]
     shown = plain_table(
         f"map tiles: helper lanes, compared with {base}",
@@ -136,10 +136,10 @@ def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table
     groups = [("" if zoom is None else str(zoom), *more) for (zoom, *more), _ in _in_order(counted)]
     every = [sums for _, sums in _in_order(counted)]
     if len(groups) > 1:
-        groups, every = [*groups, ("", "(all)")], [*every, counted.whole()]
+        groups, every = [*groups, ("", "(all)")], [*every, counted.sum_groups()]
     for group, sums in zip(groups, every, strict=True):
         lanes = sums.total("helper_lanes")
-        # a tile has several layers, so that tiles do not add up
+        # A tile has several layers, so tiles of layers cannot be summed.
         tiles = "" if group[1] == "(all)" else f"{sums.count('tiles'):,}"
         counts = (sums.count("polygons"), sums.count("dropped"), int(lanes[0]))
         saved = [f"{own / lanes[0] - 1:+z.1%}" if lanes[0] else "" for own in lanes[1:]]
@@ -148,7 +148,7 @@ def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table
 
 
 def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
-    """Draw which share of footprints gains at least so much, for quads and for helper lanes."""
+    """Draw the share of footprints by minimum gain, for helper lanes and quads."""
     figure, panels = grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
     styles = looks(triangulators)
     for panel, measure in zip(panels, ("helper_lanes", "quads"), strict=True):
@@ -167,8 +167,8 @@ def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
 
 
 def map_of(cells: pd.DataFrame, census: Census) -> Figure:
-    """Draw, for each cell of the map, what the last triangulator saves of its helper lanes."""
-    coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MOST_CELLS)))
+    """Draw a map of the helper lanes that the last triangulator saves in each cell."""
+    coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MAX_CELLS)))
     sums = cells.groupby([cells["y"] // coarse, cells["x"] // coarse]).sum()
     base, *_, last = (sums[f"helper_lanes {name}"] for name in census.triangulators)
     gain = (100 * (1 - last / base)).unstack()

@@ -1,8 +1,7 @@
-"""Sums over polygons, for each of several triangulators, and the files that hold a part's.
+"""Sums over polygons for each triangulator, and the files of a part's sums.
 
-A part's file holds sums and a histogram of the gains for each group of its polygons, and the sums
-of each cell of a map. They are integers, but for the criteria, and small; so a country's are added
-up in a moment.
+A part's file has sums and a histogram of gains for each group of polygons, and sums of each map
+cell. Files are small, so those of a country are added quickly.
 """
 
 import json
@@ -23,19 +22,19 @@ GAINED = (
     *("quads", "helper_lanes", "partial_quads", "blocks", "bbox_tests"),
     *("half_perimeter", "overdraw"),
 )
-"""Measures that a choice of triangulation changes: exact counters, then criteria in px and px^2."""
+"""Measures that depend on the triangulation: exact counters, then criteria in px and px^2."""
 
 MEASURES = ("fragments", "triangles", *GAINED)
 """Sums over a footprint's triangles."""
 
 BINS = 400
-"""Bins of a gain, 0.5 % each, from -100 % to 100 %; what is beyond is in the first."""
+"""Bins of a gain, 0.5 % each, from -100 % to 100 %; the first includes lower gains."""
 
 COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
-"""Of tiles: those that hold a polygon, and polygons that cannot be drawn or had to be mended."""
+"""Tiles with a polygon; polygons that cannot be drawn; polygons that were repaired."""
 
 Group = tuple[int | None, str]
-"""Zoom and layer of polygons of map tiles; footprints are all of one group."""
+"""Zoom and layer of polygons of map tiles; all footprints are one group."""
 
 FOOTPRINTS: Group = (None, "")
 
@@ -44,8 +43,8 @@ class Sums(NamedTuple):
     """Sums over footprints, or polygons of map tiles, for t triangulators.
 
     counts : (len(COUNTS),) int64
-    totals : (t, len(MEASURES)) float64; integers but for the criteria
-    bins : (t, len(GAINED), BINS) int64, polygons by what they gain
+    totals : (t, len(MEASURES)) float64; integers except the criteria
+    bins : (t, len(GAINED), BINS) int64, polygons by gain
     """
 
     counts: NDArray[np.int64]
@@ -54,7 +53,7 @@ class Sums(NamedTuple):
 
     @classmethod
     def of(cls, triangulators: int, **counts: int) -> "Sums":
-        """Return what is counted of polygons that are not drawn."""
+        """Return sums of polygons that are not drawn."""
         totals = np.zeros((triangulators, len(MEASURES)))
         bins = np.zeros((triangulators, len(GAINED), BINS), np.int64)
         return cls(np.array([counts.get(name, 0) for name in COUNTS], np.int64), totals, bins)
@@ -70,11 +69,11 @@ class Sums(NamedTuple):
 
 @dataclass
 class Counted:
-    """What was found in one part or several.
+    """Counts of one or more parts.
 
     groups : sums by zoom and layer
     cells : columns `x`, `y` (whole numbers), `footprints`, and each triangulator's helper lanes
-    damaged : tiles of which something cannot be read, and why; known : names of all layers
+    damaged : (tile, reason) of unreadable tiles; known : names of all layers
     """
 
     groups: dict[Group, Sums] = field(default_factory=dict)
@@ -83,18 +82,18 @@ class Counted:
     known: set[str] = field(default_factory=set)
 
     def add(self, group: Group, sums: Sums) -> None:
-        """Add other polygons of a group."""
+        """Add sums to a group."""
         old = self.groups.get(group)
         self.groups[group] = sums if old is None else Sums(*map(np.add, old, sums))
 
-    def whole(self) -> Sums:
-        """Add up the groups; there is at least one."""
+    def sum_groups(self) -> Sums:
+        """Return the sum of all groups, at least one."""
         return Sums(*(sum(each) for each in zip(*self.groups.values(), strict=True)))
 
     def save(self, place: Path, done: PartResult) -> None:
-        """Write a part's file, whole or not at all."""
-        cells = [_added(self.cells)] if self.cells else []
-        told = {
+        """Write a part's file atomically."""
+        cells = [_sum_cells(self.cells)] if self.cells else []
+        content = {
             "done": asdict(done),
             "groups": list(self.groups),
             "cells": [list(each) for each in cells],
@@ -107,36 +106,36 @@ class Counted:
         } | {"cells": np.array(cells, np.int64)}
         with Output(place, forced=True) as output:
             with output.file() as file:
-                np.savez_compressed(file, allow_pickle=False, told=json.dumps(told), **arrays)
+                np.savez_compressed(file, allow_pickle=False, content=json.dumps(content), **arrays)
             output.publish()
 
     @classmethod
     def read(cls, files: Iterable[Path]) -> "Counted":
-        """Add up the files of parts."""
+        """Read and sum the files of parts."""
         result = cls()
         for file in files:
-            with np.load(file, allow_pickle=False) as kept:
-                told = json.loads(str(kept["told"]))
-                arrays = zip(*(kept[name] for name in Sums._fields), strict=True)
-                for (zoom, layer), own in zip(told["groups"], arrays, strict=True):
+            with np.load(file, allow_pickle=False) as stored:
+                content = json.loads(str(stored["content"]))
+                arrays = zip(*(stored[name] for name in Sums._fields), strict=True)
+                for (zoom, layer), own in zip(content["groups"], arrays, strict=True):
                     result.add((zoom, layer), Sums(*own))
-                for rows, columns in zip(kept["cells"], told["cells"], strict=True):
+                for rows, columns in zip(stored["cells"], content["cells"], strict=True):
                     result.cells.append(pd.DataFrame(rows, columns=columns))
-            result.damaged += map(tuple, told["damaged"])
-            result.known.update(told["known"])
+            result.damaged += map(tuple, content["damaged"])
+            result.known.update(content["known"])
         if result.cells:
-            result.cells = [_added(result.cells)]
+            result.cells = [_sum_cells(result.cells)]
         return result
 
 
-def _added(cells: list[pd.DataFrame]) -> pd.DataFrame:
+def _sum_cells(cells: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(cells).groupby(["x", "y"], as_index=False).sum()
 
 
 def read_done(file: Path) -> PartResult | None:
-    """Return what a part's file says of itself; None where it is none, or is damaged."""
+    """Return the result that a part's file holds, or None if it is invalid."""
     try:
         with np.load(file, allow_pickle=False) as arrays:
-            return PartResult(**json.loads(str(arrays["told"]))["done"])
+            return PartResult(**json.loads(str(arrays["content"]))["done"])
     except (*UNREADABLE, TypeError):
         return None

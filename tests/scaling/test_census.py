@@ -49,7 +49,7 @@ def counted_one_by_one(footprints, name):
 
 def test_each_footprint_is_counted_as_if_drawn_on_the_map(parts, tmp_path, footprints):
     summary, counted = census(parts, tmp_path / "out")
-    sums = counted.whole()
+    sums = counted.sum_groups()
     assert sums.count("polygons") == summary.polygons == EVERY
     table = rows(sums, NAMES).set_index(["triangulator", "measure"])
     base = counted_one_by_one(footprints, NAMES[0])
@@ -72,7 +72,7 @@ def test_each_footprint_is_counted_as_if_drawn_on_the_map(parts, tmp_path, footp
 
 
 def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
-    sums = census(parts, tmp_path / "out")[1].whole()
+    sums = census(parts, tmp_path / "out")[1].sum_groups()
     fragments, triangles = sums.total("fragments"), sums.total("triangles")
     assert (fragments == fragments[0]).all()
     assert (triangles == triangles[1]).all()
@@ -84,12 +84,12 @@ def test_parts_add_up_and_cells_hold_all(parts, tmp_path):
     _, second = census(parts / "1.parquet", tmp_path / "second")
     for group, sums in second.groups.items():
         first.add(group, sums)
-    for name, values in both.whole()._asdict().items():
-        assert getattr(first.whole(), name) == pytest.approx(values), name
+    for name, values in both.sum_groups()._asdict().items():
+        assert getattr(first.sum_groups(), name) == pytest.approx(values), name
     (cells,) = both.cells
     halves = pd.concat([*first.cells, *second.cells]).groupby(["x", "y"], as_index=False).sum()
     pd.testing.assert_frame_equal(cells, halves)
-    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *both.whole().total("helper_lanes")]
+    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *both.sum_groups().total("helper_lanes")]
     assert not cells.duplicated(["x", "y"]).any()
 
 

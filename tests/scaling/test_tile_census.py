@@ -86,7 +86,7 @@ def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
 
 def test_what_is_lost_is_that_of_the_scene_and_tiles_and_vertices_are_counted(tmp_path):
     counted, summary = census(f"{FILE}:zoom=14", tmp_path)
-    groups, whole = counted.groups, counted.whole()
+    groups, whole = counted.groups, counted.sum_groups()
     scene = load("helsinki-tiles:zoom=14,tiles=999")
     layers = [which.split()[1] for which, _ in scene.dropped]
     assert {layer: sums.count("dropped") for (_, layer), sums in groups.items()} == {
@@ -211,7 +211,7 @@ def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
     tile = encoded([shapely.box(0, 0, 1, 1), COURT])
     path = written(tmp_path / "a.pmtiles", {0: tile})
     found, summary = census(f"{path}:pixels=8", tmp_path / "small")
-    assert [found.whole().count(name) for name in ("polygons", "dropped")] == [1, 1]
+    assert [found.sum_groups().count(name) for name in ("polygons", "dropped")] == [1, 1]
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
     told: list[str] = []
     reporter = Reporter(quiet=True)
