@@ -1,8 +1,8 @@
 """GeoJSON and GeoParquet: a feature for each polygon, its triangles as a multi-polygon.
 
-Coordinates are the source's own, so that the triangles lie on the map where the polygons did.
-Triangles share edges, which the simple-features standard does not allow the parts of a
-multi-polygon to do; programs read and draw them all the same, and no other type is read as widely.
+Coordinates are those of the source. Triangles share edges, which the simple-features standard does
+not allow for parts of a multi-polygon; programs read and draw them nevertheless, and no other type
+is supported as widely.
 """
 
 import json
@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from harness.atomic import Output
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
-from harness.export.writers import About, plain
+from harness.export.writers import About, to_json_value
 from scenes.cleaning.projection import system
 from scenes.spec import install
 
 
 class GeoJsonWriter:
-    """One feature per line; other reference systems than longitude and latitude are named in `crs`.
+    """Writes one feature per line; the member `crs` names a system other than longitude and latitude.
 
-    That member is GeoJSON of 2008, which GDAL and QGIS read; RFC 7946 knows degrees only.
+    `crs` is of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
     """
 
     def __init__(self, output: Output, about: About) -> None:
         self._about = about
         self._stream = output.file(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
-        # EPSG:4326 is GeoJSON's own and needs no name
+        # EPSG:4326 is the default.
         if about.crs and about.crs.startswith("EPSG:") and about.crs != "EPSG:4326":
             name = f"urn:ogc:def:crs:{about.crs.replace(':', '::')}"
             self._stream.write(
@@ -42,7 +42,7 @@ class GeoJsonWriter:
         self._first = True
 
     def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
+        """Write a batch."""
         closed = _closed(mesh, self._about)
         starts = mesh.triangle_offsets.tolist()
         columns = [str(name) for name in mesh.attributes]
@@ -51,7 +51,7 @@ class GeoJsonWriter:
             triangles = closed[start:end, None].tolist()
             feature = {
                 "type": "Feature",
-                "properties": {k: plain(v) for k, v in zip(columns, row, strict=True)},
+                "properties": {k: to_json_value(v) for k, v in zip(columns, row, strict=True)},
                 "geometry": {"type": "MultiPolygon", "coordinates": triangles},
             }
             self._stream.write("\n" if self._first else ",\n")
@@ -86,7 +86,7 @@ class GeoParquetWriter:
         self._writer: Any = None
 
     def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
+        """Write a batch."""
         import pyarrow as pa
 
         table = pa.Table.from_pandas(mesh.attributes, preserve_index=False)
@@ -105,12 +105,12 @@ class GeoParquetWriter:
         if self._writer is None:
             metadata = {"geo": json.dumps(self._metadata()), "raster_harness": self._say()}
             self._schema = table.schema.with_metadata(metadata)
-            # no two geometries are alike: a dictionary of them would only take time
+            # Geometries differ, so a dictionary would only take time.
             others = [name for name in self._schema.names if name != "geometry"]
             self._writer = self._parquet.ParquetWriter(
                 self._path, self._schema, use_dictionary=others or False
             )
-        # a column may look different in each batch: all missing in one, text in the next
+        # Types may differ between batches: all missing in one, text in the next.
         try:
             fitted = table.select(self._schema.names).cast(self._schema)
         except (pa.ArrowException, KeyError, ValueError) as error:
@@ -118,10 +118,10 @@ class GeoParquetWriter:
             raise UsageError(why) from error
         self._writer.write_table(fitted)
 
-    def finish(self, told: Mapping[str, str] | None = None) -> None:
-        """Write the footer; `told` is what it says beside the rest, by name."""
-        if told:
-            self._writer.add_key_value_metadata(dict(told))
+    def finish(self, metadata: Mapping[str, str] | None = None) -> None:
+        """Write the footer with additional `metadata` by name."""
+        if metadata:
+            self._writer.add_key_value_metadata(dict(metadata))
         self._writer.close()
 
     def _say(self) -> str:
@@ -131,7 +131,7 @@ class GeoParquetWriter:
 
     def _metadata(self) -> dict[str, Any]:
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["MultiPolygon"]}
-        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # which are meant where none is named
+        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
             known = system(self._about.crs)
             column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
@@ -142,7 +142,7 @@ _POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
 
 def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:
     """Return (m, 4, 2), each triangle as a ring in the source's coordinates."""
-    corners = about.in_source(mesh.vertices)[mesh.triangles]
+    corners = about.to_source(mesh.vertices)[mesh.triangles]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""What all writers share, and OBJ, NumPy's .npz and glTF."""
+"""Writers of OBJ, NumPy's .npz and glTF."""
 
 import io
 import json
@@ -19,10 +19,10 @@ from scenes.readers.gltf import BIN, JSON
 
 @dataclass(frozen=True)
 class About:
-    """What a writer may say of the whole: units, origin of the polygons, and how to place them.
+    """Metadata of an export: units, origin of the polygons, and their projection.
 
-    crs : the reference system of the source's coordinates, as pyogrio names it, or None
-    projection : the map that the polygons were projected to, if they were
+    crs : coordinate reference system of the source, as pyogrio names it, or None
+    projection : projection of the polygons, or None
     """
 
     triangulator: str
@@ -31,17 +31,17 @@ class About:
     crs: str | None = None
     projection: Projection | None = None
 
-    def in_source(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_source(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return vertices (n, 2) in the source's coordinates."""
         if self.projection is None:
             return vertices
-        # eleven decimals are a micrometre, and give most sources back the very numbers they had
+        # Eleven decimals, a micrometre, reproduce the numbers of most sources exactly.
         degrees: NDArray[np.float64] = np.round(self.projection.inverse(vertices), 11)
         return degrees
 
 
-def plain(value: Any) -> Any:
-    """A value that JSON can hold: numbers, text, booleans, None; NaN becomes None."""
+def to_json_value(value: Any) -> Any:
+    """Convert a value to JSON types; NaN becomes None."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
@@ -49,16 +49,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(each) for each in value]
+        return [to_json_value(each) for each in value]
     if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): to_json_value(v) for k, v in value.items()}
     return None if value is pd.NA or value is pd.NaT else str(value)
 
 
 class ObjWriter:
-    """Groups are called feature_0, feature_1, ...; attributes go to a CSV file beside.
+    """Writes OBJ with groups feature_0, feature_1, ...; attributes go to a CSV file.
 
-    Coordinates are the source's own, to the last digit.
+    Coordinates are exactly those of the source.
     """
 
     def __init__(self, output: Output, about: About) -> None:
@@ -72,7 +72,7 @@ class ObjWriter:
         self._features = 0
 
     def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
+        """Write a batch."""
         points = mesh.vertices.tolist()
         self._stream.write("".join([f"v {x!r} {y!r} 0.0\n" for x, y in points]))
         faces = (mesh.triangles + 1 + self._vertices).tolist()
@@ -91,11 +91,11 @@ class ObjWriter:
         self._features += mesh.polygons
 
     def finish(self) -> None:
-        """Nothing is left to write."""
+        """Do nothing: the file is complete."""
 
 
 class NpzWriter:
-    """Arrays, for p polygons, n vertices and m triangles in all:
+    """Writes arrays, for p polygons, n vertices and m triangles:
 
     vertices (n, 2) float64; triangles (m, 3) int64, indices into them; vertex_offsets and
     triangle_offsets (p + 1,) int64, where each polygon's begin; attribute_NAME (p,) for each
@@ -111,9 +111,9 @@ class NpzWriter:
         self._totals = np.zeros(2, dtype=np.int64)
 
     def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
+        """Write a batch."""
         vertices, triangles = self._totals.tolist()
-        skip = int(bool(self._spools))  # a batch begins where the last one ends
+        skip = int(bool(self._spools))  # the first offset is the last one of the previous batch
         self._spool("vertices", mesh.vertices)
         self._spool("triangles", mesh.triangles + vertices)
         self._spool("vertex_offsets", mesh.vertex_offsets[skip:] + vertices)
@@ -150,19 +150,18 @@ class NpzWriter:
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STEPS = 2**24
-"""Steps of the grid from a mesh's middle to its edge; single precision holds each of them."""
+"""Grid steps from a mesh's centre to its edge; all are exact in single precision."""
 
 _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
-"""Column-major rotation that turns our z axis (up) into glTF's y axis."""
+"""Column-major rotation of the z axis (up) to glTF's y axis."""
 
 
 class GltfWriter:
-    """Writes batches as meshes; attributes go to each mesh's `extras`, one list per column.
+    """Writes each batch as a mesh; attributes go to its `extras`, one list per column.
 
-    glTF holds single precision only. So positions are whole numbers on a fine grid around the
-    middle of each batch. The node's matrix maps them back; readers hold it in double precision.
-    `_FEATURE_ID_0` is the polygon of each vertex,
-    counted within its mesh, as in EXT_mesh_features.
+    glTF has single precision only, so positions are integers on a fine grid around the centre of
+    each batch. The node's matrix, which readers use in double precision, maps them back.
+    `_FEATURE_ID_0` is the polygon of each vertex within its mesh, as in EXT_mesh_features.
     """
 
     def __init__(self, output: Output, about: About, *, binary: bool) -> None:
@@ -177,13 +176,13 @@ class GltfWriter:
         self._origin: NDArray[np.float64] | None = None
 
     def add(self, mesh: Mesh) -> None:
-        """Write one more batch."""
+        """Write a batch."""
         if len(mesh.triangles) == 0:
             return
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         middle = np.round((low + high) / 2)
         if self._origin is None:
-            # large map coordinates would make single-precision viewers shake
+            # Single-precision viewers jitter at large map coordinates.
             self._origin = middle
         # One step for both axes, which preserves angles, and for z, which keeps the matrix
         # invertible in single precision.
@@ -201,18 +200,18 @@ class GltfWriter:
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
         made: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
         if mesh.attributes.shape[1]:
-            columns = {str(c): plain(mesh.attributes[c].tolist()) for c in mesh.attributes}
+            columns = {str(c): to_json_value(mesh.attributes[c].tolist()) for c in mesh.attributes}
             made["extras"] = {"attributes": columns}
         self._meshes.write(("," if len(self._nodes) > 1 else "") + json.dumps(made))
 
     def finish(self) -> None:
-        """Write the JSON and, for .glb, put the parts together."""
-        assert self._origin is not None  # an export without a triangle writes nothing
+        """Write the JSON and, for .glb, the binary data."""
+        assert self._origin is not None  # exports without triangles are not finished
         buffer: dict[str, Any] = {"byteLength": self._data.tell()}
         if not self._binary:
             buffer["uri"] = self._output.target.name + ".bin"
         children = list(range(1, len(self._nodes) + 1))
-        # node 0 rotates the map upright; the nodes of the batches are its children
+        # Node 0 rotates the map upright; the nodes of the batches are its children.
         document: dict[str, Any] = {
             "asset": {
                 "version": "2.0",
@@ -251,18 +250,18 @@ class GltfWriter:
             stream.write(payload)
 
     def _accessor(self, values: NDArray[Any]) -> int:
-        """Add an accessor of indices, or of numbers or positions of vertices."""
-        of_indices, of_places = values.dtype.kind == "u", values.ndim == 2
+        """Add an accessor of indices (u4), or of scalars or positions of vertices (f4)."""
+        is_index, is_position = values.dtype.kind == "u", values.ndim == 2
         view = {"buffer": 0, "byteOffset": self._data.tell(), "byteLength": values.nbytes}
         self._data.write(values.tobytes())
-        self._views.append(view | {"target": _INDICES if of_indices else _VERTICES})
+        self._views.append(view | {"target": _INDICES if is_index else _VERTICES})
         accessor: dict[str, Any] = {
             "bufferView": len(self._views) - 1,
-            "componentType": _UNSIGNED if of_indices else _FLOAT,
+            "componentType": _UNSIGNED if is_index else _FLOAT,
             "count": len(values),
-            "type": "VEC3" if of_places else "SCALAR",
+            "type": "VEC3" if is_position else "SCALAR",
         }
-        if of_places:  # glTF requires the bounds of positions
+        if is_position:  # glTF requires the bounds of positions
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._accessors.append(accessor)
         return len(self._accessors) - 1
