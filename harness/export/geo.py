@@ -23,7 +23,7 @@ from scenes.spec import install
 
 
 class GeoJsonWriter:
-    """Writes one feature per line; the member `crs` names a system other than longitude and latitude.
+    """Writes one feature per line; `crs` names a system other than longitude and latitude.
 
     `crs` is of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
     """
