@@ -1,10 +1,9 @@
-"""What a model costs in views from all around: exact counters of its front faces, without depth.
+"""Exact counters of a model's front faces in views from 24 directions, without a depth test.
 
-The camera looks at the middle from 24 directions, in perspective. Vertices are projected to the
-grid of 1/256 px, and triangles are culled by their winding, as a GPU does it. There is no depth
-test: every front face is shaded, also where another one hides it. Coordinates are sums, products,
-quotients and square roots of single numbers, in a fixed order, so that they are the same on every
-machine; a library's product of matrices is not.
+The camera looks at the centre, in perspective. Vertices are snapped to 1/256 px, and back faces are
+culled as on a GPU. Without a depth test, hidden front faces are shaded as well. Coordinates are
+computed by scalar operations in a fixed order, so they are equal on every machine; matrix products
+of a library are not.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,17 +18,17 @@ from harness.rasterisers.reference import predict
 
 VIEWS = 24
 PIXELS = (256, 1024)
-"""Sizes at which a model is looked at: it fills a square of so many pixels."""
+"""Sizes of the square viewport, in pixels, that the model fills."""
 
 DISTANCE = 3.0
-"""Of the camera from the middle, in radii of the model."""
+"""Distance of the camera from the centre, in radii of the model."""
 
 _UNITS = 256.0
-_AT_A_TIME = 1 << 18
+_CHUNK_TRIANGLES = 1 << 18
 
 
 class Drawn(NamedTuple):
-    """A part before and after: its mesh, new triangles (m, 3), matrices (4, 4) that place it."""
+    """A part before and after: mesh, new triangles (m, 3), matrices (4, 4) of its placements."""
 
     mesh: Mesh
     triangles: NDArray[np.int64]
@@ -45,28 +44,28 @@ class Seen(NamedTuple):
 
 
 class Ball(NamedTuple):
-    """The ball round all that is drawn, which a view shows whole."""
+    """Bounding sphere of all drawn points; every view shows all of it."""
 
     middle: NDArray[np.float64]
     radius: float
 
 
 def ways() -> NDArray[np.int64]:
-    """Return (24, 3), the ways to the camera: (1, 2, 3) turned by all rotations of a cube.
+    """Return directions to the camera (24, 3): (1, 2, 3) under all rotations of a cube.
 
-    The first four, eight, ... of them add up to nothing, too.
+    The sum of the first four, eight, ... of them is zero.
     """
-    found = []
+    directions = []
     for order in permutations(range(3)):
         parity = np.linalg.det(np.eye(3)[list(order)])
         for signs in product((1, -1), repeat=3):
             if parity * np.prod(signs) > 0:
-                found.append(np.array([1, 2, 3])[list(order)] * signs)
-    return np.array(found)
+                directions.append(np.array([1, 2, 3])[list(order)] * signs)
+    return np.array(directions)
 
 
 def directions() -> NDArray[np.float64]:
-    """Return `ways` as (24, 3) unit vectors."""
+    """Return `ways` as unit vectors (24, 3)."""
     return np.asarray(ways() / np.sqrt(14.0))
 
 
@@ -75,9 +74,9 @@ def look(
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
 ) -> list[Seen]:
-    """Count parts from all directions, at each size; [] where nothing has a place in space.
+    """Count parts from all directions, at each size; [] if no part has a finite extent.
 
-    tick : told how many places of parts were looked at
+    tick : called with the number of finished placements
     """
     points: list[NDArray[np.float64]] = []
     kinds: tuple[list[NDArray[np.int64]], ...] = ([], [], [])
@@ -86,10 +85,10 @@ def look(
         same = (part.triangles == part.mesh.triangles).all(axis=1)
         rows = part.mesh.triangles[same], part.mesh.triangles[~same], part.triangles[~same]
         for matrix in part.placements:
-            # In a mirror image triangles turn the other way.
-            turned = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0 else [0, 1, 2]
+            # A reflection reverses the orientation of triangles.
+            order = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0 else [0, 1, 2]
             for kind, each in zip(kinds, rows, strict=True):
-                kind.append(each[:, turned] + count)
+                kind.append(each[:, order] + count)
             points.append(placed(part.mesh.positions, matrix))
             count += len(points[-1])
     if not points:
@@ -114,12 +113,12 @@ def look(
 
 
 def placed(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return positions (n, 3) moved by a matrix (4, 4)."""
+    """Transform positions (n, 3) by a matrix (4, 4)."""
     return np.stack([_along(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
 def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
-    """Return the ball round points (n, 3) that are numbers; None if they have no extent."""
+    """Return the bounding sphere of finite points (n, 3), or None if they have no extent."""
     points = np.concatenate([np.empty((0, 3)), *placed_points])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0 or not np.ptp(points, axis=0).any():
@@ -132,9 +131,9 @@ def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
 def projected(
     local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (n, 2) in 0..1, y up, of points within the unit sphere, and how far away each is.
+    """Project points within the unit sphere; return (n, 2) in 0..1, y up, and their distances.
 
-    direction : unit vector to the camera, whose distance is in radii
+    direction : unit vector to the camera; distance : in radii
     """
     x, y, z = direction.tolist()
     level = float(np.sqrt(x * x + y * y))
@@ -147,7 +146,7 @@ def projected(
 
 
 def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) scalar products of points (n, 3) with an axis."""
+    """Return scalar products (n,) of points (n, 3) with an axis."""
     products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
     return np.asarray(products)
 
@@ -155,9 +154,9 @@ def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np
 def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (2,) helper lanes and quads of the triangles that face the camera."""
     counted = np.zeros(2, dtype=np.int64)
-    for part in np.split(triangles, range(_AT_A_TIME, len(triangles), _AT_A_TIME)):
+    for part in np.split(triangles, range(_CHUNK_TRIANGLES, len(triangles), _CHUNK_TRIANGLES)):
         a, b, c = np.moveaxis(grid[part].astype(np.int64), 1, 0)
         doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        found = predict(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
-        counted += [found["helper_lanes"].sum(), found["quads"].sum()]
+        counters = predict(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
+        counted += [counters["helper_lanes"].sum(), counters["quads"].sum()]
     return counted
