@@ -319,7 +319,7 @@ def chosen(triangulator: str | None, criterion: str | None = None) -> str:
         raise UsageError(str(error)) from error
 
 
-def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
+def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.ExportMesh:
     begun = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
     found = triangulate_many(polygons, how.name, device=how.device, **how.parameters)

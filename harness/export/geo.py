@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import UsageError
-from harness.export.mesh import Mesh
+from harness.export.mesh import ExportMesh
 from harness.export.writers import About, to_json_value
 from scenes.cleaning.projection import system
 from scenes.spec import install
@@ -41,7 +41,7 @@ class GeoJsonWriter:
         self._stream.write('"features":[')
         self._first = True
 
-    def add(self, mesh: Mesh) -> None:
+    def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         closed = _closed(mesh, self._about)
         starts = mesh.triangle_offsets.tolist()
@@ -85,7 +85,7 @@ class GeoParquetWriter:
         self._about = about
         self._writer: Any = None
 
-    def add(self, mesh: Mesh) -> None:
+    def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         import pyarrow as pa
 
@@ -140,13 +140,13 @@ class GeoParquetWriter:
 _POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
 
 
-def _closed(mesh: Mesh, about: About) -> NDArray[np.float64]:
+def _closed(mesh: ExportMesh, about: About) -> NDArray[np.float64]:
     """Return (m, 4, 2), each triangle as a ring in the source's coordinates."""
     corners = about.to_source(mesh.vertices)[mesh.triangles]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _wkb(mesh: Mesh, about: About) -> list[bytes]:
+def _wkb(mesh: ExportMesh, about: About) -> list[bytes]:
     """Return each polygon's triangles as a little-endian WKB multi-polygon.
 
     Written as records: shapely makes an object of each triangle first, which takes five times as

@@ -11,7 +11,7 @@ from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 
 @dataclass(frozen=True)
-class Mesh:
+class ExportMesh:
     """Triangles of a batch of polygons.
 
     vertices : (n, 2) float64; triangles : (m, 3) int64 indices into them;
@@ -41,11 +41,13 @@ class Mesh:
         return np.repeat(np.arange(self.polygons), np.diff(self.vertex_offsets))
 
 
-def mesh_of(polygons: PolygonArray, done: Triangulations, attributes: pd.DataFrame | None) -> Mesh:
+def mesh_of(
+    polygons: PolygonArray, done: Triangulations, attributes: pd.DataFrame | None
+) -> ExportMesh:
     """Return the mesh of a batch of polygons; failed ones have vertices but no triangles."""
     shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(done.triangle_offsets))
     table = pd.DataFrame(index=range(len(done))) if attributes is None else attributes
-    return Mesh(
+    return ExportMesh(
         np.ascontiguousarray(polygons.coords, dtype=np.float64),
         done.triangles.astype(np.int64) + shift[:, None],
         polygons.vertex_offsets,
@@ -54,12 +56,12 @@ def mesh_of(polygons: PolygonArray, done: Triangulations, attributes: pd.DataFra
     )
 
 
-def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
+def without(mesh: ExportMesh, gone: NDArray[np.bool_]) -> ExportMesh:
     """Return the mesh without the polygons flagged in `gone` (p,)."""
     keep_vertex = ~gone[mesh.vertex_owners]
     renumbered = np.cumsum(keep_vertex) - 1
     keep_triangle = ~gone[mesh.triangle_owners]
-    return Mesh(
+    return ExportMesh(
         mesh.vertices[keep_vertex],
         renumbered[mesh.triangles[keep_triangle]],
         offsets_of(np.diff(mesh.vertex_offsets)[~gone]),

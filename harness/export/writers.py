@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.export.mesh import Mesh
+from harness.export.mesh import ExportMesh
 from harness.models.glb import write_glb
 from scenes.cleaning.projection import Projection
 from scenes.readers.gltf import BIN, JSON
@@ -71,7 +71,7 @@ class ObjWriter:
         self._vertices = 0
         self._features = 0
 
-    def add(self, mesh: Mesh) -> None:
+    def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         points = mesh.vertices.tolist()
         self._stream.write("".join([f"v {x!r} {y!r} 0.0\n" for x, y in points]))
@@ -110,7 +110,7 @@ class NpzWriter:
         self._tables: list[pd.DataFrame] = []
         self._totals = np.zeros(2, dtype=np.int64)
 
-    def add(self, mesh: Mesh) -> None:
+    def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         vertices, triangles = self._totals.tolist()
         skip = int(bool(self._spools))  # the first offset is the last one of the previous batch
@@ -175,7 +175,7 @@ class GltfWriter:
         self._meshes = output.spool("meshes", "w+")
         self._origin: NDArray[np.float64] | None = None
 
-    def add(self, mesh: Mesh) -> None:
+    def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         if len(mesh.triangles) == 0:
             return

@@ -1,17 +1,16 @@
-"""Finds the flat faces of a mesh: neighbouring triangles in one plane, with one affine map on it.
+"""Finds the flat faces of a mesh: connected triangles in one plane with affine vertex attributes.
 
-Which diagonals a flat face has then changes nothing that is seen: position, texture coordinates and
-all else that is interpolated are affine functions on the whole face, which any triangulation of it
-gives back.
+The diagonals of a flat face do not change the picture: position, texture coordinates and all other
+interpolated attributes are affine functions on the face, which every triangulation reproduces.
 
-Two neighbours a, b, c and d, c, b belong together if their four corners are in one plane and all
-that they carry agrees. Four points of a plane have one affine dependency: weights w of sum 0 with
-w a + w b + w c + w d = 0. Let their sizes sum up to 2. Then the same sum of any quantity is by how
-much the two ways to cut the quadrilateral differ in it where the diagonals cross, which is where
-they differ most (Radon's partition; if the quadrilateral is not convex, it is at the corner that
-lies within the other three). That is what could be seen, so that is what has to be small. What was
-joined is then tested as a whole against one plane and one affine map by least squares: so small
-bends do not add up to a curved face.
+Two adjacent triangles a, b, c and d, c, b are joined if their four vertices are coplanar and their
+attributes agree. Four points of a plane have one affine dependency: weights w_a, ..., w_d of sum 0
+with w_a a + w_b b + w_c c + w_d d = 0. Scale the weights so that their absolute values sum to 2.
+Then the same combination of an attribute is the difference between the two diagonals at their
+intersection, where it is largest (Radon's partition; in a non-convex quadrilateral, at the vertex
+within the other three). This visible difference must be small. A joined face is then tested as a
+whole against one plane and one affine map by least squares, so that small bends do not add up to a
+curved face.
 """
 
 from collections import Counter
@@ -27,25 +26,25 @@ from scipy.sparse.csgraph import connected_components
 from triangulators.geometry.half_edges import link
 
 STEPS = 4.0
-"""Steps of single precision, at the largest coordinate, by which a flat face may be bent."""
+"""Flatness tolerance, in units of single precision at the largest coordinate."""
 
 
 HALF = 32
-"""Bits for a vertex in the number of an edge."""
+"""Bits of a vertex index in the number of an edge."""
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """Triangles that one draw shows, over vertices that only they use.
+class ModelMesh:
+    """Triangles of one draw, with their vertices.
 
     positions : (n, 3)
     triangles : (m, 3) indices of vertices
-    affine : (n, k) what is interpolated across a triangle (texture coordinates, normals, colours,
-        displacements), each column in units of what may be off in it
-    fixed : (n, j) what has to be one and the same all over a face (joints, identifiers)
-    tolerance : by how much a flat face may be bent, in the units of positions
-    uses : (n,) how many faces of the file have a corner there, where normals are to be made of
-        these; 0 where normals are in the file, None where there is no such vertex
+    affine : (n, k) interpolated attributes (texture coordinates, normals, colours, displacements),
+        each column in units of its tolerance
+    fixed : (n, j) attributes that must be constant on a face (joints, identifiers)
+    tolerance : flatness tolerance, in the units of positions
+    uses : (n,) number of faces at each vertex whose normal is computed from them; 0 if the file has
+        the normal; None if it has all normals
     """
 
     positions: NDArray[np.float64]
@@ -57,48 +56,48 @@ class Mesh:
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """Return (m, 3) normals of the triangles, as long as twice their area."""
+        """Return normals (m, 3) of the triangles, of twice the length of their area."""
         sides = np.diff(self.positions[self.triangles], axis=1)
         return np.asarray(np.cross(sides[:, 0], sides[:, 1]))
 
 
 @dataclass(frozen=True)
-class Part:
-    """Triangles that one draw shows; other parts may touch them.
+class ModelPart:
+    """Triangles of one draw; other parts may touch them.
 
-    source : what the model needs to find them again
-    left : why they stay as they are, "" if they need not
-    placements : (4, 4) matrices, one for each place where it is drawn
+    source : identifies the triangles in the model
+    left : reason why they cannot be changed, or ""
+    placements : (4, 4) matrices, one for each instance
     """
 
-    mesh: Mesh
+    mesh: ModelMesh
     source: Any
     left: str = ""
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
 def tolerance_of(values: NDArray[np.float64]) -> float:
-    """Return what rounding to single precision explains, in the units of the values, (n, k)."""
-    known = np.abs(values[np.isfinite(values)])
-    return STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
+    """Return the rounding error of single precision in the units of the values (n, k)."""
+    finite = np.abs(values[np.isfinite(values)])
+    return STEPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
 
 
 def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (d,) a number for each edge (d, 2), the same in both directions."""
+    """Return numbers (d,) of undirected edges (d, 2)."""
     one, other = ends.T
     return np.asarray((np.minimum(one, other) << HALF) + np.maximum(one, other))
 
 
 def sides_of(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (3 m,) the numbers of the sides of triangles (m, 3)."""
+    """Return the numbers (3 m,) of the sides of triangles (m, 3)."""
     return edge_numbers(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
 
 
 UNIT = 0.25
-"""Of the tolerance: the step of the whole coordinates that a face has in its plane."""
+"""Grid step of a face's integer coordinates in its plane, in tolerances."""
 
 THIN = 16.0
-"""Height in these steps below which a triangle is too thin to be turned: it may lie anywhere."""
+"""Lower bound of a triangle's height, in grid steps, for a defined orientation."""
 
 _AT_A_TIME = 1 << 17
 
@@ -107,13 +106,13 @@ Floats = NDArray[np.float64]
 
 
 class Faces(NamedTuple):
-    """Flat faces of two triangles or more, whose vertices are numbered face by face.
+    """Flat faces of two or more triangles; vertices are numbered face by face.
 
-    points : (p, 2) whole numbers, steps of `UNIT` tolerances in the face's plane
-    vertices : (p,) which vertex of the mesh each is
+    points : (p, 2) integers, steps of `UNIT` tolerances in the face's plane
+    vertices : (p,) index of each point's vertex in the mesh
     triangles : (t, 3) indices into points, counter-clockwise, face after face
-    slots : (t,) which triangle of the mesh each is
-    starts : (f + 1,) where in `triangles` each face begins
+    slots : (t,) index of each triangle in the mesh
+    starts : (f + 1,) offsets of the faces in `triangles`
     """
 
     points: Floats
@@ -123,7 +122,7 @@ class Faces(NamedTuple):
     starts: Ints
 
 
-def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
+def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     """Return the flat faces, and how much else is left, by reason."""
     pairs, left = _neighbours(mesh)
     count = len(mesh.triangles)
@@ -137,7 +136,7 @@ def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
     return faces, left + told
 
 
-def _thick(mesh: Mesh) -> NDArray[np.bool_]:
+def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
     """(m,) which triangles are not thin, and have corners that are numbers."""
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
@@ -146,7 +145,7 @@ def _thick(mesh: Mesh) -> NDArray[np.bool_]:
     return np.asarray(high & np.isfinite(corners).all(axis=(1, 2)))
 
 
-def _neighbours(mesh: Mesh) -> tuple[Ints, Counter[str]]:
+def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
     """(e, 2) pairs of triangles that belong to one face; what belongs to none, by reason.
 
     A triangle with a corner twice, as strips are joined by, is no neighbour of any.
@@ -179,7 +178,7 @@ def _neighbours(mesh: Mesh) -> tuple[Ints, Counter[str]]:
     return np.stack([chosen // 3, twin[chosen] // 3], axis=1), +left
 
 
-def _together(mesh: Mesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
+def _together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
     """Whether the triangles on both sides of each half-edge belong to one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
@@ -204,7 +203,7 @@ def _together(mesh: Mesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
     return np.asarray(alike & (bend <= mesh.tolerance) & (off <= 1.0) & same)
 
 
-def _tested(mesh: Mesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
+def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
     """Return the groups of triangles that are flat faces; slots, face : (t,), groups in order."""
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.flat_faces import Mesh, Part, tolerance_of
+from harness.models.flat_faces import ModelMesh, ModelPart, tolerance_of
 from harness.models.gltf_file import GltfEditor
 from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, index
 
@@ -30,7 +30,7 @@ class GltfModel(GltfEditor):
         super().__init__(path)
         self.left: Counter[str] = Counter()
 
-    def groups(self) -> Iterator[list[Part]]:
+    def groups(self) -> Iterator[list[ModelPart]]:
         """Yield the parts of each mesh."""
         seen: set[str] = set()
         meshes = self.json.get("meshes", [])
@@ -50,7 +50,7 @@ class GltfModel(GltfEditor):
             parts = [self._part(alike[key], places[key], left[key]) for key in fresh]
             yield [part for part in parts if part is not None]
 
-    def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
+    def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
         self.refer(part.source, triangles.reshape(-1))
 
@@ -74,7 +74,7 @@ class GltfModel(GltfEditor):
         primitives: list[dict[str, Any]],
         placements: tuple[NDArray[np.float64], ...],
         left: str,
-    ) -> Part | None:
+    ) -> ModelPart | None:
         """Return what primitives draw; None for lines, points and what has no positions."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
@@ -91,8 +91,8 @@ class GltfModel(GltfEditor):
             tolerance = tolerance_of(used)
         else:
             tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
-        mesh = Mesh(exact, triangles, *carried, tolerance)
-        return Part(mesh, primitives, left, placements)
+        mesh = ModelMesh(exact, triangles, *carried, tolerance)
+        return ModelPart(mesh, primitives, left, placements)
 
     def _carried(
         self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]

@@ -11,7 +11,15 @@ from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose, cost_named
-from harness.models.flat_faces import HALF, Ints, Mesh, Part, edge_numbers, flat_faces, sides_of
+from harness.models.flat_faces import (
+    HALF,
+    Ints,
+    ModelMesh,
+    ModelPart,
+    edge_numbers,
+    flat_faces,
+    sides_of,
+)
 from harness.models.gltf import GltfModel
 from harness.models.obj import ObjModel
 from harness.models.views import PIXELS, Drawn, Seen, look
@@ -110,7 +118,7 @@ def retriangulate(
 
 
 @np.errstate(all="ignore")
-def open_model(source: Path) -> tuple[Model, list[list[Part]]]:
+def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
     """Return a model and its parts, in groups of parts that may touch.
 
     Raises
@@ -143,7 +151,7 @@ class _NewPart:
     diagonal_face: Ints
 
 
-def _retriangulate_part(part: Part, criterion: str, changes: Changes) -> _NewPart:
+def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _NewPart:
     mesh = part.mesh
     face = np.full(len(mesh.triangles), -1)
     made = _NewPart(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
@@ -175,7 +183,7 @@ def _retriangulate_part(part: Part, criterion: str, changes: Changes) -> _NewPar
     return made
 
 
-def _revert_shared(parts: list[Part], made: list[_NewPart], changes: Changes) -> None:
+def _revert_shared(parts: list[ModelPart], made: list[_NewPart], changes: Changes) -> None:
     """Restore the diagonals of faces whose new diagonal is also an edge of other triangles.
 
     On a sheet with two sides, both sides could get the same edge, and the model would no longer be
@@ -203,7 +211,7 @@ def _revert_shared(parts: list[Part], made: list[_NewPart], changes: Changes) ->
             changes.left["a diagonal would also be an edge of other triangles"] += len(bad)
 
 
-def _length(mesh: Mesh, triangles: Ints) -> float:
+def _length(mesh: ModelMesh, triangles: Ints) -> float:
     """Return the total side length of triangles."""
     sides = mesh.positions[triangles] - mesh.positions[triangles[:, [1, 2, 0]]]
     return float(np.linalg.norm(sides, axis=2).sum())

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import UsageError
-from harness.models.flat_faces import Mesh, Part, tolerance_of
+from harness.models.flat_faces import ModelMesh, ModelPart, tolerance_of
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (
@@ -114,7 +114,7 @@ class ObjModel:
             raise ValueError("a vertex without a position")
         return result[0], result[1], result[2]
 
-    def groups(self) -> Iterator[list[Part]]:
+    def groups(self) -> Iterator[list[ModelPart]]:
         """Yield all parts together."""
         values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
@@ -137,9 +137,9 @@ class ObjModel:
             tolerance = _tolerance(positions, step)
             made = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
             triangles = number.reshape(-1, 3)
-            mesh = Mesh(positions, triangles, np.hstack(affine), fixed, tolerance, made)
+            mesh = ModelMesh(positions, triangles, np.hstack(affine), fixed, tolerance, made)
             words = [_word(vertex) for vertex in vertices.tolist()]
-            parts.append(Part(mesh, (np.array(part.spans, dtype=np.int64), words)))
+            parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), words)))
         yield parts
 
     def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:
@@ -158,7 +158,7 @@ class ObjModel:
             _MIN_TOLERANCE[kind], min(step, 1e-3)
         )
 
-    def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
+    def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles (m, 3) of a part."""
         spans, words = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():

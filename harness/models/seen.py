@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.grid import SUBPIXEL
 from harness.models.diagonals import outlines
-from harness.models.flat_faces import Floats, Ints, Part, flat_faces
+from harness.models.flat_faces import Floats, Ints, ModelPart, flat_faces
 from harness.models.in_place import open_model
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
 from harness.rasterisers.spans import DEEPEST
@@ -62,7 +62,7 @@ class Flat:
         return [(self.faces.rings_of(k)[0], self.given[k]) for k in numbers]
 
 
-def flat_of(part: Part) -> Flat:
+def flat_of(part: ModelPart) -> Flat:
     """Return the faces of a part; polygons are those with a valid outline through all vertices."""
     size = len(part.mesh.triangles)
     none = np.empty(0, np.int64)
@@ -213,7 +213,7 @@ class _Thing(NamedTuple):
     triangle_fronts, face_fronts : where the fronts of triangles and faces point, not of unit length
     """
 
-    part: Part
+    part: ModelPart
     flat: Flat
     first: tuple[int, int]
     points: Floats
@@ -222,7 +222,7 @@ class _Thing(NamedTuple):
     face_fronts: Floats
 
 
-def _thing(part: Part, flat: Flat, first: tuple[int, int], matrix: Floats) -> _Thing:
+def _thing(part: ModelPart, flat: Flat, first: tuple[int, int], matrix: Floats) -> _Thing:
     points = placed(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.flat_faces import Mesh
+from harness.models.flat_faces import ModelMesh
 from harness.rasterisers.reference import predict
 
 VIEWS = 24
@@ -30,7 +30,7 @@ _CHUNK_TRIANGLES = 1 << 18
 class Drawn(NamedTuple):
     """A part before and after: mesh, new triangles (m, 3), matrices (4, 4) of its placements."""
 
-    mesh: Mesh
+    mesh: ModelMesh
     triangles: NDArray[np.int64]
     placements: tuple[NDArray[np.float64], ...]
 

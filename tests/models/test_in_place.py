@@ -8,7 +8,7 @@ import trimesh
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose
-from harness.models.flat_faces import Mesh, flat_faces, tolerance_of
+from harness.models.flat_faces import ModelMesh, flat_faces, tolerance_of
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -269,7 +269,7 @@ def test_no_triangle_gets_thin():
     points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
     none = np.empty((5, 0))
-    faces, _ = flat_faces(Mesh(points, triangles, none, none, tolerance_of(points)))
+    faces, _ = flat_faces(ModelMesh(points, triangles, none, none, tolerance_of(points)))
     made = choose(faces, "edge-length").triangles
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
 

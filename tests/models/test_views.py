@@ -6,7 +6,7 @@ import trimesh
 
 from harness.frame import frame_of, view_of
 from harness.models import views
-from harness.models.flat_faces import Mesh
+from harness.models.flat_faces import ModelMesh
 from harness.models.gltf import GltfModel
 from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
@@ -20,9 +20,9 @@ from tests.models.various import solid
 SHORT = np.array([(0, 1, 3), (1, 2, 3)])
 
 
-def mesh_of(points: np.ndarray, triangles: np.ndarray) -> Mesh:
+def mesh_of(points: np.ndarray, triangles: np.ndarray) -> ModelMesh:
     none = np.empty((len(points), 0))
-    return Mesh(points.astype(float), triangles, none, none, 1e-6)
+    return ModelMesh(points.astype(float), triangles, none, none, 1e-6)
 
 
 def test_directions_are_all_around():
