@@ -123,7 +123,7 @@ class Faces(NamedTuple):
 
 
 def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces, and how much else is left, by reason."""
+    """Return the flat faces, and the numbers of other triangles by reason."""
     pairs, left = _neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
@@ -137,7 +137,7 @@ def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
 
 
 def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
-    """(m,) which triangles are not thin, and have corners that are numbers."""
+    """Return flags (m,) of triangles with finite vertices that are not thin."""
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
@@ -146,7 +146,7 @@ def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
 
 
 def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """(e, 2) pairs of triangles that belong to one face; what belongs to none, by reason.
+    """Return pairs of triangles (e, 2) of one face, and numbers of edges without one by reason.
 
     A triangle with a corner twice, as strips are joined by, is no neighbour of any.
     """
@@ -179,7 +179,7 @@ def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
 
 
 def _together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Whether the triangles on both sides of each half-edge belong to one face."""
+    """Return whether the triangles on both sides of each half-edge belong to one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
@@ -204,7 +204,7 @@ def _together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
 
 
 def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
-    """Return the groups of triangles that are flat faces; slots, face : (t,), groups in order."""
+    """Return the groups of triangles that are flat faces; slots, face : (t,), sorted by group."""
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(
         face[:, None] * len(mesh.positions) + mesh.triangles[slots], return_inverse=True
@@ -240,7 +240,7 @@ def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[st
 
 
 def _in_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
-    """(p, 2) positions in the planes of their faces, from the middle, and (p,) how far off these.
+    """Return positions (p, 2) in the faces' planes, from the centre, and distances (p,) to these.
 
     The axes are right-handed with the normal; the first is level, where z is up.
     """
@@ -256,7 +256,7 @@ def _in_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, 
 
 
 def _off_affine(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
-    """(p,) how far values (p, k) are from an affine function of points, the largest of each row."""
+    """Return the largest residual (p,) of values (p, k) from affine functions of the points."""
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
@@ -270,7 +270,7 @@ def _off_affine(values: Floats, points: Floats, owner: Ints, count: int) -> Floa
 
 
 def _twice(triangles: Ints, count: int) -> NDArray[np.bool_]:
-    """(t,) which triangles have a half-edge that another one has, too."""
+    """Return flags (t,) of triangles with a half-edge of another triangle."""
     keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
     _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
     return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
