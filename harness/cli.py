@@ -65,7 +65,9 @@ def _options(
     ),
     debug: Annotated[
         bool,
-        typer.Option(help=f"Print every error with its traceback, as {DEBUG_VARIABLE}=1 does."),
+        typer.Option(
+            "--debug", help=f"Print every error with its traceback, as {DEBUG_VARIABLE}=1 does."
+        ),
     ] = False,
     log: Annotated[
         Path | None,
@@ -128,7 +130,7 @@ def main() -> None:
             if is_debugging() and not isinstance(error, (SystemExit, BrokenPipeError)):
                 print_traceback(error)
             code = _explain(error)
-    _LOG.info("exit code %s", code)
+    _LOG.info("exit code %s", code or 0)
     sys.exit(code)
 
 
