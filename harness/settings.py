@@ -1,4 +1,4 @@
-"""What a run measures, how carefully, and within which limits: all that `--help` needs to know."""
+"""Defaults and limits of runs and studies, without heavy imports, as `--help` needs them."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -20,7 +20,7 @@ MODEL_TRIANGULATORS = (
     "optimal:edge-length",
     "optimal:half-perimeter",
 )
-"""Of a model that is seen from several sides: the length is the mean of H over rotations."""
+"""Defaults for a model in views: edge length is proportional to H averaged over rotations."""
 
 COST_COUNTERS = ("helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost, the best first."""
@@ -29,59 +29,56 @@ HISTORY_METRICS = (*COST_COUNTERS, "time")
 """What `history` follows: the counters that stand for the cost, and time."""
 
 RESOLUTIONS = (8, 16384)
-"""Least and most pixels along a side of the viewport."""
+"""Lower and upper bound of the viewport's side, in pixels."""
 
 Fit = Literal["box", "circle", "tile", "view"]
-"""How the scene is laid on the viewport."""
+"""How a scene is mapped to the viewport, see `View`."""
 
 FITS: tuple[Fit, ...] = get_args(Fit)
 
 CHOSEN_FITS = Literal["box", "circle"]
-"""Those of scenes that do not bring their view along."""
+"""Fits of scenes that do not define their view."""
 
 SAMPLES = (1, 4, 8)
-"""Per pixel."""
+"""Numbers of samples per pixel."""
 
-MOST_WORK = 65_000
-"""Iterations a fragment: llvmpipe ends a loop, in silence, after 65,535 rounds."""
+MAX_WORK = 65_000
+"""Iterations per fragment; llvmpipe silently ends a loop after 65,535 iterations."""
 
 Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
-"""In which triangles are submitted: caches and early tests depend on it; see `Options`."""
+"""Triangle submission order, which caches and early tests depend on; see `Options`."""
 
 ORDERS: tuple[Order, ...] = get_args(Order)
 
-MOST_SEED = 2**63 - 1
+MAX_SEED = 2**63 - 1
 
 TIMEOUT_S = 600.0
 QUICK_TIMEOUT_S = 60.0
-"""Seconds after which a triangulator or a device is stopped, and with --quick."""
+"""Time limit of a triangulator or a device, without and with --quick."""
 
-MOST_REPEATS = 1000
-"""Processes that everything may be timed in; a thousand is hours of the smallest run."""
+MAX_REPEATS = 1000
+"""Upper bound of the processes in which a run is timed; a thousand take hours."""
 
-MOST_S = 1e6
-"""Seconds that nothing of ours takes; more is a mistake."""
+MAX_S = 1e6
+"""Upper bound of options in seconds; larger values are mistakes."""
 
 
 @dataclass(frozen=True)
 class TimingSettings:
     """How carefully to time.
 
-    precision : wanted half-width of a drawing's 95 % interval, relative to its middle: of the
-        median, or of the time in ratio to the geometric mean of all that are compared
-    budget_s : seconds of drawing a candidate may cost on average; what ends the rounds when
-        `precision` is not reached
-    min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer
-    warm_up_s : longest warm-up a candidate
-    least_share : share of the budget that is always drawn: what is precise enough by itself gets
-        pairs that tell smaller differences
-    epochs : how often drawings are prepared, at least, where they can be prepared anew; 1: once
-    paired : whether the candidates are compared with each other; then all are drawn equally often
-        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
+    precision : target half-width of a drawing's 95 % interval, relative to its centre: of the
+        median, or of the time relative to the geometric mean of all candidates
+    budget_s : average drawing time per candidate; ends the rounds if `precision` is not reached
+    min_batch_s : lower bound of a batch of draws, which also lasts 100 resolutions of the timer
+    warm_up_s : longest warm-up per candidate
+    least_share : share of the budget that is always spent, so that pairs reveal small differences
+    epochs : lower bound of the number of times drawings are prepared, if they can be; 1: once
+    paired : whether candidates are compared with each other; then all have equal draws per batch,
+        since the fixed cost of a batch, shared among fewer draws, would look like a slower draw;
         up to `MAX_BATCHES` batches' length, beyond which that cost is too small to show
-    processes : how many fresh processes do all of this, one after the other
-    limit_s : seconds after which the rounds end, however few there are, shared by all processes;
-        None: however many it takes
+    processes : number of fresh processes that repeat the timing, one after another
+    limit_s : time limit of the rounds, shared by all processes, or None
     """
 
     precision: float = 0.01
@@ -95,9 +92,9 @@ class TimingSettings:
     limit_s: float | None = None
 
     def of_process(self, number: int, spent_s: float) -> "TimingSettings | None":
-        """Return the settings of one of the processes; None where the limit leaves it no time.
+        """Return the settings of one process, or None if the time limit is over.
 
-        It gets an equal share of what is left after `spent_s`, and the first one always begins.
+        It gets an equal share of the time left after `spent_s`; the first process always starts.
         """
         if self.limit_s is None:
             return self
@@ -111,11 +108,11 @@ class TimingSettings:
 class StudySize:
     """Size of a study.
 
-    polygons : how many are drawn from the scene
+    polygons : number of polygons of the scene
     random : random triangulations of each
-    most_vertices : larger polygons are left out, because their optima take long
-    all_below : a polygon with fewer triangulations than this has all of them measured instead of
-        random ones, among them those with T-junctions that the paper's method makes
+    most_vertices : larger polygons are skipped, because their optima take long
+    all_below : all triangulations of a polygon with fewer than this are measured instead of random
+        ones, including those with T-junctions of the paper's method
     """
 
     polygons: int = 24

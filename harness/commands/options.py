@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from harness.errors import UsageError
-from harness.settings import MOST_S, MOST_SEED, MOST_WORK, ORDERS, RESOLUTIONS, SAMPLES
+from harness.settings import MAX_S, MAX_SEED, MAX_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
 PROFILES = Path("results") / "profiles"
 """Default folder of `profile`."""
@@ -73,7 +73,7 @@ def one_of(*known: Any) -> Read:
 
 
 SceneName = Annotated[str, typer.Option(help="A scene's name or a file.")]
-Seed = Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed for everything random.")]
+Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed for everything random.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool,
@@ -158,7 +158,7 @@ Rotation = Annotated[
 Samples = Annotated[Several, _written("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
 Works = Annotated[
     Several,
-    _written("N,...", number(int, 0, MOST_WORK), "Iterations of arithmetic per fragment"),
+    _written("N,...", number(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"),
 ]
 Orders = Annotated[
     Several,
@@ -173,7 +173,7 @@ Budget = Annotated[
     float,
     typer.Option(
         min=MIN_S,
-        max=MOST_S,
+        max=MAX_S,
         metavar="SECONDS",
         help="Seconds of drawing per case, on average.",
     ),
@@ -182,7 +182,7 @@ Timeout = Annotated[
     float | None,
     typer.Option(
         min=MIN_S,
-        max=MOST_S,
+        max=MAX_S,
         metavar="SECONDS",
         help="Seconds after which a triangulator or device is stopped; by default 600, or 60 with "
         "--quick.",

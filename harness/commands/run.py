@@ -14,8 +14,8 @@ from harness.progress import Reporter, Screen
 from harness.settings import (
     CHOSEN_FITS,
     DEFAULT_TRIANGULATORS,
+    MAX_REPEATS,
     MODEL_TRIANGULATORS,
-    MOST_REPEATS,
     QUICK_TIMEOUT_S,
     TIMEOUT_S,
     TimingSettings,
@@ -55,7 +55,7 @@ def run(
         int,
         typer.Option(
             min=1,
-            max=MOST_REPEATS,
+            max=MAX_REPEATS,
             help="Time everything in so many fresh processes, one after the other; intervals are "
             "then over them. Five tell more than two.",
         ),

@@ -24,7 +24,7 @@ from harness.workers.worker import TaskFailed
 
 FEWEST = parse("optimal:exact-quads")
 
-MOST_S = 2.0
+MAX_S = 2.0
 """Seconds on one core, by `seconds_of`, for which the fewest quads are looked for in a frame."""
 
 ROW_S = 6e-9
@@ -90,7 +90,7 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
 def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     """Return the fewest quads of each polygon, -1 where that is not proven; uses compiled code.
 
-    They are looked for in as many polygons as `MOST_S` allows, the quickest first. In views of a
+    They are looked for in as many polygons as `MAX_S` allows, the quickest first. In views of a
     model they are not: the grid makes no polygon of a face that is seen aslant.
     """
     least = np.full(len(frame.polygons), -1)
@@ -98,7 +98,7 @@ def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
         return least
     seconds = seconds_of(frame)
     order = np.argsort(seconds, kind="stable")
-    chosen = np.sort(order[np.cumsum(seconds[order]) <= MOST_S])
+    chosen = np.sort(order[np.cumsum(seconds[order]) <= MAX_S])
     if not len(chosen):
         return least
     warm_up(FEWEST)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from harness.errors import NoRasteriser, UsageError, unknown
 from harness.machine import system
 from harness.rasterisers.counters import Counter
-from harness.settings import MOST_WORK, ORDERS, SAMPLES, Order
+from harness.settings import MAX_WORK, ORDERS, SAMPLES, Order
 from scenes.spec import install
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.samples not in SAMPLES:
             raise UsageError(f"{self.samples} samples a pixel: choose 1, 4 or 8")
-        if not 0 <= self.work <= MOST_WORK:
-            raise UsageError(f"work {self.work} is outside 0..{MOST_WORK} iterations")
+        if not 0 <= self.work <= MAX_WORK:
+            raise UsageError(f"work {self.work} is outside 0..{MAX_WORK} iterations")
         if self.order not in ORDERS:
             raise unknown("order", self.order, ORDERS)
 

@@ -41,12 +41,12 @@ def test_it_lies_between_the_outline_and_every_triangulation():
 def test_the_quickest_polygons_come_first_and_the_others_are_left_out(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
     seconds = lower_limits.seconds_of(frame)
-    monkeypatch.setattr(lower_limits, "MOST_S", seconds.sum() / 2)
+    monkeypatch.setattr(lower_limits, "MAX_S", seconds.sum() / 2)
     known = limits_of(frame)[LEAST] >= 0
     assert known.any()
     assert seconds[known].max() <= seconds[~known].min()
     assert seconds[known].sum() <= seconds.sum() / 2 < seconds[known].sum() + seconds[~known].min()
-    monkeypatch.setattr(lower_limits, "MOST_S", 0.0)
+    monkeypatch.setattr(lower_limits, "MAX_S", 0.0)
     assert (limits_of(frame)[LEAST] == -1).all()
 
 
