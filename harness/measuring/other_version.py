@@ -1,13 +1,12 @@
-"""Another version of the user's code, BASE, to be measured beside the present one, HEAD.
+"""Interleaved baseline (`run --beside`): another version of the user's code, BASE, next to HEAD.
 
-Both triangulate the same frames, each by its own code, and all drawings are timed together in the
-same rounds: whatever the machine did, it did to both. Two run folders come of it, HEAD's and in it
-BASE's, whose records pair sample by sample. Scenes and rasterisers are HEAD's.
+Both versions triangulate the same frames, and all drawings are timed in the same rounds, so that
+machine drift affects both equally. The result is two run folders, HEAD's and inside it BASE's, whose
+records pair sample by sample. Scenes and rasterisers are HEAD's.
 
-BASE triangulates in an interpreter of its own. What it must offer is the contract of its packages
-alone: `triangulators.triangulate`, or a function of its own from a polygon to triangles.
-`other_version_script.py` asks it for that, and what it answers is checked here, as every
-triangulation is.
+BASE triangulates in a separate interpreter, and needs only the public interface: the function
+`triangulators.triangulate`, or a function of the user from a polygon to triangles. The program
+`other_version_script.py` calls it, and this module verifies the triangulations.
 """
 
 import os
@@ -38,19 +37,19 @@ from triangulators.errors import shortened
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
 FOLDER = "base"
-"""Folder of BASE's run inside that of HEAD's."""
+"""Name of BASE's run folder inside HEAD's."""
 
 
 @dataclass(frozen=True)
 class OtherVersion:
-    """Where another version of the code is, and how it is drawn.
+    """Location of another version of the code, and how it is run.
 
     name : as the user gave it
-    commit : of that version, "" where it is not known
-    folder : its top; a folder's or an environment's
-    instead_of : the folder whose code must not be found there, "" for none
-    cwd, path, python : current folder, entries of PYTHONPATH and interpreter to run it with
-    twice : whether triangulations that both versions have alike are drawn twice, too
+    commit : commit of the version, or ""
+    folder : its top folder, or that of its environment
+    instead_of : folder of HEAD, whose code must not be imported, or ""
+    cwd, path, python : current folder, entries of PYTHONPATH and interpreter
+    twice : draw triangulations twice even if both versions have the same
     """
 
     name: str
@@ -64,7 +63,7 @@ class OtherVersion:
 
     @cached_property
     def has_same_builtins(self) -> bool:
-        """Whether its package `triangulators` is the one of here, or equal to it."""
+        """Return whether its package `triangulators` equals that of HEAD."""
         if self.python != sys.executable:
             return False
         file = _ask(self, {"triangulator": None})["file"]
@@ -83,22 +82,21 @@ def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
-    """Give another version of the user's code.
+    """Yield another version of the user's code.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
-        folder of its own as long as it is needed; or a folder with other code, or with an
-        environment that has it installed
+        temporary folder; or a folder with code, or with an environment that has it installed
 
     Raises
     ------
     UsageError
-        if there is no such version
+        if the version does not exist
     """
     top = project_folder(triangulators)
     commit = None if top is None else find_commit(top, reference)
     if top is not None and commit is not None:
         with checked_out(top, commit) as folder:
-            yield _placed(reference, commit, folder, top)
+            yield _version_in(reference, commit, folder, top)
         return
     folder = Path(reference)
     python = folder / "bin" / "python"
@@ -107,7 +105,7 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
         yield OtherVersion(reference, "", place, "", str(Path.cwd()), (), interpreter)
     elif folder.is_dir():
         commit = find_commit(folder, "HEAD") or ""
-        yield _placed(reference, commit, folder.resolve(), top or Path.cwd())
+        yield _version_in(reference, commit, folder.resolve(), top or Path.cwd())
     else:
         where = f"the repository {top}" if top else f"{Path.cwd()}, which is in no git repository"
         raise UsageError(
@@ -116,11 +114,11 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
         )
 
 
-def _placed(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
-    """Return the version of code in `folder` that stands for that in `top`.
+def _version_in(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
+    """Return the version in `folder` of the code in `top`.
 
-    Whatever is found in `top` here is looked for in `folder` there, in the same order; what is
-    not in the version, such as an environment, stays where it is.
+    Import paths inside `top` are replaced by those inside `folder`, in the same order; paths that
+    the version lacks, such as an environment, stay the same.
     """
     top = top.resolve()
     path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
@@ -148,7 +146,7 @@ def triangulate_elsewhere(
     Raises
     ------
     TaskFailed
-        if it cannot be found or run there, or if what would run is the code of here
+        if it cannot be imported or run, or if HEAD's code would run instead
     """
     answer = _ask(
         other,
@@ -190,7 +188,7 @@ def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _refuse_own_code(other: OtherVersion, name: str, file: str | None) -> None:
-    """Nothing would be compared if the other version's name led to the code of here."""
+    """Raise TaskFailed if the triangulator's name leads to HEAD's code."""
     if not file or not other.instead_of:
         return
     found = Path(file).resolve()
