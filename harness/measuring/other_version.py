@@ -1,8 +1,8 @@
 """Interleaved baseline (`run --beside`): another version of the user's code, BASE, next to HEAD.
 
 Both versions triangulate the same frames, and all drawings are timed in the same rounds, so that
-machine drift affects both equally. BASE's run folder is inside HEAD's, and their records pair sample
-by sample. Scenes and rasterisers are HEAD's.
+machine drift affects both equally. BASE's run folder is inside HEAD's, and their records pair
+sample by sample. Scenes and rasterisers are HEAD's.
 
 BASE triangulates in a separate interpreter, and needs only the public interface: the function
 `triangulators.triangulate`, or a function of the user from a polygon to triangles. The program
