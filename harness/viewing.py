@@ -1,16 +1,23 @@
 """A model in space as a scene: its flat faces are the polygons, its views what is drawn."""
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.readers.reader import is_model
 from scenes.scene import Scene
+from scenes.spec import is_path, parsed
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 Rows = NDArray[np.int32]
+
+VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
+"""Parameters of a model that is seen from several sides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,3 +81,13 @@ class ModelScene(Scene):
 def viewing_of(scene: Scene) -> Viewing | None:
     """Return how a model is seen, or None if the scene is not a model."""
     return scene.viewing if isinstance(scene, ModelScene) else None
+
+
+def is_model_with_views(text: str) -> bool:
+    """Return whether "name:key=value" names views of a model, for example "part.glb:views=24".
+
+    Misspelt view options count: the error message then lists the valid ones.
+    """
+    name, given = parsed(text)
+    model = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
+    return is_path(name) and ("views" in given or model)

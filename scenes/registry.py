@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any
 
 from scenes.cleaning.repair import clean
 from scenes.readers.guard import reason
-from scenes.readers.reader import is_model
 from scenes.scene import Scene, SceneError, UnknownScene
 from scenes.spec import (
     arguments_for,
@@ -32,9 +30,6 @@ GROUP = "raster_harness.scenes"
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
 """Parameters by which a file is read as map tiles, each a view: see `scenes.tiles.read`."""
-
-VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
-"""Parameters by which a model is seen from several sides: see `harness.models.seen`."""
 
 
 @dataclass(frozen=True)
@@ -242,18 +237,6 @@ def is_tiled(text: str) -> bool:
     if is_path(name):
         return not TILE_OPTIONS.isdisjoint(given)
     return name in ENTRIES and ENTRIES[name].tiled
-
-
-def is_seen(text: str) -> bool:
-    """Whether "name:key=value" names views of a model in space, which `harness.models.seen` loads.
-
-    >>> is_seen("part.glb"), is_seen("part.glb:views=24"), is_seen("town.pmtiles:zoom=14")
-    (False, True, False)
-    """
-    name, given = parsed(text)
-    # A misspelt one counts, too, so that the error names the right ones.
-    is_near = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
-    return is_path(name) and ("views" in given or is_near)
 
 
 def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:

@@ -108,7 +108,7 @@ def run(
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
     from harness.rasterisers.base import Options
-    from scenes.registry import is_seen
+    from harness.viewing import is_model_with_views
     from scenes.spec import joined
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
@@ -119,7 +119,7 @@ def run(
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         run_inputs.refuse_another_view(context, scene)
-        if is_seen(scene) and not options.is_given(context, "triangulators"):
+        if is_model_with_views(scene) and not options.is_given(context, "triangulators"):
             triangulators = options.Several(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),

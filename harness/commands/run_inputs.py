@@ -14,7 +14,8 @@ from harness.measuring.other_version import OtherVersion, version
 from harness.measuring.plan import Plan
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
-from scenes.registry import is_seen, is_tiled
+from harness.viewing import is_model_with_views
+from scenes.registry import is_tiled
 
 
 @contextmanager
@@ -62,7 +63,7 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
 
 def refuse_another_view(context: typer.Context, scene: str) -> None:
     """Raise UsageError if view options are given for map tiles or a model, which define a view."""
-    own = "view" if is_seen(scene) else "tile" if is_tiled(scene) else ""
+    own = "view" if is_model_with_views(scene) else "tile" if is_tiled(scene) else ""
     if own and is_given(context, "resolution", "rotation", "fit"):
         raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
 

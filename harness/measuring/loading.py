@@ -21,6 +21,7 @@ from harness.measuring.tasks import Survey, survey
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
+from harness.viewing import is_model_with_views
 from harness.workers.worker import Limits, OpenWorker, TaskFailed, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
@@ -62,7 +63,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
 def _load(name: str, seed: int) -> Scene:
     try:
-        if registry.is_seen(name):
+        if is_model_with_views(name):
             from harness.models import seen  # it takes long to import
 
             return seen.load(name)
@@ -73,7 +74,7 @@ def _load(name: str, seed: int) -> Scene:
 
 def _is_foreign(name: str) -> bool:
     """Return whether third-party code loads the scene."""
-    if registry.is_seen(name):
+    if is_model_with_views(name):
         return False
     try:
         base, _, is_file = registry.split(name)

@@ -86,7 +86,7 @@ def cost_named(criterion: str) -> Cost:
 def choose(faces: Faces, criterion: str) -> Chosen:
     """Choose each face's diagonals by a criterion; raises as `cost_named` does."""
     cost = cost_named(criterion)
-    sizes = np.diff(faces.starts)
+    sizes = np.diff(faces.triangle_offsets)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     clean = _affordable(outlines(faces))
     optima = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
@@ -97,13 +97,18 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     first = clean.polygons.vertex_offsets[polygon[compiled]]
     rows = clean.vertices[optima.triangles[compiled] + first[:, None]]
     _take(
-        faces.points, faces.starts, clean.face[done], (rows, offsets_of(counts[done])), result, left
+        faces.points,
+        faces.triangle_offsets,
+        clean.face[done],
+        (rows, offsets_of(counts[done])),
+        result,
+        left,
     )
     rest = np.repeat(left, sizes)
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
     result[rest] = corner.reshape(-1, 3)
-    changed = np.asarray(gains(faces.points, faces.triangles, result, faces.starts, cost))
+    changed = np.asarray(gains(faces.points, faces.triangles, result, faces.triangle_offsets, cost))
     same = ~np.repeat(changed, sizes)
     result[same] = faces.triangles[same]
     return Chosen(result, changed, int((~left).sum()))
@@ -112,40 +117,45 @@ def choose(faces: Faces, criterion: str) -> Chosen:
 @njit(nogil=True)
 def _take(
     points: np.ndarray,
-    starts: np.ndarray,
+    triangle_offsets: np.ndarray,
     face: np.ndarray,
-    found: tuple[np.ndarray, np.ndarray],
+    optimal: tuple[np.ndarray, np.ndarray],
     result: np.ndarray,
     left: np.ndarray,
 ) -> None:
     """Copy triangles of faces into `result` (t, 3), but those of a face that has a thin one.
 
-    face: (c,) which faces; found: their triangles (k, 3) of points, and where each one's begin;
-    starts: where a face's begin in `result`. left: (f,) becomes False for the faces that are done.
+    face: (c,) which faces; optimal: their triangles (k, 3) of points, and the offsets of those of
+    each face; triangle_offsets: of each face in `result`. left: (f,) becomes False for the faces
+    that are done.
     """
-    triangles, begins = found
+    triangles, row_offsets = optimal
     for number in range(len(face)):
-        own = triangles[begins[number] : begins[number + 1]]
+        rows = triangles[row_offsets[number] : row_offsets[number + 1]]
         thin = False
-        for row in range(len(own)):
-            thin |= _height(points, own[row, 0], own[row, 1], own[row, 2]) <= THIN
+        for row in range(len(rows)):
+            thin |= _height(points, rows[row, 0], rows[row, 1], rows[row, 2]) <= THIN
         if not thin:
-            first = starts[face[number]]
-            result[first : first + len(own)] = own
+            first = triangle_offsets[face[number]]
+            result[first : first + len(rows)] = rows
             left[face[number]] = False
 
 
 @njit(nogil=True)
 def gains(
-    points: np.ndarray, before: np.ndarray, after: np.ndarray, starts: np.ndarray, cost: Cost
+    points: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    triangle_offsets: np.ndarray,
+    cost: Cost,
 ) -> np.ndarray:
     """(f,) whether each face's triangles cost less, by more than the rounding of its points."""
-    found = np.zeros(len(starts) - 1, dtype=np.bool_)
-    for face in range(len(found)):
-        first, last = starts[face], starts[face + 1]
+    gained = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
+    for face in range(len(gained)):
+        first, last = triangle_offsets[face], triangle_offsets[face + 1]
         old = total_cost(points, before[first:last], cost)
-        found[face] = total_cost(points, after[first:last], cost) < old - _ROUNDING * abs(old)
-    return found
+        gained[face] = total_cost(points, after[first:last], cost) < old - _ROUNDING * abs(old)
+    return gained
 
 
 class Outlines(NamedTuple):
@@ -185,10 +195,10 @@ def outlines(faces: Faces) -> Outlines:
     following = np.zeros(len(faces.points), dtype=np.int64)
     following[corner[outer]] = ahead[outer]
     owner = np.zeros(len(faces.points), dtype=np.int64)
-    owner[corner] = np.repeat(np.arange(len(faces.starts) - 1), 3 * np.diff(faces.starts))
-    sound = np.bincount(owner[leaving != 1], minlength=len(faces.starts) - 1) == 0
-    begins = np.searchsorted(owner, np.arange(len(faces.starts)))
-    vertices, *offsets = _rings(faces.points, following, begins, sound)
+    owner[corner] = np.repeat(np.arange(faces.face_count), 3 * np.diff(faces.triangle_offsets))
+    sound = np.bincount(owner[leaving != 1], minlength=faces.face_count) == 0
+    vertex_offsets = np.searchsorted(owner, np.arange(faces.face_count + 1))
+    vertices, *offsets = _rings(faces.points, following, vertex_offsets, sound)
     polygons = PolygonArray(faces.points[vertices], *offsets)
     valid = shapely.is_valid(polygons.geometries)
     return Outlines(np.flatnonzero(sound), polygons, vertices).take(valid)
@@ -196,22 +206,22 @@ def outlines(faces: Faces) -> Outlines:
 
 @njit(nogil=True)
 def _rings(
-    points: np.ndarray, following: np.ndarray, begins: np.ndarray, sound: np.ndarray
+    points: np.ndarray, following: np.ndarray, vertex_offsets: np.ndarray, sound: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
 
-    following: the next vertex of the outline; begins: (f + 1,) where each face's vertices begin.
+    following: the next vertex of the outline; vertex_offsets (f + 1,): of each face's vertices.
     `following` permutes a face's vertices, so they fall into rings. The one outside, which turns
     left, comes first: rings are walked twice, and at the first time all but that one are passed.
     A face of which none or several turn left is no longer sound.
     """
     vertices = np.empty(len(points), dtype=np.int64)
     ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)
-    geom_offsets = np.zeros(len(begins), dtype=np.int64)
+    geom_offsets = np.zeros(len(vertex_offsets), dtype=np.int64)
     seen = np.zeros(len(points), dtype=np.bool_)
     size, rings, polygons = 0, 0, 0
     for face in range(len(sound)):
-        first, last = begins[face], begins[face + 1]
+        first, last = vertex_offsets[face], vertex_offsets[face + 1]
         outside, left = -1, 0
         for start in range(first, last if sound[face] else first):
             if seen[start]:

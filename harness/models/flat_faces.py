@@ -24,6 +24,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from triangulators.geometry.half_edges import link
+from triangulators.polygon_arrays import offsets_of
 
 STEPS = 4.0
 """Flatness tolerance, in units of single precision at the largest coordinate."""
@@ -112,14 +113,19 @@ class Faces(NamedTuple):
     vertices : (p,) index of each point's vertex in the mesh
     triangles : (t, 3) indices into points, counter-clockwise, face after face
     slots : (t,) index of each triangle in the mesh
-    starts : (f + 1,) offsets of the faces in `triangles`
+    triangle_offsets : (f + 1,) offsets of the faces in `triangles`
     """
 
     points: Floats
     vertices: Ints
     triangles: Ints
     slots: Ints
-    starts: Ints
+    triangle_offsets: Ints
+
+    @property
+    def face_count(self) -> int:
+        """Number of faces."""
+        return len(self.triangle_offsets) - 1
 
 
 def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
@@ -234,8 +240,8 @@ def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[st
         bad |= found
     kept, held = ~bad[face], ~bad[owner]
     renumbered = np.cumsum(held) - 1
-    starts = np.r_[0, np.cumsum(np.bincount(face, minlength=count)[~bad])].astype(np.int64)
-    faces = Faces(whole[held], vertices[held], renumbered[triangles[kept]], slots[kept], starts)
+    offsets = offsets_of(np.bincount(face, minlength=count)[~bad])
+    faces = Faces(whole[held], vertices[held], renumbered[triangles[kept]], slots[kept], offsets)
     return faces, +told
 
 

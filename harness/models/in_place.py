@@ -163,7 +163,7 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
         return made
     faces, left = flat_faces(mesh)
     changes.left += left
-    changes.faces += len(faces.starts) - 1
+    changes.faces += faces.face_count
     changes.flat += len(faces.slots)
     if len(faces.slots) == 0:
         return made
@@ -171,7 +171,7 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
     chosen = choose(faces, criterion)
     changes.optimal += chosen.optimal
     made.triangles[faces.slots] = faces.vertices[chosen.triangles]
-    owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.starts))
+    owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.triangle_offsets))
     changed = chosen.changed[owner]
     made.face[faces.slots[changed]] = owner[changed]
     after, before = (sides_of(each[changed]) for each in (chosen.triangles, faces.triangles))

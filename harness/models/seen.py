@@ -71,8 +71,10 @@ def flat_of(part: ModelPart) -> Flat:
         return Flat(no_faces, 0, none, [], none, np.arange(size))
     faces, _ = flat_faces(part.mesh)
     clean = outlines(faces)
-    others = np.setdiff1d(np.arange(len(faces.starts) - 1), clean.face)
-    spans = [slice(*faces.starts[k : k + 2]) for k in np.append(clean.face, others).tolist()]
+    others = np.setdiff1d(np.arange(faces.face_count), clean.face)
+    spans = [
+        slice(*faces.triangle_offsets[k : k + 2]) for k in np.append(clean.face, others).tolist()
+    ]
     within = [np.unique(faces.triangles[span]) for span in spans[len(clean.face) :]]
     vertices = np.concatenate([clean.vertices, *within]).astype(np.int64)
     bound_offsets = offsets_of([len(each) for each in within])

@@ -105,32 +105,33 @@ def _turned(
         cost = cost_named(criterion)
     except UsageError:  # its weights depend on the polygon
         return {}
-    given, starts = viewing.given, frame.flat.grid.vertex_offsets
+    given, first_vertices = viewing.given, frame.flat.grid.vertex_offsets[:-1]
     own = [k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])]
-    before, begins = _moved([given[k] for k in own], starts[own])
-    after, _ = _moved([parts[k] for k in own], starts[own])
-    cheaper = gains(frame.flat.points.astype(np.float64), before, after, begins, cost)
+    before, offsets = _renumbered([given[k] for k in own], first_vertices[own])
+    after, _ = _renumbered([parts[k] for k in own], first_vertices[own])
+    cheaper = gains(frame.flat.points.astype(np.float64), before, after, offsets, cost)
     turned = {k: given[k] for k, less in zip(own, cheaper.tolist(), strict=True) if not less}
     if viewing.bound:
-        points = [each for each, _ in viewing.bound]
-        firsts = offsets_of([len(each) for each in points])
-        triangles, begins = _moved([rows for _, rows in viewing.bound], firsts)
-        count = np.arange(firsts[-1])
-        faces = Faces(np.concatenate(points), count, triangles, np.arange(begins[-1]), begins)
-        chosen = np.split(choose(faces, criterion).triangles, begins[1:-1])
-        for face, (rows, first) in enumerate(zip(chosen, firsts, strict=False), len(given) + 1):
+        points = np.concatenate([each for each, _ in viewing.bound])
+        first_vertices = offsets_of([len(each) for each, _ in viewing.bound])[:-1]
+        triangles, offsets = _renumbered([rows for _, rows in viewing.bound], first_vertices)
+        slots = np.arange(len(triangles))
+        faces = Faces(points, np.arange(len(points)), triangles, slots, offsets)
+        chosen = np.split(choose(faces, criterion).triangles, offsets[1:-1])
+        by_face = zip(chosen, first_vertices, strict=True)
+        for face, (rows, first) in enumerate(by_face, len(given) + 1):
             turned[face] = (rows - first).astype(np.int32)
     return turned
 
 
-def _moved(
-    parts: Sequence[Rows | None], firsts: NDArray[np.int64]
+def _renumbered(
+    parts: Sequence[Rows | None], first_vertices: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return triangles of faces whose vertices begin at `firsts`, and where each one's begin."""
-    begins = offsets_of([len(rows) for rows in parts if rows is not None])
-    moved = [rows + first for rows, first in zip(parts, firsts, strict=False)]
+    """Return triangles of faces whose vertices begin at `first_vertices`, and their offsets."""
+    rows = [part for part in parts if part is not None]
+    moved = [part + first for part, first in zip(rows, first_vertices, strict=True)]
     none = np.empty((0, 3), np.int64)
-    return np.concatenate([none, *moved]).astype(np.int64), begins
+    return np.concatenate([none, *moved]).astype(np.int64), offsets_of([len(part) for part in rows])
 
 
 def original_triangulation(frame: Frame) -> FrameTriangulation:

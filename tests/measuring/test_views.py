@@ -23,6 +23,7 @@ from harness.settings import MODEL_TRIANGULATORS
 from harness.triangulating.carrying import original_triangulation
 from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.triangulate import triangulate_polygons
+from harness.viewing import is_model_with_views
 from scenes import Scene, load
 from tests.conftest import assert_refused, ends_well
 from tests.measuring.test_run import FAST, measure
@@ -259,3 +260,8 @@ def test_a_tile_is_upright_and_of_even_pixels():
     for wrong in ((511, 0.0), (512, 30.0)):
         with pytest.raises(UsageError, match="a tile is drawn upright, and its side is an even"):
             View(*wrong, fit="tile")
+
+
+def test_view_options_name_the_views_of_a_model():
+    names = ("part.glb", "part.glb:views=24", "part.glb:pixel=512", "town.pmtiles:zoom=14")
+    assert [is_model_with_views(name) for name in names] == [False, True, True, False]
