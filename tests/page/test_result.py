@@ -19,6 +19,7 @@ from harness.results.run_folder import read_run
 from tests.conftest import assert_refused, ends_well
 from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
 from tests.records import lines_of
+from triangulators.polygon_arrays import PolygonArray
 
 
 def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
@@ -310,7 +311,7 @@ def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
 
 def test_a_last_polygon_without_triangles_covers_nothing():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
-    kept = drawings.Geometry(corners, np.array([0, 3, 6]), np.arange(2), np.array([3, 6]), {})
+    kept = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
     counted = counted_exactly(kept, np.array([(0, 1, 2)], np.int32))
     assert [len(each) for each in counted] == [2, 2, 2]
     assert [each[1] for each in counted] == [0, 0, 0]
