@@ -32,8 +32,8 @@ def geojson(tmp_path: Path) -> Callable[..., str]:
     return write
 
 
-def assert_sound(polygons: list[shapely.Polygon]) -> None:
-    """What a scene promises of every polygon."""
+def assert_valid_polygons(polygons: list[shapely.Polygon]) -> None:
+    """Assert the invariants of a scene's polygons."""
     array = np.asarray(polygons)
     assert len(array) > 0
     assert shapely.is_valid(array).all()

@@ -1,4 +1,4 @@
-"""A sound file of each format, and what its reader owes the user where it is damaged."""
+"""A valid file of each format, and the required result of reading it damaged."""
 
 import gzip
 import json
@@ -15,7 +15,7 @@ from pmtiles.tile import Compression
 
 from scenes import Scene, SceneError, load
 from scenes.tiles.archives import Place
-from tests.scenes.conftest import assert_sound
+from tests.scenes.conftest import assert_valid_polygons
 
 COUNT = 24
 BOXES = [shapely.box(20 * i, 0, 20 * i + 10, 9 + i / 8) for i in range(COUNT)]
@@ -41,7 +41,7 @@ _SILENT = ("gmt", "obj", "mif")
 """Formats that say neither how long they are nor where they end."""
 
 
-def cut_shows(kind: str, data: bytes, length: int) -> bool:
+def is_truncation_visible(kind: str, data: bytes, length: int) -> bool:
     """Whether the first `length` bytes of a file show that it was longer."""
     kept = data[:length]
     if kind in _SILENT or data[length:].strip() == b"":
@@ -55,7 +55,7 @@ def cut_shows(kind: str, data: bytes, length: int) -> bool:
 
 @cache
 def whole(kind: str) -> dict[str, bytes]:
-    """The files of a sound data set by their names; `a.<kind>` is among them."""
+    """Return the files of a valid data set by name, including `a.<kind>`."""
     with tempfile.TemporaryDirectory() as folder:
         _write(Path(folder, f"a.{_MAIN.get(kind, kind)}"))
         return {each.name: each.read_bytes() for each in Path(folder).iterdir()}
@@ -139,8 +139,8 @@ def _write_tiles(path: Path, kind: str) -> None:
         path.write_bytes(Path(written).read_bytes())
 
 
-def sound_or_refused(path: Path, **parameters: Any) -> Scene | None:
-    """Load a file that may hold anything: sound polygons, or one clear line that names it."""
+def load_or_refuse(path: Path, **parameters: Any) -> Scene | None:
+    """Load a file of any content: valid polygons, or an error of one line that names it."""
     try:
         scene = load(path, **parameters)
     except SceneError as error:
@@ -148,7 +148,7 @@ def sound_or_refused(path: Path, **parameters: Any) -> Scene | None:
         assert refusal.isprintable()
         assert str(path.with_suffix("")) in refusal
         return None
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     if scene.attributes is not None:
         # some libraries look at the bytes of a text only when they are asked for it
         assert scene.attributes.to_csv()
@@ -159,7 +159,7 @@ NAMED = "read, all there or named"
 
 
 def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
-    """What reading a file gives whose bytes are these; raises AssertionError where too little is.
+    """Return the outcome of reading a file of these bytes; AssertionError if polygons are missing.
 
     `length` is given where they are the first bytes of the whole: polygons that are missing then
     must be named, or the file refused.
@@ -169,16 +169,14 @@ def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
         for name, content in files.items():
             Path(folder, name).write_bytes(damaged if name == f"a.{kind}" else content)
         path = Path(folder, f"a.{_MAIN.get(kind, kind)}")
-        scene = sound_or_refused(
-            path, **({"tiles": "99"} if kind in _TILES else {"project": False})
-        )
+        scene = load_or_refuse(path, **({"tiles": "99"} if kind in _TILES else {"project": False}))
     if scene is None:
         return "refused"
     if damaged == files[f"a.{kind}"]:
         assert len(scene.polygons) == COUNT
     if length is None:
         return "read"
-    if not cut_shows(kind, files[f"a.{kind}"], length):
+    if not is_truncation_visible(kind, files[f"a.{kind}"], length):
         return "read, no cut to be seen"
     given = len(scene.polygons) + len(scene.dropped)
     assert given >= COUNT, f"{kind} cut at {length}: {given} of {COUNT} polygons read or named"

@@ -49,7 +49,7 @@ def test_repeated_vertices_are_removed():
     assert len(clean([shapely.Polygon(ring)]).polygons[0].exterior.coords) == 4
 
 
-def test_holes_are_kept_and_wound_clockwise():
+def test_holes_are_retained_and_oriented_clockwise():
     outer, inner = shapely.box(0, 0, 9, 9), shapely.box(2, 2, 4, 4)
     holed = shapely.Polygon(outer.exterior.coords[::-1], [inner.exterior.coords])
     (out,) = clean([holed]).polygons
@@ -64,7 +64,7 @@ def test_huge_and_tiny_coordinates():
     assert cleaned.dropped == [("feature 2", "area overflows: coordinates too large")]
 
 
-def test_what_rounding_leaves_no_area_is_dropped():
+def test_polygons_whose_area_is_lost_in_rounding_are_dropped():
     """Where a coordinate's last digit is worth 4 units, the way round decides about the area."""
     thin = shapely.Polygon([(2.7e16, 2.7e16), (1, 0), (1, 5), (4.5e15, 4.5e15)])
     assert thin.is_valid
@@ -74,7 +74,7 @@ def test_what_rounding_leaves_no_area_is_dropped():
     assert cleaned.dropped == [("feature 0", "its area is lost in rounding")]
 
 
-def test_empty_holes_are_left_out():
+def test_empty_holes_are_removed():
     (out,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
     assert len(out.interiors) == 0
     assert out.area == 8
@@ -92,7 +92,7 @@ class TestManyCrossings:
             assert shapely.symmetric_difference(found, expected).area < 1e-12
             assert shapely.get_num_geometries(found) == shapely.get_num_geometries(expected)
 
-    def test_edges_that_lie_on_each_other_count_twice(self):
+    def test_coincident_edges_count_twice(self):
         pair = [shapely.box(0, 0, 2, 2), shapely.box(1, 0, 3, 2), shapely.box(3, 0, 4, 2)]
         found = fill_even_odd(shapely.get_exterior_ring(pair))
         assert found.equals(shapely.union_all([shapely.box(0, 0, 1, 2), shapely.box(2, 0, 4, 2)]))
@@ -148,7 +148,7 @@ class TestFillRules:
         (area,) = fill_contours(rings, rule)
         assert (shapely.contains_xy(area, *points.T) == expected).all()
 
-    def test_a_glyph_that_crosses_itself_covers_what_freetype_draws(self, tmp_path):
+    def test_self_crossing_glyph_covers_the_area_that_freetype_draws(self, tmp_path):
         import freetype
         from fontTools.fontBuilder import FontBuilder
         from fontTools.pens.ttGlyphPen import TTGlyphPen

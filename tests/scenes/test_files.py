@@ -14,7 +14,7 @@ import shapely
 from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import vector
-from tests.scenes.conftest import BOW_TIE, SQUARE, assert_sound, feature
+from tests.scenes.conftest import BOW_TIE, SQUARE, assert_valid_polygons, feature
 
 POLYGONS = [
     shapely.box(0, 0, 10, 10),
@@ -43,7 +43,7 @@ def write(path: Path, geometries=POLYGONS, layer=None, crs="EPSG:3067", **option
 def test_formats_of_gdal(tmp_path, suffix):
     crs = "EPSG:4326" if suffix == ".geojsonl" else "EPSG:3067"
     scene = load(write(tmp_path / f"houses{suffix}", crs=crs), project=False)
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     assert sorted(p.area for p in scene.polygons) == pytest.approx([45, 72, 100])
     assert sorted(scene.attributes["height"]) == [0.0, 3.5, 7.0]
     by_name = dict(zip(scene.attributes["name"], scene.polygons, strict=True))
@@ -71,7 +71,7 @@ def test_planar_coordinates_without_a_reference_system_stay(geojson):
     assert scene.polygons[0].bounds == (386_000, 6_672_000, 386_010, 6_672_010)
 
 
-def test_every_geometry_left_out_or_changed_is_named(geojson):
+def test_dropped_and_repaired_geometries_are_named(geojson):
     scene = load(
         geojson(
             feature([SQUARE], name="good"),
@@ -84,7 +84,7 @@ def test_every_geometry_left_out_or_changed_is_named(geojson):
             ),
         )
     )
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     assert len(scene.polygons) == 1 + 2 + 2
     assert list(scene.attributes["name"]) == ["good", "bow tie", "bow tie", "two", "two"]
     dropped = dict(scene.dropped)
@@ -97,7 +97,7 @@ def test_every_geometry_left_out_or_changed_is_named(geojson):
     ]
 
 
-def test_nan_is_dropped_and_a_file_of_nothing_else_refused(tmp_path):
+def test_nan_is_dropped_and_a_file_of_nan_only_refused(tmp_path):
     text = '{"type":"FeatureCollection","features":[%s]}'
     one = '{"type":"Feature","properties":{},"geometry":{"type":"Polygon","coordinates":[[%s]]}}'
     good, bad = one % "[0,0],[1,0],[1,1],[0,0]", one % "[0,0],[1,NaN],[1,1],[0,0]"
@@ -132,7 +132,7 @@ def test_layers_and_conditions(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".fgb"])
 @pytest.mark.parametrize("condition", ["nam = 'x'", "height == 3 3", "name = 'x"])
-def test_a_condition_that_is_not_valid_is_told_with_the_attributes(tmp_path, suffix, condition):
+def test_invalid_condition_is_reported_with_the_attributes(tmp_path, suffix, condition):
     path = write(tmp_path / f"town{suffix}")
     with pytest.raises(SceneError) as error:
         load(path, where=condition)
@@ -234,7 +234,7 @@ class TestCurves:
             names = np.arange(4)
             pyogrio.raw.write(path, wkb, [names], ["id"], geometry_type="Unknown", crs="EPSG:3067")
         scene = load(path)
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert sum(p.area for p in scene.polygons) == pytest.approx(sum(self.AREAS), rel=2e-3)
         assert [why for _, why in scene.repaired] == [
             "has curves; replaced by chords of 4 degrees"
@@ -327,7 +327,7 @@ def test_a_shapefile_without_its_attributes_says_so(tmp_path):
         load(path, where="name = 'x'")
 
 
-def test_a_folder_of_shapefiles_says_what_is_not_read(tmp_path):
+def test_unread_files_of_a_folder_of_shapefiles_are_named(tmp_path):
     write(tmp_path / "town.shp")
     write(tmp_path / "park.gpkg")
     (note, *_) = load(tmp_path).notes
@@ -376,7 +376,7 @@ def test_text_that_is_not_utf8_is_marked_and_noted(tmp_path, suffix):
 
 
 class TestNotes:
-    """One line says which layer was read, what was projected, and that heights are gone."""
+    """Notes name the layer, the projection and dropped heights."""
 
     def test_layer_of_several(self, tmp_path):
         path = Path(write(tmp_path / "town.gpkg", POLYGONS[:1], "houses"))
@@ -392,7 +392,7 @@ class TestNotes:
         assert "heights (Z) dropped" in load(write(tmp_path / "a.gpkg", [flat, tall], **kind)).notes
         assert "heights (Z) dropped" not in load(write(tmp_path / "b.gpkg")).notes
 
-    def test_each_is_said_once_in_all_chunks(self, tmp_path):
+    def test_notes_are_in_the_first_chunk_only(self, tmp_path):
         boxes = [shapely.force_3d(shapely.box(i, 0, i + 0.5, 1), 1.0) for i in range(5)]
         path = write(tmp_path / "a.gpkg", boxes, crs="EPSG:4326", geometry_type="Polygon Z")
         first, *others = (chunk.notes for chunk in read_chunks(path, size=2))
@@ -437,7 +437,7 @@ def test_odd_paths(geojson, name):
 
 
 class TestErrors:
-    """One line each, that names the file."""
+    """Errors of one line that name the file."""
 
     def refused(self, path) -> str:
         with pytest.raises(SceneError) as caught:

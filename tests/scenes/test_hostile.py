@@ -1,4 +1,4 @@
-"""Whatever bytes a file holds, its reader gives sound polygons or one clear line.
+"""Readers return valid polygons or an error of one line for any bytes.
 
 The inputs here are the same every time; tests/fuzz/targets/readers.py searches at random.
 """
@@ -19,7 +19,7 @@ from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers import guard
 from scenes.readers.geojson import is_sequence
 from tests.scenes.conftest import SQUARE, feature
-from tests.scenes.samples import sound_or_refused, whole
+from tests.scenes.samples import load_or_refuse, whole
 from tests.scenes.test_files import write
 from tests.scenes.test_readers import HOLED, geoparquet
 
@@ -37,7 +37,7 @@ def test_a_header_that_arrow_cannot_read(tmp_path):
     for _ in range(4):
         data[rng.randrange(len(data))] = rng.randrange(256)
     path.write_bytes(data)
-    assert sound_or_refused(path) is None
+    assert load_or_refuse(path) is None
 
 
 class StrangeError(Exception):
@@ -47,7 +47,7 @@ class StrangeError(Exception):
 @pytest.mark.parametrize(
     "kind", ["geojson", "gpkg", "fgb", "parquet", "wkt", "wkb", "svg", "city.json", "obj", "ply"]
 )
-def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, kind):
+def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
     path = tmp_path / f"a.{kind}"
     path.write_bytes(whole(kind)[path.name])
 
@@ -77,7 +77,7 @@ def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, kind):
         (MemoryError, SceneError, "needs more memory than there is"),
     ],
 )
-def test_what_ends_a_program_is_no_damage_and_lack_of_memory_has_a_name(
+def test_exits_and_lack_of_memory_are_not_reported_as_unreadable_files(
     tmp_path, monkeypatch, raised, seen, told
 ):
     def fail(*_, **__):
@@ -99,7 +99,7 @@ def test_what_ends_a_program_is_no_damage_and_lack_of_memory_has_a_name(
 def test_arbitrary_bytes(tmp_path, kind, data):
     path = tmp_path / f"a.{kind}"
     path.write_bytes(data)
-    sound_or_refused(path)
+    load_or_refuse(path)
 
 
 number = st.integers(-10, 10) | st.floats(allow_nan=False, allow_infinity=False)
@@ -115,7 +115,7 @@ def test_arbitrary_geojson(tmp_path, many, kind):
     collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in many]}
     path = tmp_path / "a.geojson"
     path.write_text(json.dumps(collection))
-    sound_or_refused(path)
+    load_or_refuse(path)
 
 
 def test_a_record_separator_begins_a_sequence_and_no_polygons_are_no_rows(tmp_path):
@@ -129,7 +129,7 @@ def test_a_record_separator_begins_a_sequence_and_no_polygons_are_no_rows(tmp_pa
 def test_extreme_sizes(tmp_path, size):
     path = tmp_path / "a.wkt"
     path.write_text(shapely.box(0, 0, size, size).wkt)
-    scene = sound_or_refused(path)
+    scene = load_or_refuse(path)
     assert (scene is None) == (size == 1e-300)
 
 
@@ -141,15 +141,15 @@ def test_a_condition_cannot_do_more_than_select(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".wkt", ".obj", ".geojson", ".gpkg", ".ply", ".svg", ".json"])
-def test_a_gigabyte_of_nothing(tmp_path, suffix):
+def test_files_of_a_gigabyte_of_zeros_are_refused(tmp_path, suffix):
     path = tmp_path / f"huge{suffix}"
     with path.open("wb") as stream:  # a hole: it takes no room on the disk
         stream.truncate(2**30)
-    assert sound_or_refused(path) is None
+    assert load_or_refuse(path) is None
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".svg", ".wkb", ".city.json", ".stl"])
-def test_what_is_read_whole_has_a_limit(tmp_path, monkeypatch, suffix):
+def test_files_read_at_once_have_a_size_limit(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
     monkeypatch.setattr(guard, "LARGEST", 2**20)
@@ -189,7 +189,7 @@ def test_entities_that_unfold(tmp_path):
     lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]
     path = tmp_path / "laughs.svg"
     path.write_text(f'<!DOCTYPE svg [{"".join(lines)}]><svg><path d="&a11;"/></svg>')
-    assert sound_or_refused(path) is None
+    assert load_or_refuse(path) is None
 
 
 @pytest.mark.parametrize("name", ["a.geojson.gz", "a.geojson", "a.wkt", "a.svgz"])
@@ -199,7 +199,7 @@ def test_compressed_files_are_refused_by_their_compression(tmp_path, name):
         load(tmp_path / name)
 
 
-def test_no_damage_is_claimed_of_what_is_only_unknown(tmp_path):
+def test_unknown_content_is_not_reported_as_damaged(tmp_path):
     for name in ("a.xyz", "a.mbtiles", "a.glb", "a.parquet", "a.gpkg"):
         (tmp_path / name).write_text("anything else")
         with pytest.raises(SceneError) as error:

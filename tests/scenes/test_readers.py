@@ -15,7 +15,7 @@ from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers.gltf import COMPRESSED
 from tests.models.build import Builder
-from tests.scenes.conftest import assert_sound
+from tests.scenes.conftest import assert_valid_polygons
 
 SQUARE = shapely.box(0, 0, 10, 10)
 HOLED = shapely.Polygon(SQUARE.exterior, [shapely.box(2, 2, 4, 4).exterior])
@@ -30,7 +30,7 @@ class TestWkt:
     def test_a_geometry_a_line(self, tmp_path):
         lines = ["# footprints", SQUARE.wkt, "", HOLED.wkb_hex, "not a geometry", '"POINT (1 2)"']
         scene = load(write(tmp_path / "a.wkt", "\n".join(lines)))
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert [p.area for p in scene.polygons] == [100, 96]
         assert scene.dropped == [
             ("line 5", "is not a geometry in WKT or hexadecimal WKB"),
@@ -198,7 +198,7 @@ class TestCityJson:
             "height": 3.0,
         }
         both = load(path)
-        assert_sound(both.polygons)
+        assert_valid_polygons(both.polygons)
         assert (
             sorted(both.attributes["surface"]) == ["GroundSurface", "RoofSurface"] or not semantics
         )
@@ -276,7 +276,7 @@ class TestModels:
     def test_ngons_of_obj(self, tmp_path):
         faces = "".join(f"f {face}\n" for face in FACES)
         scene = load(write(tmp_path / "house.obj", GABLE + "vn 0 0 1\n" + faces))
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
         assert [len(p.exterior.coords) - 1 for p in scene.polygons] == [4, 4, 4, 5, 5, 4, 4]
         # the gable stands upright: 6 wide, 5 high
@@ -305,7 +305,7 @@ class TestModels:
         folder.mkdir()
         solid.export(folder / f"solid{suffix}")
         scene = load(folder / f"solid{suffix}")
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert sorted(round(p.area, 3) for p in scene.polygons) == [6] * 4 + [30] * 4 + [96] * 2
         assert sum(len(p.interiors) for p in scene.polygons) == 2
 
@@ -323,7 +323,7 @@ class TestModels:
             faces = np.arange(len(corners)).reshape(-1, 3)
             trimesh.Trimesh(np.array(corners, float), faces, process=False).export(path)
         scene = load(path)
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert sorted(round(p.area, 3) for p in scene.polygons) == [30, 30, 36.056]
         assert [len(p.exterior.coords) for p in scene.polygons] == [5, 5, 5]
 
@@ -351,7 +351,7 @@ class TestGltf:
 
     def area(self, builder: Builder, path: Path) -> float:
         scene = load(builder.write(path))
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         lengths = []
         for part in (part for group in GltfModel(path).groups() for part in group):
             for matrix in part.placements:

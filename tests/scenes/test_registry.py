@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenes import Scene, SceneError, UnknownScene, load, names, registry, spec
-from tests.scenes.conftest import SQUARE, assert_sound, feature
+from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature
 
 
 @pytest.mark.parametrize("name", list(registry.ENTRIES))
-def test_what_is_said_of_a_scenes_size_is_so(name):
+def test_registered_sizes_are_correct(name):
     entry = registry.entry(name)
     if (missing := entry.available()) is not None:
         pytest.skip(missing)
@@ -92,7 +92,7 @@ class TestEntryPoints:
         assert "bare" in names()
         scene = load("bare:size=3", seed=1)
         assert isinstance(scene, Scene)
-        assert_sound(scene.polygons)
+        assert_valid_polygons(scene.polygons)
         assert scene.polygons[0].area == 6
 
     @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ class TestEntryPoints:
             ("broken", "cannot be imported"),
         ],
     )
-    def test_failures_are_one_clear_line(self, name, message):
+    def test_failures_are_reported_in_one_line(self, name, message):
         with pytest.raises(SceneError, match=message) as caught:
             load(name)
         assert "\n" not in str(caught.value)
@@ -157,7 +157,7 @@ class TestFunctions:
         assert len(load(f"{module}:plain:count=5,limit=4").polygons) == 4
         assert len(load(f"{module}:typed").polygons) == 1
 
-    def test_a_scene_stays_what_it_is(self, module):
+    def test_scenes_are_reproducible(self, module):
         scene = load(f"{module}:whole")
         assert (scene.name, scene.units, scene.credit) == ("theirs", "mm", "them")
 
@@ -178,7 +178,7 @@ class TestFunctions:
             ("city:buildings", "give city:NAME=buildings"),
         ],
     )
-    def test_failures_are_one_clear_line(self, module, name, message):
+    def test_failures_are_reported_in_one_line(self, module, name, message):
         with pytest.raises(SceneError, match=message) as caught:
             load(name)
         assert "\n" not in str(caught.value)

@@ -11,7 +11,7 @@ import shapely
 from matplotlib import image
 
 from scenes import SceneError, load
-from tests.scenes.conftest import assert_sound
+from tests.scenes.conftest import assert_valid_polygons
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 SQUARE = '<rect id="square" width="20" height="20"/>'
@@ -91,9 +91,9 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         ' height="9"/></g><rect width="50" height="50"/></switch>',
     ],
 )
-def test_what_is_read_covers_what_resvg_draws(tmp_path, body):
+def test_polygons_cover_the_area_that_resvg_draws(tmp_path, body):
     scene = read(tmp_path, body)
-    assert_sound(scene.polygons)
+    assert_valid_polygons(scene.polygons)
     drawing = (tmp_path / "a.svg").read_text()
     png = bytes(resvg_py.svg_to_bytes(svg_string=drawing, zoom=4, languages=["en"]))
     drawn = image.imread(io.BytesIO(png))[..., 3].sum() / 16
@@ -131,7 +131,7 @@ def test_attributes_and_the_direction_of_y(tmp_path):
     assert scene.notes == ("y points up: the drawing's y is negated",)
 
 
-def test_what_is_not_filled_or_not_read_is_named(tmp_path):
+def test_unfilled_and_unsupported_elements_are_named(tmp_path):
     shape = '<rect id="%s" width="2" height="2" %s/>'
     body = "".join(
         [

@@ -70,7 +70,7 @@ def tile(request: pytest.FixtureRequest) -> bytes:
 
 
 def rings(polygons: Any) -> list[list[Ring]]:
-    """The rings of polygons, each begun at its least point, in an order of their own.
+    """Return the rings of polygons, each from its smallest vertex, in canonical order.
 
     Rings without area are left out, which GDAL keeps: here they are notes.
     """
@@ -135,7 +135,7 @@ def test_fixtures_of_the_format_are_read_or_refused_in_a_line(name):
 
 
 def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
-    """A tile of polygons in whole units, y down."""
+    """Return a tile of polygons in integer units, y down."""
     features = [{"geometry": polygon.wkt, "properties": {}} for polygon in polygons]
     content = [{"name": layer, "features": features}]
     return mapbox_vector_tile.encode(content, default_options={"y_coord_down": True, **more})
@@ -191,7 +191,7 @@ def test_units_are_on_the_grid_and_cut_where_the_tile_ends(pixels):
 
 
 @pytest.mark.parametrize(("reach", "margin"), [(0, 0), (1, 64), (512, 64), (513, 128), (4096, 512)])
-def test_the_viewport_holds_what_reaches_over_the_edge(tmp_path, reach, margin):
+def test_viewport_contains_polygons_that_cross_the_tile_edge(tmp_path, reach, margin):
     path = _raw(tmp_path / "one.mvt", [shapely.box(-reach, 0, 10, 4096 + reach)])
     scene = load(path + ":pixels=512")
     frame = frame_of(scene, view_of(scene))
@@ -269,7 +269,7 @@ def _zigzag(value: int) -> int:
     return (value << 1) ^ (value >> 63)
 
 
-def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
+def test_invalid_polygons_are_named_and_repaired_only_on_integers(tmp_path):
     bow_tie = shapely.Polygon([(0, 0), (31, 30), (31, 0), (0, 20)])  # it crosses at a fraction
     squares = [(50, 50), (60, 60), (50, 70), (40, 60), (50, 50), (60, 40), (40, 40)]  # that touch
     given = [bow_tie, shapely.Polygon(squares), shapely.box(-5000, 0, 10, 10), COURT]
@@ -288,7 +288,7 @@ def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
     assert len(scene.polygons) == 3
 
 
-def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path):
+def test_ring_without_area_is_named_and_does_not_set_the_orientation(tmp_path):
     line = shapely.Polygon([(0, 0), (9, 0), (5, 0)])
     rings_of_one = shapely.Polygon(line.exterior, [COURT.exterior, *COURT.interiors])
     scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
@@ -298,7 +298,7 @@ def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path)
 
 
 @pytest.mark.parametrize("move", [(-4097, 0), (4097, 0), (0, -4097), (0, 4097)])
-def test_what_reaches_further_than_a_tile_is_left_out(tmp_path, move):
+def test_polygons_that_exceed_their_tile_are_dropped(tmp_path, move):
     box = shapely.box(*move, *np.add(move, 4096))
     near = shapely.box(*np.sign(move) * 4096, *np.add(np.sign(move) * 4096, 4096))
     scene = load(_raw(tmp_path / "far.mvt", [box, near]) + ":pixels=512")
@@ -338,7 +338,7 @@ def changing(path: Path | str) -> Iterator[sqlite3.Connection]:
 def three_archives(
     folder: Path, tiles: dict[Place, bytes], compression: Compression
 ) -> dict[str, str]:
-    """The same tiles as PMTiles, MBTiles and files in a folder."""
+    """Write the same tiles as PMTiles, MBTiles and files in a folder."""
     pmtiles = folder / "a.pmtiles"
     with write(str(pmtiles)) as writer:
         for place, data in sorted(tiles.items(), key=lambda item: zxy_to_tileid(*item[0])):
@@ -386,7 +386,7 @@ def test_all_archives_hold_the_same(how, tmp_path):
             load(f"{path}:zoom=9")
 
 
-def test_a_tile_in_several_packed_pieces_is_read_whole():
+def test_tile_of_several_gzip_members_is_read_completely():
     pieces = gzip.compress(b"one, ") + gzip.compress(b"") + gzip.compress(b"two")
     assert unpacked(pieces) == b"one, two"
     for short in (pieces[:-1], pieces[:-9]):
@@ -502,7 +502,7 @@ def test_truncated_zlib_is_named(tmp_path):
         ("FOLDER/c.mvt:pixels=512", "cannot be read: its packed bytes are cut off"),
     ],
 )
-def test_what_cannot_be_read_is_said_in_a_line(text, message, tmp_path):
+def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
     for name, data in {"a.gpkg": b"x", "a.pmtiles": bytes(200), "b.mvt": b"\x1e"}.items():
         (tmp_path / name).write_bytes(data)
     (tmp_path / "c.mvt").write_bytes(gzip.compress(encoded([COURT]))[:-9])
@@ -578,7 +578,7 @@ def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], st
     return found, scene.dropped, tile.damage
 
 
-def test_a_bad_layer_costs_itself_alone_and_only_where_it_is_asked_for(tmp_path):
+def test_invalid_layer_is_skipped_and_named_only_if_asked_for(tmp_path):
     path = tmp_path / "a.mvt"
     good, bad, nameless = encoded([COURT]), of_version(3, "poi"), of_version(2, "x")
     path.write_bytes(bad + good)
@@ -593,7 +593,7 @@ def test_a_bad_layer_costs_itself_alone_and_only_where_it_is_asked_for(tmp_path)
     assert read_both(path, "land") == (["land"], [("a.mvt", why)], f"layer {why}")
 
 
-def test_a_line_with_a_point_twice_is_no_lost_polygon(tmp_path):
+def test_line_with_a_repeated_point_is_not_a_dropped_polygon(tmp_path):
     line = bytes([9, 2, 2, 18, 0, 0, 4, 4])
     feature = b"\x18\x02\x22" + bytes([len(line)]) + line
     layer = b"\x0a\x04road\x78\x02\x12" + bytes([len(feature)]) + feature
@@ -602,7 +602,7 @@ def test_a_line_with_a_point_twice_is_no_lost_polygon(tmp_path):
     assert read_both(path, None) == (["land"], [], "")
 
 
-def test_what_is_in_the_log_of_a_database_is_read(tmp_path):
+def test_write_ahead_log_of_a_database_is_read(tmp_path):
     path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode=WAL")
@@ -721,7 +721,7 @@ def test_metadata_in_metadata_for_ever_are_none(tmp_path):
     assert PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", b"", metadata=nested))).attribution == ""
 
 
-def test_an_archive_without_a_tile_is_one_line(tmp_path):
+def test_archive_without_tiles_is_reported_in_one_line(tmp_path):
     path = pmtiles(tmp_path / "a.pmtiles", b"", min_zoom=3, max_zoom=2)
     for call in (lambda: load(f"{path}:pixels=512"), lambda: cut_tiles(path, None)):
         with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):

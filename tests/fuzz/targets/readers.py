@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.fuzz.damage import PLACE, byte_edit, edited
 from tests.fuzz.target import target
-from tests.scenes.samples import KINDS, outcome, sound_or_refused, whole
+from tests.scenes.samples import KINDS, outcome, load_or_refuse, whole
 
 kind = st.sampled_from(KINDS)
 
@@ -19,7 +19,7 @@ def any_path_data(data: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "a.svg")
         path.write_text(f'<svg><path d="{data}"/></svg>')
-        sound_or_refused(path)
+        load_or_refuse(path)
 
 
 @target("cut-file", st.fixed_dictionaries({"kind": kind, "place": PLACE}))
