@@ -64,23 +64,16 @@ def _parse(wkb: bytes | None) -> Any | None:
 
 def _recover(source: Any) -> tuple[Any | None, str]:
     """Return the geometry of WKB or WKT that GEOS does not parse, and how it was changed."""
-    if straight := linearize(source):
-        geometry = shapely.from_wkb(straight, on_invalid="ignore")
-        if geometry is not None:
-            return geometry, CURVED if _is_curved(source) else ""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
+    is_curved = False
     try:
         geometry = parse(source, on_invalid="fix")
     except NotImplementedError:
-        return None, f"{UNPARSABLE}: it has curves, and GDAL is not found"
-    changed = "has a ring that is not closed; closed"
-    return geometry, UNPARSABLE if geometry is None else changed
-
-
-def _is_curved(source: bytes | str) -> bool:
-    """Whether GEOS names curves as the reason for which it does not parse a geometry."""
-    try:
-        (shapely.from_wkt if isinstance(source, str) else shapely.from_wkb)(source, "ignore")
-    except NotImplementedError:
-        return True
-    return False
+        geometry, is_curved = None, True
+    if geometry is not None:
+        return geometry, "has a ring that is not closed; closed"
+    straight = linearize(source)
+    geometry = None if straight is None else shapely.from_wkb(straight, on_invalid="ignore")
+    if geometry is not None:
+        return geometry, CURVED if is_curved else ""
+    return None, f"{UNPARSABLE}: it has curves" if is_curved else UNPARSABLE
