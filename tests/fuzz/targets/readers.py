@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.fuzz.damage import PLACE, byte_edit, edited
 from tests.fuzz.target import target
-from tests.scenes.samples import KINDS, outcome, load_or_refuse, whole
+from tests.scenes.samples import KINDS, load_or_refuse, outcome, whole
 
 kind = st.sampled_from(KINDS)
 
