@@ -111,12 +111,12 @@ def triangulate(
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence needs --certify: give both")
-    from harness.export.export import chosen, export_file
+    from harness.export.export import export_file, full_triangulator_name
     from scenes.spec import joined
     from triangulators.devices import CPU
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    name = chosen(triangulator, criterion)
+    name = full_triangulator_name(triangulator, criterion)
     if dask or _many(file, out):
         refuse_given(of_one, "is for one file, without --dask")
         from harness.export.geo import parquet_module

@@ -1,4 +1,4 @@
-"""Polygons in, triangles out: the pipeline behind `raster-harness triangulate FILE -o OUT`."""
+"""Pipeline of `raster-harness triangulate FILE -o OUT`: read, triangulate, write."""
 
 import json
 import time
@@ -32,12 +32,12 @@ from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray
 
-CHUNK = 20_000
-"""Polygons that are in memory at a time."""
+CHUNK_POLYGONS = 20_000
+"""Polygons in memory at a time."""
 
 
 Writer = GltfWriter | ObjWriter | NpzWriter | GeoJsonWriter | GeoParquetWriter
-"""Takes the meshes of an export one after another (`add`), then ends the file (`finish`)."""
+"""Writes the meshes of an export one after another (`add`), then completes the file (`finish`)."""
 
 FORMATS: dict[str, Callable[[Output, About], Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
@@ -49,24 +49,24 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
     ".parquet": GeoParquetWriter,
     ".geoparquet": GeoParquetWriter,
 }
-"""Suffix of the output to its writer."""
+"""Writers by suffix of the output."""
 
 SOLID = (".glb", ".gltf", ".obj")
 """Suffixes of 3D models."""
 
 
 CERTIFIED = "half-perimeter"
-"""What is certified where a triangulator has no criterion of its own."""
+"""Criterion that is certified if a triangulator has none."""
 
 
 @dataclass
 class Certified:
     """Sums over the polygons of a file.
 
-    polygons : those certified; proven : those whose triangulation is proven to be optimal
-    cost, lower_bound : the criterion's sums, in the source's units
+    polygons : certified polygons; proven : those with a provably optimal triangulation
+    cost, lower_bound : sums of the criterion, in the source's units
     largest_gap : the largest (cost - lower_bound) / cost of a polygon
-    refused : polygons whose triangulation has T-junctions or does not cover them
+    refused : polygons whose triangulation is invalid or has T-junctions
     """
 
     criterion: str
@@ -79,12 +79,12 @@ class Certified:
 
     @classmethod
     def of(cls, name: str) -> "Certified":
-        """Prepare for the triangulator `name`."""
+        """Return empty sums for the triangulator `name`."""
         return cls(parse(name).criterion or CERTIFIED)
 
     @classmethod
     def total(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":
-        """Sum up parts, each with the fields of a `Certified`; there is at least one."""
+        """Sum parts, at least one, each with the fields of a `Certified`."""
         result = cls(parts[0]["criterion"])
         for part in parts:
             for name in ("polygons", "proven", "cost", "lower_bound", "refused"):
@@ -95,26 +95,28 @@ class Certified:
     def add(
         self, polygons: NDArray[Any], done: Triangulations, evidence: IO[str] | None = None
     ) -> None:
-        """Certify the triangulations of a batch; write the proof of each to `evidence`, a line."""
+        """Certify the triangulations of a batch; write a line of proof for each to `evidence`."""
         for number, (polygon, triangles) in enumerate(zip(polygons, done, strict=True)):
             if number in done.failed:
                 continue
             try:
-                found = certify(polygon, triangles, self.criterion, evidence=evidence is not None)
+                certificate = certify(
+                    polygon, triangles, self.criterion, evidence=evidence is not None
+                )
             except TriangulationError:
                 self.refused += 1
                 continue
             if evidence is not None:
-                claim = as_claim(polygon, triangles, self.criterion, found)
+                claim = as_claim(polygon, triangles, self.criterion, certificate)
                 evidence.write(json.dumps(claim) + "\n")
             self.polygons += 1
-            self.proven += found.proven
-            self.cost += found.cost
-            self.lower_bound += found.lower_bound
-            self.largest_gap = max(self.largest_gap, found.gap)
+            self.proven += certificate.proven
+            self.cost += certificate.cost
+            self.lower_bound += certificate.lower_bound
+            self.largest_gap = max(self.largest_gap, certificate.gap)
 
     def __str__(self) -> str:
-        """Return one line: cost, bound, gap and how many are proven."""
+        """Return one line: cost, lower bound, gap, number of proofs."""
         gap = (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
         text = (
             f"{self.criterion} {self.cost:.6g}, at least {self.lower_bound:.6g}, gap {gap:.2%} "
@@ -126,14 +128,14 @@ class Certified:
 
 @dataclass
 class Report(NoteCounter):
-    """What an export did; "failed" are polygons that the triangulator could not do.
+    """Statistics of an export; "failed" are polygons that the triangulator could not triangulate.
 
-    files : what was written, the target first
-    certified : what the triangulations cost and the least they could cost, where that was asked for
-    proven : polygons whose optimum is proven by the way it was computed
-    evidence : the file that proofs are written to, open while they are
-    notes : what was read, projected and changed as a whole, a line each
-    seconds, triangulate_s : wall time of all and of triangulating alone
+    files : files written, the target first
+    certified : cost and lower bound of the triangulations, if requested
+    proven : polygons whose optimum was computed exactly
+    evidence : open file of the proofs
+    notes : lines about reading and projection of the file
+    seconds, triangulate_s : wall time in total, and of triangulating
     """
 
     files: list[Path] = field(default_factory=list)
@@ -155,7 +157,7 @@ def export_file(
     progress: Callable[[int], None] | None = None,
     certify: bool | Path = False,
     device: str = CPU,
-    chunk: int = CHUNK,
+    chunk: int = CHUNK_POLYGONS,
     **parameters: Any,
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
@@ -184,7 +186,7 @@ def export_file(
     begun = time.perf_counter()
     target = Path(out)
     make = _format(target)
-    name = chosen(triangulator)
+    name = full_triangulator_name(triangulator)
     report = Report(certified=Certified.of(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
     chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in SOLID)
@@ -207,9 +209,9 @@ def export_file(
 
 @dataclass(frozen=True)
 class Meshing:
-    """How polygons become a mesh: as `export_file` takes it.
+    """Options of triangulating, as of `export_file`.
 
-    name : full name of the triangulator; parameters : what it is called with
+    name : full name of the triangulator; parameters : its keyword arguments
     """
 
     name: str
@@ -218,9 +220,9 @@ class Meshing:
 
 
 def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
-    """The polygons of a scene or a file, `size` at a time.
+    """Yield the polygons of a scene or a file, `size` at a time.
 
-    solid : they become a 3D model; UsageError where the source is one, too
+    solid : the output is a 3D model; UsageError if the source is one as well
     """
     name, given, is_file = split(source)
     if not is_file:
@@ -268,10 +270,11 @@ def add_chunks(
     *,
     empty: bool = False,
 ) -> Writer | None:
-    """Triangulate chunks of a source and give them to one writer; counts in `report`.
+    """Triangulate chunks of a source and add them to one writer; count in `report`.
 
-    `empty`: chunks without a polygon are written, too. Returns the writer, which is not finished;
-    None where nothing was written.
+    empty : write chunks without polygons as well
+
+    Returns the unfinished writer, or None if nothing was written.
     """
     writer: Writer | None = None
     for chunk in chunks:
@@ -301,10 +304,10 @@ def _format(target: Path) -> Callable[[Output, About], Writer]:
     return make
 
 
-def chosen(triangulator: str | None, criterion: str | None = None) -> str:
-    """The full name of the triangulator that the two options choose; raises UsageError.
+def full_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
+    """Return the full name of the triangulator of the two options; raise UsageError if invalid.
 
-    Of neither it is `optimal:half-perimeter`; a criterion alone means its optimum.
+    The default is `optimal:half-perimeter`; a criterion alone means its optimum.
     """
     if triangulator is None:
         triangulator = "optimal" if criterion else "optimal:half-perimeter"
