@@ -1,8 +1,7 @@
 """Entry point of `python -m harness` and of the script `raster-harness`.
 
-It imports next to nothing by itself: worker processes import it too, and a signal while the command
-line is being loaded, which takes a second or two, or while the process ends, is to end it like
-Ctrl-C at any other time.
+It imports little, since worker processes import it as well. A signal while the command line is
+loading, which takes a second or two, or while the process ends, ends it as Ctrl-C does.
 """
 
 import os
@@ -10,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-INTERRUPTED = 130  # harness.errors has it too, but may not be loaded yet
+INTERRUPTED = 130  # as in harness.errors, which may not be loaded yet
 
 
 def main() -> None:

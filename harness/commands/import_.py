@@ -51,7 +51,7 @@ def import_(
     """Make a run folder, or a profile, of what a measuring page saved.
 
     `report`, `compare`, `gains` and `history` read the run like any other. A page of --profile
-    gives a file as the command profile does: its draws, counters and law are computed anew, and
+    gives a file as the command profile does: its draws, counters and law are computed again, and
     refused if the page's contradict them. Given the folder of a run that was measured here, it
     writes its --summary and nothing else.
     """

@@ -25,9 +25,9 @@ from scenes.spec import label
 
 
 def folder_for(scene: str, out: Path | None, resume: Path | None = None, before: str = "") -> Path:
-    """Return the folder that --out or --resume names, or else a new one under results/.
+    """Return the folder of --out or --resume, or a new one under results/.
 
-    before : what the new one's name begins with; the scene's follows
+    before : prefix of the new folder's name, which the scene's name follows
 
     Raises
     ------
@@ -35,11 +35,13 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
         if both are given
     """
     if out and resume:
-        raise UsageError("--out and --resume name two folders; --resume writes to its own")
+        raise UsageError(
+            "--out and --resume are mutually exclusive: --resume writes to its own folder"
+        )
     name = before + file_stem(Path(label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     new, number = first, 2
-    while new.exists():  # two short runs may begin within a second
+    while new.exists():  # two short runs may start within a second
         new, number = first.with_name(f"{first.name}-{number}"), number + 1
     return resume or out or new
 
@@ -47,7 +49,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
 def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> None:
     """Raise `NothingMeasured` if no case was measured.
 
-    If the run was stopped, say how to go on instead, and end the process with `INTERRUPTED`.
+    If the run was stopped, print how to continue, and exit with `INTERRUPTED`.
     """
     if outcome.interrupted:
         if not quiet:
@@ -73,9 +75,9 @@ def measure_study(
     resume: Path | None,
     force: bool,
 ) -> Run:
-    """Measure the parts that a scene is split into, or go on with them; returns the run.
+    """Measure or resume the parts of a split scene; return the run.
 
-    kind : the study's name, with which the name of its folder begins if --out gives none
+    kind : name of the study, the prefix of its default folder
 
     Raises
     ------
@@ -92,7 +94,7 @@ def measure_study(
 
 
 def require_all(outcome: RunResult | Run) -> None:
-    """Raise `Inconclusive` if a case failed; what is skipped for a stated reason is no failure."""
+    """Raise `Inconclusive` if a case failed; a skipped case is not a failure."""
     failed = [record for record in outcome.records if record.status == "failed"]
     if failed:
         named = ", ".join(dict.fromkeys(record.name for record in failed))
@@ -111,7 +113,7 @@ def finish_study(run: Run) -> None:
 
 
 def format_json(outcome: RunResult) -> dict[str, Any]:
-    """Return what `--json` writes: where the run is, and each case as in summary.csv."""
+    """Return the content of `--json`: the run's folder, and its cases as in summary.csv."""
     return {
         "results": os.path.relpath(outcome.path),
         "interrupted": outcome.interrupted,
@@ -120,9 +122,9 @@ def format_json(outcome: RunResult) -> dict[str, Any]:
 
 
 def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: bool = True) -> None:
-    """Show and store what came out; ends the process with the command's exit code.
+    """Print and store the results; raise or exit with the command's exit code.
 
-    plots : draw them, too; `report` draws those that are missing
+    plots : draw plots now; otherwise `report` draws them
 
     Raises
     ------

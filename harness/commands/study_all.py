@@ -36,9 +36,9 @@ def study_all(
 ) -> None:
     """Say which of our findings hold on your data: validation, gains, regret and rotation, bundled.
 
-    Each study is a folder of its own in the output folder, with its report; findings.md sets what
-    was found beside what we found. A study that is there already is not measured again. The exit
-    code is 5 where cases failed or times were disturbed, and 4 where nothing could be judged.
+    Each study has a folder in the output folder, with its report; findings.md compares the results
+    with ours. A finished study is not measured again. The exit code is 5 if cases failed or times
+    were disturbed, and 4 if nothing could be judged.
     """
     from harness.results.run_folder import file_stem
     from harness.study import replication
