@@ -207,13 +207,6 @@ def kill_orphans(parent: int) -> None:
                         each.kill()
 
 
-def others_may_write(file: Path) -> bool:
-    """Return whether users other than the owner and the group may write a file."""
-    with contextlib.suppress(OSError):
-        return os.name == "posix" and bool(file.stat().st_mode & 0o002)
-    return False
-
-
 def umask() -> int:
     """Return the permissions that new files do not get."""
     mask = os.umask(0o077)

@@ -1,21 +1,22 @@
 """The model database: triangulations kept by content, so that a second run reads them.
 
 One SQLite file serves several processes at once (write-ahead log). Each entry carries a checksum,
-what is read is verified to be a triangulation of its polygon, and a file that SQLite cannot read is
-deleted and begun anew. That what is read is the optimum is believed, for only optima are kept
-as such: whoever may write the file can make others believe otherwise. `--no-cache` reads nothing.
+and each triangulation is verified when it is read. A damaged database is deleted and made again; a
+file that is not a database of this program is refused. Optimality is not verified again, so a file
+that other users may write is refused, too. `--no-cache` reads nothing.
 """
 
 import hashlib
 import importlib.metadata
 import json
 import logging
+import os
 import sqlite3
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache as once
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,9 +25,21 @@ import triangulators
 from harness.errors import UsageError
 from harness.machine import system
 from harness.machine.environment import processor, source_hash
+from triangulators.compute.compiled_files import is_trusted, make_folder
 from triangulators.polygon_arrays import PolygonArray
 
 SCHEMA = 1
+
+APPLICATION_ID = 0x52485443
+"""SQLite's application_id of the files that are ours: "RHTC"."""
+
+LOCK_MARK = b"raster-harness\n"
+"""Content of the lock beside a database of ours."""
+
+TABLE = (
+    "CREATE TABLE model "
+    "(key BLOB PRIMARY KEY, triangulator TEXT NOT NULL, value BLOB NOT NULL) WITHOUT ROWID"
+)
 
 _BATCH = 500  # SQLite takes at least 999 parameters
 _WAIT_S = 30.0
@@ -52,18 +65,14 @@ class ModelDatabase:
         self.path = path or system.database_path()
         self._say = say
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path.parent)
+            self._refuse_foreign()
             self._database = self._opened()
         except (OSError, sqlite3.OperationalError) as error:
             raise UsageError(
                 f"the model database {self.path} cannot be opened: {error}; "
                 "set RASTER_HARNESS_CACHE"
             ) from error
-        if system.others_may_write(self.path):
-            say(
-                f"others may write the model database {self.path}, whose optima are believed: "
-                f"chmod o-w {self.path}, or give --no-cache"
-            )
 
     def __enter__(self) -> "ModelDatabase":
         return self
@@ -136,9 +145,13 @@ class ModelDatabase:
 
     def _opened(self, damage: sqlite3.DatabaseError | None = None) -> sqlite3.Connection:
         """Open the file; a damaged one is deleted first, and what it held is computed again."""
-        with self.path.with_name(self.path.name + ".lock").open("wb") as stream:
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(self._beside(".lock"), flags | system.BINARY, 0o644)
+        with os.fdopen(descriptor, "r+b") as stream:
             # one process at a time: SQLite does not wait while another turns the log on
             system.lock(stream.fileno())
+            if not os.fstat(descriptor).st_size:
+                os.write(descriptor, LOCK_MARK)
             if damage is None or not self._is_the_same():  # else another has begun it anew already
                 try:
                     return self._connected()
@@ -147,9 +160,54 @@ class ModelDatabase:
                 except sqlite3.DatabaseError as error:
                     damage = error
             for suffix in ("", "-wal", "-shm"):
-                self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+                self._beside(suffix).unlink(missing_ok=True)
             self._say(f"model database {self.path} was damaged ({damage}) and is begun anew")
             return self._connected()
+
+    def _beside(self, suffix: str) -> Path:
+        return self.path.with_name(self.path.name + suffix)
+
+    def _refuse_foreign(self) -> None:
+        """Raise UsageError for files that are not ours, or that others own or may write."""
+        for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
+            file = self._beside(suffix)
+            if file.is_symlink() or (file.exists() and not file.is_file()):
+                self._refuse(file, "not a regular file")
+            if file.exists() and not is_trusted(file.stat()):
+                self._refuse(file, "another user owns or may write it")
+        if not is_trusted(self.path.parent.stat()):
+            self._refuse(self.path.parent, "another user owns or may write the folder")
+        lock = self._beside(".lock")
+        mark = lock.read_bytes()[: len(LOCK_MARK) + 1] if lock.exists() else b""
+        if mark not in (b"", LOCK_MARK):
+            self._refuse(lock, "not a lock of raster-harness")
+        header = b""
+        if self.path.exists():
+            with self.path.open("rb") as stream:
+                header = stream.read(100)
+        if header.startswith(b"SQLite format 3\0"):
+            (application,) = struct.unpack(">I", header[68:72].ljust(4, b"\0"))
+            ours = application == APPLICATION_ID or (application == 0 and self._is_unmarked())
+        else:  # where the lock is ours, the database was, too, and is damaged
+            ours = not header or mark == LOCK_MARK
+        if not ours:
+            self._refuse(self.path, "not a model database of raster-harness")
+
+    def _is_unmarked(self) -> bool:
+        """Whether the file is a database of a version that set no application_id, or empty."""
+        database = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", uri=True)
+        try:
+            tables = database.execute("SELECT name, sql FROM sqlite_master").fetchall()
+        except sqlite3.DatabaseError:
+            return False
+        finally:
+            database.close()
+        return all(name == "model" and sql == TABLE for name, sql in tables)
+
+    def _refuse(self, file: Path, problem: str) -> NoReturn:
+        raise UsageError(
+            f"{file}: {problem}; set RASTER_HARNESS_CACHE to a new file, or give --no-cache"
+        )
 
     def _is_the_same(self) -> bool:
         """Whether the file at the path is the one that was opened."""
@@ -159,6 +217,8 @@ class ModelDatabase:
         """Connect; raises sqlite3.DatabaseError for a file that is damaged at its beginning."""
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
         try:
+            # first, so that it is in the file itself and not only in the log
+            database.execute(f"PRAGMA application_id={APPLICATION_ID}")
             database.execute("PRAGMA journal_mode=WAL")
             # a crash may lose the last entries, which are computed again, but not the file
             database.execute("PRAGMA synchronous=NORMAL")
@@ -166,11 +226,7 @@ class ModelDatabase:
             if version not in (0, SCHEMA):
                 raise sqlite3.DatabaseError(f"its schema is {version}, not {SCHEMA}")
             with database:
-                database.execute(
-                    "CREATE TABLE IF NOT EXISTS model "
-                    "(key BLOB PRIMARY KEY, triangulator TEXT NOT NULL, value BLOB NOT NULL) "
-                    "WITHOUT ROWID"
-                )
+                database.execute(TABLE.replace("TABLE", "TABLE IF NOT EXISTS"))
                 database.execute(f"PRAGMA user_version={SCHEMA}")
         except BaseException:
             database.close()

@@ -12,6 +12,7 @@ from harness.errors import UsageError
 from harness.machine.system import database_path
 from harness.triangulating import database as model
 from harness.triangulating.database import ModelDatabase, Timed
+from triangulators.compute.compiled_files import is_trusted
 
 SOME = Timed(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
 
@@ -41,15 +42,88 @@ def test_what_was_put_is_there_for_the_next(path):
         assert database.info() == {}
 
 
-@pytest.mark.skipif(os.name != "posix", reason="permissions are told otherwise")
-@pytest.mark.parametrize(("mode", "lines"), [(0o600, 0), (0o660, 0), (0o602, 1), (0o666, 1)])
-def test_a_database_that_others_may_write_is_named(path, mode, lines):
+@pytest.mark.parametrize("mode", [0o602, 0o666])
+@pytest.mark.parametrize("suffix", ["", ".lock", "folder"])
+def test_a_database_that_others_may_write_is_refused(path, mode, suffix):
     ModelDatabase(path).close()
-    path.chmod(mode)
-    said = []
-    ModelDatabase(path, said.append).close()
-    assert len(said) == lines
-    assert all(f"others may write the model database {path}" in line for line in said)
+    file = path.parent if suffix == "folder" else path.with_name(path.name + suffix)
+    file.chmod(mode | 0o100 * file.is_dir())
+    with pytest.raises(UsageError, match="another user owns or may write"):
+        ModelDatabase(path)
+    file.chmod(0o700)
+    ModelDatabase(path).close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "user", "group", "trusted"),
+    [
+        (0o100644, 12345, 12345, True),
+        (0o100644, 0, 0, True),
+        (0o100600, 54321, 12345, False),
+        (0o100664, 12345, 54321, False),
+        (0o100646, 12345, 12345, False),
+        (0o041777, 0, 0, True),
+        (0o041777, 54321, 0, False),
+    ],
+)
+def test_who_may_write_what_is_trusted(monkeypatch, mode, user, group, trusted):
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    info = os.stat_result((mode, 0, 0, 1, user, group, 0, 0, 0, 0))
+    assert is_trusted(info) == trusted
+
+
+@pytest.mark.parametrize("kind", ["text", "other tables", "same table", "other application"])
+def test_a_foreign_file_is_refused_and_stays_as_it_is(path, kind):
+    path.parent.mkdir()
+    if kind == "text":
+        path.write_text("# notes, not a database\n" * 9)
+    else:
+        with sqlite3.connect(path) as database:
+            database.execute("CREATE TABLE model (key, triangulator, value)")
+            database.execute("INSERT INTO model VALUES (1, 2, 3)")
+            if kind == "other tables":
+                database.execute("ALTER TABLE model RENAME TO persons")
+            if kind == "other application":
+                database.execute("PRAGMA application_id=77")
+        database.close()
+    content = path.read_bytes()
+    with pytest.raises(UsageError, match=r"not a model database.*set RASTER_HARNESS_CACHE"):
+        ModelDatabase(path)
+    assert path.read_bytes() == content
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", ["", "-wal", ".lock"])
+def test_no_link_is_followed(path, tmp_path, suffix):
+    path.parent.mkdir()
+    target = tmp_path / "target"
+    target.write_text("somebody's")
+    path.with_name(path.name + suffix).symlink_to(target)
+    with pytest.raises(UsageError, match="not a regular file"):
+        ModelDatabase(path)
+    assert target.read_text() == "somebody's"
+
+
+def test_a_foreign_lock_is_refused(path):
+    path.parent.mkdir()
+    lock = path.with_name(path.name + ".lock")
+    lock.write_text("somebody's")
+    with pytest.raises(UsageError, match="not a lock of raster-harness"):
+        ModelDatabase(path)
+    assert lock.read_text() == "somebody's"
+
+
+def test_a_database_of_an_earlier_version_is_taken_over(path):
+    """It has no application_id."""
+    with ModelDatabase(path) as database:
+        database.keep("delaunay", key(1), SOME)
+    with sqlite3.connect(path) as database:
+        database.execute("PRAGMA application_id=0")
+    database.close()
+    path.with_name(path.name + ".lock").write_bytes(b"")
+    with ModelDatabase(path) as database:
+        assert [*database.find([key(1)])] == [key(1)]
+    assert int.from_bytes(path.read_bytes()[68:72], "big") == model.APPLICATION_ID
 
 
 @given(

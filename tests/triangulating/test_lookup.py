@@ -238,7 +238,7 @@ def test_the_command_line_reads_unless_told_not_to(harness, own_database):
 
 
 def test_damage_is_said_and_the_run_goes_on(harness, own_database):
-    own_database.parent.mkdir()
+    ModelDatabase(own_database).close()
     own_database.write_bytes(b"this is no database" * 50)
     _, err = ends_well(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
     assert len(re.findall("was damaged", err)) == 1

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import time
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -142,17 +143,54 @@ def test_damaged_code_is_made_again(tmp_path):
         assert stored.load("key") is None
 
 
+GONE, OTHER = "gone-0123456789abcdef", "other-0123456789abcdef"
+
+
+@pytest.mark.parametrize("untrusted", ["file", "folder", "link", "folder above"])
+def test_code_that_others_may_write_is_not_loaded(tmp_path, monkeypatch, untrusted):
+    """It is a pickle: to load it is to run it."""
+    monkeypatch.setattr(files, "place", lambda: tmp_path / "compiled" / "numba")
+    folder = files.place() / OTHER
+    stored = storing._Files(folder, "kernel")
+    stored.save("key", [1, 2])
+    assert stored.load("key") == [1, 2]
+    (file,) = folder.iterdir()
+    if untrusted == "link":
+        file.rename(tmp_path / "elsewhere")
+        file.symlink_to(tmp_path / "elsewhere")
+    else:
+        {"file": file, "folder": folder, "folder above": tmp_path}[untrusted].chmod(0o777)
+    files.is_trusted_folder.cache_clear()
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        assert stored.load("key") is None
+    assert len(warned) == ("folder" in untrusted)
+    tmp_path.chmod(0o700)
+    files.is_trusted_folder.cache_clear()
+
+
+def test_what_is_saved_is_trusted_whatever_the_umask(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "place", lambda: tmp_path / "compiled" / "numba")
+    before = os.umask(0)
+    try:
+        stored = storing._Files(files.place() / OTHER, "kernel")
+        stored.save("key", [1])
+    finally:
+        os.umask(before)
+    assert stored.load("key") == [1]
+
+
 def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
-    here = tmp_path / "compiled" / "this"
+    here = tmp_path / "compiled" / "numba"
     monkeypatch.setattr(files, "place", lambda: here)
     source = ROOT / "triangulators/compute/operations.py"
     current = f"triangulators.compute.operations-{files.digest(source)}"
     past = time.time() - 2 * files.OLD_S
-    for name, when in ((current, past), ("gone-1", past), ("other-1", None)):
+    for name, when in ((current, past), (GONE, past), (OTHER, None), ("mine-1", past)):
         (here / name).mkdir(parents=True)
         (here / name / "kernel.nbc").write_bytes(b"code")
         if when is not None:
             os.utime(here / name / "kernel.nbc", (when, when))
-    assert files.kept().files == 3
+    assert files.kept().files == 4
     assert files.remove_old() == 1
-    assert {folder.name for folder in here.iterdir()} == {current, "other-1"}
+    assert {folder.name for folder in here.iterdir()} == {current, OTHER, "mine-1"}

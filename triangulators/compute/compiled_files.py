@@ -15,8 +15,10 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from functools import lru_cache
 from importlib.metadata import version
@@ -33,6 +35,9 @@ PACKAGES = ("triangulators", "harness", "scenes")
 OLD_S = 30 * 24 * 3600.0
 """Seconds after which code of other sources that nobody loaded since counts as old."""
 
+_FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
+"""Name of a folder of compiled code: module and digest."""
+
 _IMPORT = re.compile(
     r"^\s*(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\s+([\w.]+))", re.MULTILINE
 )
@@ -44,6 +49,64 @@ def place() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(chosen) if chosen else user_cache_path("raster-harness", appauthor=False)
     return folder / "compiled" / f"numba{version('numba')}-{sys.implementation.cache_tag}"
+
+
+def is_trusted(info: os.stat_result) -> bool:
+    """Whether only this user and the administrator own and may write a file or folder.
+
+    Loading compiled code runs it. A folder such as /tmp, in which everybody may make files but
+    change only their own, is trusted: each file in it is checked, too.
+    """
+    if os.name != "posix":
+        return True
+    user, mode = os.geteuid(), info.st_mode
+    if info.st_uid not in (user, 0):
+        return False
+    if stat.S_ISDIR(mode) and mode & stat.S_ISVTX:
+        return True
+    by_group = mode & stat.S_IWGRP and info.st_gid != 0 and not _is_private_group(info.st_gid)
+    return not (mode & stat.S_IWOTH or by_group)
+
+
+@lru_cache(maxsize=64)
+def _is_private_group(number: int) -> bool:
+    """Whether a group is the user's own, of the same name and without other members."""
+    import grp
+    import pwd
+
+    try:
+        user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(number)
+    except KeyError:
+        return False
+    return group.gr_name == user.pw_name and not {*group.gr_mem} - {user.pw_name}
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, which others may not write whatever the umask is."""
+    for missing in reversed([folder, *folder.parents]):
+        if not missing.is_dir():
+            missing.mkdir(mode=0o755, exist_ok=True)
+
+
+@lru_cache(maxsize=1024)
+def is_trusted_folder(folder: Path) -> bool:
+    """Whether compiled code in a folder may be loaded; a warning says why not."""
+    root = place().parents[1]
+    try:
+        untrusted = [
+            each
+            for each in (folder, *folder.parents)
+            if each.is_relative_to(root) and (each.is_symlink() or not is_trusted(each.stat()))
+        ]
+    except FileNotFoundError:
+        return True  # it will be made
+    if untrusted:
+        warnings.warn(
+            f"{untrusted[-1]}: compiled code is not loaded (another user owns or may write the "
+            "folder); set NUMBA_CACHE_DIR to a folder of yours",
+            stacklevel=2,
+        )
+    return not untrusted
 
 
 @lru_cache(maxsize=1024)
@@ -132,7 +195,10 @@ def remove_old() -> int:
 
 def _old(root: Path) -> Iterator[Path]:
     now = {f"{dotted(f)}-{digest(f)}" for p in PACKAGES for f in (SOURCES / p).rglob("*.py")}
-    for folder in root.glob("*/*"):
+    for folder in root.glob("numba*/*"):
+        files = folder.iterdir() if _FOLDER.fullmatch(folder.name) else ()
+        if not files or any(".nbc" not in file.name for file in files):
+            continue  # somebody else's
         current = folder.parent == place() and folder.name in now
         if not current and time.time() - _last_use(folder) > OLD_S:
             yield folder

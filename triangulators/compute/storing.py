@@ -2,6 +2,7 @@
 
 import gc
 import hashlib
+import os
 import pickle
 import re
 from collections.abc import Callable, Iterator
@@ -19,7 +20,14 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from triangulators.compute.compiled_files import digest, dotted, place
+from triangulators.compute.compiled_files import (
+    digest,
+    dotted,
+    is_trusted,
+    is_trusted_folder,
+    make_folder,
+    place,
+)
 
 
 def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -91,8 +99,9 @@ def _lock(way: str, byte: int) -> None:
 @lru_cache(maxsize=1)
 def _lock_file() -> IO[bytes]:
     """Stays open: closing it would give up all its locks."""
-    place().mkdir(parents=True, exist_ok=True)
-    return (place().parent / "compiling.lock").open("ab")
+    make_folder(place())
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+    return os.fdopen(os.open(place().parent / "compiling.lock", flags, 0o644), "ab")
 
 
 class _Kept(FunctionCache):
@@ -152,8 +161,10 @@ class _Files:
     def load(self, key: Any) -> Any:
         """Return what was saved under `key`; None if nothing, or what cannot be read."""
         try:
-            with self._file(key).open("rb") as file:
-                if pickle.load(file) == repr(key):
+            descriptor = os.open(self._file(key), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+            with os.fdopen(descriptor, "rb") as file:
+                trusted = is_trusted(os.fstat(descriptor)) and is_trusted_folder(self._folder)
+                if trusted and pickle.load(file) == repr(key):
                     return pickle.load(file)
         except (OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError):
             pass
@@ -168,8 +179,10 @@ class _Files:
         file = self._file(key)
         part = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(pickle.dumps(repr(key)) + dumps(data))
+            make_folder(self._folder)
+            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            with os.fdopen(descriptor, "wb") as stream:
+                stream.write(pickle.dumps(repr(key)) + dumps(data))
             part.replace(file)
         except OSError:
             part.unlink(missing_ok=True)
