@@ -52,14 +52,18 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
 
     A ring bounds the area if the rule says "inside" on one of its sides only.
     """
-    tree = shapely.STRtree(rings)
-    if (np.diff(tree.query(rings, predicate="overlaps"), axis=0) != 0).any():
-        return None
+    tree, count = shapely.STRtree(rings), len(rings)
     outer, inner = tree.query(rings, predicate="contains")
-    other = outer != inner
-    outer, inner = outer[other], inner[other]
-    if np.isin(outer * len(rings) + inner, inner * len(rings) + outer).any():
+    nested = outer != inner
+    outer, inner = outer[nested], inner[nested]
+    keys = np.concatenate([outer * count + inner, inner * count + outer])
+    if len(np.unique(keys)) < len(keys):
         return None  # equal rings contain each other
+    first, second = tree.query(rings, predicate="intersects")
+    # GEOS prepares rings for the tests above, which are fast, but not for this one.
+    others = (first < second) & ~np.isin(first * count + second, keys)
+    if shapely.overlaps(rings[first[others]], rings[second[others]]).any():
+        return None
     direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
     around = np.bincount(inner, weights=direction[outer], minlength=len(rings)).astype(np.int64)
     within = around + direction
