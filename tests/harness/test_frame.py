@@ -90,10 +90,12 @@ def test_a_polygon_that_snapping_pinches_is_split_and_named():
     # Two squares joined by a bridge far thinner than the grid.
     e = 1e-6
     polygon = shapely.union_all([box(0, 0, 4, 5), box(4, 2, 6, 2 + e), box(6, 0, 10, 5)])
-    frame = make_frame([polygon], View(64))
-    assert frame.source.tolist() == [0, 0]
+    frame = make_frame([box(0, 6, 4, 8), polygon, box(6, 6, 10, 8)], View(64))
+    assert frame.source.tolist() == [0, 1, 1, 2]
+    assert frame.repaired[0][0] == 1
     assert "into 2 pieces" in frame.repaired[0][1]
-    assert shapely.union_all(frame.polygons).is_valid
+    assert shapely.union_all(frame.polygons[1:3]).is_valid
+    assert shapely.bounds(frame.polygons[3])[0] > 32
 
 
 @pytest.mark.parametrize("resolution", [0, 7, 1 << 20])
