@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from harness.errors import UsageError
+from harness.errors import StorageError, UsageError
 from harness.machine import system
 
 UNFINISHED = ".unfinished"
@@ -135,7 +135,7 @@ def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
 
     Raises
     ------
-    UsageError
+    StorageError, UsageError
         if there is something at `place` already, or another process is making it
     OSError
         if it cannot be written; nothing is at `place` then
@@ -149,7 +149,7 @@ def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
     around.mkdir(parents=True, exist_ok=True)
     with (around / "lock").open("a") as lock:
         if not system.lock(lock.fileno(), wait=False):
-            raise UsageError(f"{place} is in use: another process is making it")
+            raise StorageError(f"{place} is in use: another process is making it")
         made = around / place.name
         shutil.rmtree(made, ignore_errors=True)
         try:
@@ -163,7 +163,7 @@ def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
             except OSError as error:
                 if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
-                raise UsageError(f"{place} is there already: another process made it") from error
+                raise StorageError(f"{place} is there already: another process made it") from error
         finally:
             shutil.rmtree(around, ignore_errors=True)
 
@@ -203,7 +203,7 @@ class Output:
             self._around = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
         except OSError as error:
             reason = error.strerror or error
-            raise UsageError(
+            raise StorageError(
                 f"{parent.resolve()} cannot be written: {reason}; give another -o"
             ) from error
         self._folder = Path(self._around.name)

@@ -62,14 +62,6 @@ class InconclusiveError(HarnessError):
     exit_code = INCONCLUSIVE
 
 
-# Former names, until all modules use the new ones.
-NoRasteriser, NothingMeasured, Inconclusive = (
-    NoRasteriserError,
-    NothingMeasuredError,
-    InconclusiveError,
-)
-
-
 def of_system(error: OSError) -> str:
     """Return one line for what the system refused, with what to do."""
     where = f"{error.filename}: " if error.filename else ""

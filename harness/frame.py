@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import UsageError, unknown
+from harness.errors import InputError, UsageError, unknown
 from harness.grid import SUBPIXEL, snap_polygons, to_grid
 from harness.settings import FITS, RESOLUTIONS, Fit
 from harness.viewing import Viewing, viewing_of
@@ -219,11 +219,11 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
 
     Raises
     ------
-    UsageError
+    InputError
         if there is no polygon, or they have no extent
     """
     if not polygons:
-        raise UsageError("the scene has no polygon to draw")
+        raise InputError("the scene has no polygon to draw")
     return _snap_to_frame(*_fit_to_view(polygons, view), view, view.resolution)
 
 
@@ -252,7 +252,7 @@ def _fit_to_view(polygons: Sequence[Polygon], view: View) -> tuple[NDArray[Any],
         shift = np.array([(low_x + high_x) / 2, (low_y + high_y) / 2])
         extent = float(max(high_x - low_x, high_y - low_y))
     if not (math.isfinite(extent) and extent > 0):
-        raise UsageError("the scene's polygons have no extent")
+        raise InputError("the scene's polygons have no extent")
     scale = (view.resolution - 2 * MARGIN_PX) / extent
     middle = view.resolution / 2
     return shapely.transform(moved, lambda xy: (xy - shift) * scale + middle), scale

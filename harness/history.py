@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.compare.times import low_quantile
-from harness.errors import UsageError, unknown
+from harness.errors import InputError, UsageError, unknown
 from harness.machine.git import commit_of
 from harness.metrics.processors import by_processor
 from harness.metrics.registry import find_metric, list_metrics, metrics_of
@@ -94,14 +94,14 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
 
     Raises
     ------
-    UsageError
+    InputError
         if there is none, or one cannot be read
     """
     paths = {}
     for folder in folders:
         found = sorted(file.parent for file in folder.rglob("run.json")) if folder.is_dir() else []
         if not found and not folder.is_file():
-            raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
+            raise InputError(f"{folder} holds no run; give folders of runs, or one of many")
         for path in found or [folder]:
             paths[path.resolve()] = path
     named = {folder.resolve() for folder in folders}

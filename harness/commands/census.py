@@ -19,7 +19,7 @@ from harness.commands.options import (
     refuse_given,
     several,
 )
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import InputError, NothingMeasuredError, UsageError
 from harness.progress import Reporter, Screen
 
 if TYPE_CHECKING:
@@ -125,11 +125,11 @@ def _count(
 
     Raises
     ------
-    UsageError
+    InputError, UsageError
         if there is no file, or none with a polygon, or the folder is not for that
-    NothingMeasured
+    NothingMeasuredError
         if there are polygons, but none that all could do
-    Inconclusive
+    InconclusiveError
         if parts were set aside
     """
     from harness.results.run_folder import clear_errors
@@ -143,7 +143,7 @@ def _count(
     summary = complete(dataset, out, where, reporter)
     found = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
     if summary.set_aside and not summary.parts_done and where is None:
-        raise UsageError(next(iter(summary.set_aside.values())))
+        raise InputError(next(iter(summary.set_aside.values())))
     warn_of_skipped(summary, dataset.out, reporter)
     counted = summary.polygons
     if not counted:
@@ -154,13 +154,15 @@ def _count(
         if not any(kind == "failed" or why == THIN for kind, why in summary.counts):
             condition = getattr(census, "where", None)
             filtered = f" for where={condition}: widen the filter" if condition else ""
-            raise UsageError(f"{pattern} holds no usable polygon{filtered}")
-        raise NothingMeasured(
+            raise InputError(f"{pattern} holds no usable polygon{filtered}")
+        raise NothingMeasuredError(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
         )
     if not found.sum_groups().total("fragments")[0]:
         what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
-        raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
+        raise NothingMeasuredError(
+            f"{os.path.relpath(out)}: no pixel is covered: choose another {what}"
+        )
     with clear_errors(out, "run the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, found, census)
     for name, why in found.damaged[:MAX_DAMAGED_NAMED]:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from harness.errors import Inconclusive, UsageError
+from harness.errors import InconclusiveError, InputError
 
 
 def check_evidence(
@@ -26,6 +26,6 @@ def check_evidence(
             checked += 1
             refused += not holds
     if not checked:
-        raise UsageError(f"{file} has no evidence: triangulate --certify --evidence writes it")
+        raise InputError(f"{file} has no evidence: triangulate --certify --evidence writes it")
     if refused:
-        raise Inconclusive(f"{file}: {refused} of {checked} proofs refused, see above")
+        raise InconclusiveError(f"{file}: {refused} of {checked} proofs refused, see above")

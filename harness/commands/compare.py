@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.progress import Screen
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
         return read_run(path)
     if allow_missing:
         return None
-    raise UsageError(
+    raise InputError(
         f"no baseline: {path} is not a run; store one there, or give --allow-missing-baseline "
         "so that a first run passes"
     )

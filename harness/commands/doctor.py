@@ -2,7 +2,7 @@
 
 from rich.text import Text
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriserError
 from harness.progress import Screen
 
 STATUS_COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
@@ -25,4 +25,4 @@ def doctor() -> None:
         if finding.fix:
             console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
     if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
-        raise NoRasteriser("no OpenGL or WebGPU device works here; see what to install, above")
+        raise NoRasteriserError("no OpenGL or WebGPU device works here; see what to install, above")

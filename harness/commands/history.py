@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.commands.options import Several, several
-from harness.errors import NothingMeasured
+from harness.errors import NothingMeasuredError
 from harness.settings import HISTORY_METRICS
 
 if TYPE_CHECKING:
@@ -65,11 +65,11 @@ def history(
     if studies:
         typer.echo(f"left out: {count(studies, 'study', 'studies')}; see --all")
     if not runs:
-        raise NothingMeasured("all runs are studies, which measure each case once; see --all")
+        raise NothingMeasuredError("all runs are studies, which measure each case once; see --all")
     chosen = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
     series = matching(read_series(runs, metrics), {k: v for k, v in chosen.items() if v})
     if not series:
-        raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
+        raise NothingMeasuredError(f"none of the {len(runs)} runs has any of: {metrics}")
     shown = series if everything else worth_showing(series)
     if shown:
         with atomic.folder(out, added=True) as made:

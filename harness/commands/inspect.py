@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from harness.commands import options
-from harness.errors import UsageError
+from harness.errors import InputError, UsageError
 from harness.progress import Reporter, Screen
 from harness.settings import RESOLUTIONS
 
@@ -142,7 +142,7 @@ def _draw(
 
     frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:
-        raise UsageError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
+        raise InputError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
     frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
     file = _prepare_file(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
     drawn = {}
@@ -156,7 +156,7 @@ def _draw(
         else:
             drawn[str(recipe)] = part
     if not drawn:
-        raise UsageError(f"no triangulator given can do polygon {polygon} of {scene.name}")
+        raise InputError(f"no triangulator given can do polygon {polygon} of {scene.name}")
     draw_heatmaps(frame, drawn, file)
     typer.echo(f"picture: {file}")
 
@@ -225,7 +225,7 @@ def _list_every(
     try:
         table = triangulation_table(scene.polygons[polygon], mode)
     except TriangulationError as reason:
-        raise UsageError(f"polygon {polygon} of {scene.name}: {reason}") from reason
+        raise InputError(f"polygon {polygon} of {scene.name}: {reason}") from reason
     with atomic.folder(folder, added=True) as made:
         table.to_csv(made / "triangulations.csv", index=False)
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from harness.errors import INTERRUPTED, Inconclusive, UsageError, refuse_failed
+from harness.errors import INTERRUPTED, InconclusiveError, UsageError, refuse_failed
 from harness.progress import Reporter
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def triangulate_many_files(
     ------
     UsageError
         if there is no file, or the folder cannot be used
-    Inconclusive
+    InconclusiveError
         if parts were set aside, or polygons failed
     """
     from harness.export.export import FORMATS, Certified
@@ -116,10 +116,10 @@ def format_notes(
 
 
 def refuse_set_aside(out: Path, summary: Summary) -> None:
-    """Raise Inconclusive if parts were set aside."""
+    """Raise InconclusiveError if parts were set aside."""
     if summary.set_aside:
         number = len(summary.set_aside)
-        raise Inconclusive(
+        raise InconclusiveError(
             f"{number:,} {'parts were' if number > 1 else 'part was'} set aside; the rest is in "
             f"{os.path.relpath(out)}; fix the cause and run the same command again"
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.commands import options
-from harness.errors import Inconclusive
+from harness.errors import InconclusiveError
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import file_stem
 from harness.settings import TIMEOUT_S
@@ -98,7 +98,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
 
     Raises
     ------
-    Inconclusive
+    InconclusiveError
         if it is refused
     """
     from harness.profile import words
@@ -113,9 +113,9 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
     picture = words.plot(content, file)
     typer.echo(f"profile: {file}, picture: {picture}")
     if trouble:
-        raise Inconclusive(f"{trouble}: close other programs, and repeat; kept in {file}")
+        raise InconclusiveError(f"{trouble}: close other programs, and repeat; kept in {file}")
     if content["refused"]:
-        raise Inconclusive(
+        raise InconclusiveError(
             f"the law explains too little (R2 {content['r2_over']:.2f} over all draws, "
             f"{content['r2_within']:.2f} within groups): close other programs, or draw longer, "
             f"e.g. with four times the --budget; kept in {file}"

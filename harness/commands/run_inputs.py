@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from harness.commands.options import is_given
-from harness.errors import UsageError
+from harness.errors import HarnessError, InputError, UsageError
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.other_version import OtherVersion, version
 from harness.measuring.plan import Plan
@@ -69,9 +69,9 @@ def refuse_another_view(context: typer.Context, scene: str) -> None:
 
 
 def read_plan(folder: Path) -> Plan:
-    """Return the plan of the run in a folder; raise UsageError if the folder has none."""
+    """Return the plan of the run in a folder; raise InputError if the folder has none."""
     facts = read_run(folder).facts
     try:
         return Plan.from_json(facts.get("plan", {}))
-    except UsageError as error:
-        raise UsageError(f"{folder} holds no plan to resume: {error}") from error
+    except HarnessError as error:
+        raise InputError(f"{folder} holds no plan to resume: {error}") from error

@@ -12,12 +12,23 @@ import typer
 
 from harness import atomic
 from harness.commands import options, run, study_gains, study_validate
-from harness.errors import Inconclusive, NothingMeasured, UsageError
+from harness.errors import (
+    HarnessError,
+    IncompatibleRunsError,
+    InconclusiveError,
+    InputError,
+    NothingMeasuredError,
+    StorageError,
+    UsageError,
+)
 from harness.progress import Reporter, Screen
 from harness.settings import QUICK_TIMEOUT_S, TIMEOUT_S, Fit, Order, StudySize, TimingSettings
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Rotations of the study of turned triangulations, in degrees."""
+
+REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)
+"""Errors of one part of the study; the other parts are measured."""
 
 
 def study_all(
@@ -59,7 +70,7 @@ def study_all(
     )
     evidence_of = {}
     parts = inconclusive = 0
-    refusals: list[UsageError] = []
+    refusals: list[HarnessError] = []
     for scene, name in zip(scenes, names, strict=True):
         console.print(f"{scene}:", markup=False)
         for part, measure in _parts(scene, out / name, settings):
@@ -67,10 +78,10 @@ def study_all(
             parts += 1
             try:
                 measure()
-            except (UsageError, NothingMeasured, Inconclusive) as error:
+            except (*REFUSALS, NothingMeasuredError, InconclusiveError) as error:
                 # One part fails; the others may succeed.
-                inconclusive += isinstance(error, Inconclusive)
-                refusals += [error] if isinstance(error, UsageError) else []
+                inconclusive += isinstance(error, InconclusiveError)
+                refusals += [error] if isinstance(error, REFUSALS) else []
                 console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
         evidence_of[name] = replication.read(out / name)
     if len(refusals) == parts:
@@ -90,9 +101,11 @@ def study_all(
         console.print(f"{name}: {holds} of {len(decided)} findings hold", markup=False)
     console.print(f"to read: {file}", markup=False, soft_wrap=True)
     if not judged:
-        raise NothingMeasured("no finding could be judged: no part of the study has its figures")
+        raise NothingMeasuredError(
+            "no finding could be judged: no part of the study has its figures"
+        )
     if inconclusive:
-        raise Inconclusive(f"{inconclusive} of {parts} parts of the study are incomplete")
+        raise InconclusiveError(f"{inconclusive} of {parts} parts of the study are incomplete")
 
 
 @dataclass(frozen=True)
@@ -194,7 +207,7 @@ def _measure_gains(
     incomplete = None
     try:
         outcome.finish(result, Screen(quiet=True), reporter, plots=not settings.quick)
-    except Inconclusive as error:
+    except InconclusiveError as error:
         incomplete = error
     study_gains.write_gains([read_run(folder)], bases, folder)
     if incomplete is not None:

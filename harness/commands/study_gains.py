@@ -10,7 +10,7 @@ import typer
 
 from harness import atomic
 from harness.commands import options
-from harness.errors import Inconclusive, NothingMeasured
+from harness.errors import InconclusiveError, NothingMeasuredError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,9 +68,9 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
 
     Raises
     ------
-    Inconclusive
+    InconclusiveError
         if there is no ratio, because times were disturbed
-    NothingMeasured
+    NothingMeasuredError
         if there is no ratio for any other reason
     """
     import pandas as pd
@@ -87,8 +87,8 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     disturbances = [line for run in runs for line in state_of(run).words]
     if table.empty:
         if disturbances:
-            raise Inconclusive(disturbances[0])
-        raise NothingMeasured("no two triangulators were timed together on the same polygons")
+            raise InconclusiveError(disturbances[0])
+        raise NothingMeasuredError("no two triangulators were timed together on the same polygons")
     orders = [rows.assign(base=name) for name in bases if len(rows := by_order(table, name))]
     with atomic.folder(out, added=True) as folder:
         files = plot(table, folder / "plots")

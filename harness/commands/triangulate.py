@@ -16,7 +16,7 @@ from harness.commands.options import (
     refuse_given,
     refuse_own_source,
 )
-from harness.errors import NothingMeasured, UsageError, refuse_failed
+from harness.errors import NothingMeasuredError, UsageError, refuse_failed
 from harness.progress import Reporter
 
 NOTE_AFTER_S = 3.0
@@ -197,7 +197,7 @@ def _in_place(
         f"flat faces of two or more ({share:.0%} of the area)"
     )
     if not result.triangles:
-        raise NothingMeasured(f"{source} has no triangles")
+        raise NothingMeasuredError(f"{source} has no triangles")
     if not result.changed:
         typer.echo(f"{out or source}: nothing to gain: no flat face has cheaper diagonals")
         return

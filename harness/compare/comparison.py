@@ -29,7 +29,7 @@ from harness.compare.model import (
     Verdict,
     require_known,
 )
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.machine.git import commit_of
 from harness.metrics.processors import format_processors, several_processors
 from harness.metrics.registry import METRICS, PREDICTED, find_metric, in_order, predictions
@@ -44,14 +44,14 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 
     Raises
     ------
-    UsageError
+    InputError
         if records of a run are lost, the runs are of different devices and `settings` do not ask
         for that, or a threshold is of a figure that neither run has
     """
     settings = settings or Settings()
     for run in (base, head):
         if run.cut_off:
-            raise UsageError(f"{run.cut_off}: measure again, or run --resume {run.path}")
+            raise InputError(f"{run.cut_off}: measure again, or run --resume {run.path}")
     base, head = latest(base), latest(head)
     records = (*base.records, *head.records)
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})

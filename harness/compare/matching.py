@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError
 from harness.results.processors import may_be_same, processor_label
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
@@ -69,19 +69,19 @@ def _renamed(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, s
         others = {name: devices for name, devices in both.items() if devices[0] != devices[1]}
         for name, devices in others.items():
             if max(map(len, devices)) > 1:
-                raise UsageError(
+                raise IncompatibleRunsError(
                     f"{name} ran on several devices, so it is not clear which to compare "
                     "across; give runs of one device each"
                 )
         return {(name, min(then)): min(now) for name, (then, now) in others.items()}
     if both and not any(then & now for then, now in both.values()):
         ran = (", ".join(sorted(set().union(*sides))) for sides in zip(*both.values(), strict=True))
-        raise UsageError(
+        raise IncompatibleRunsError(
             "BASE ran on {} and HEAD on {}: their figures differ without any change; "
             "add --across-devices to compare them".format(*ran)
         )
     for label, (then, now) in other_hardware(base, head).items():
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
             "add --across-devices to compare them"
         )

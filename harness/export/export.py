@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import UsageError
+from harness.errors import InputError, StorageError, UsageError
 from harness.export import mesh as meshes
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
@@ -180,7 +180,7 @@ def export_file(
     ------
     scenes.SceneError
         if the source cannot be read
-    UsageError
+    StorageError, InputError
         if the format or triangulator is unknown, or the output cannot be written
     """
     begun = time.perf_counter()
@@ -197,12 +197,12 @@ def export_file(
             how = Meshing(name, parameters, device)
             writer = add_chunks(chunks, lambda about: make(output, about), how, report, progress)
             if writer is None or report.triangles == 0:
-                raise UsageError(_nothing(str(source), report))
+                raise InputError(_nothing(str(source), report))
             writer.finish()
             report.files = output.publish() + (proofs.publish() if evidence is not None else [])
     except OSError as error:
         reason = error.strerror or error
-        raise UsageError(f"{target} cannot be written: {reason}; nothing was changed") from error
+        raise StorageError(f"{target} cannot be written: {reason}; nothing was changed") from error
     report.seconds = time.perf_counter() - begun
     return report
 

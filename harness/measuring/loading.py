@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from contextlib import closing
 
 from harness import rasterisers
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import InputError, NoRasteriserError, UsageError
 from harness.machine.user_modules import allow_user_module
 from harness.measuring.plan import Plan
 from harness.measuring.pool import (
@@ -38,7 +38,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
     Raises
     ------
-    UsageError
+    InputError
         if it cannot be loaded, or its third-party code ends the process
     """
     if _is_foreign(name):
@@ -47,7 +47,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
             try:
                 scene = worker.call(_load, name, seed)
             except TaskFailed as error:
-                raise UsageError(f"scene {name} cannot be loaded: {error}") from error
+                raise InputError(f"scene {name} cannot be loaded: {error}") from error
     else:
         scene = _load(name, seed)
     if scene.notes:
@@ -69,7 +69,7 @@ def _load(name: str, seed: int) -> Scene:
             return seen.load(name)
         return load(name, seed=seed, attributes=False)
     except SceneError as error:
-        raise UsageError(str(error)) from error
+        raise InputError(str(error)) from error
 
 
 def _is_foreign(name: str) -> bool:
@@ -112,7 +112,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
 
     Raises
     ------
-    UsageError, NoRasteriser
+    UsageError, NoRasteriserError
         if a name is unknown, a requested device is missing, or no rasteriser is left
     """
     usable: list[Usable] = []
@@ -136,7 +136,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
             rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
         raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
     if not usable:
-        raise NoRasteriser("no rasteriser is left that works")
+        raise NoRasteriserError("no rasteriser is left that works")
     return usable
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import View
 from harness.rasterisers.base import Options
 from harness.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
@@ -56,7 +56,7 @@ class Plan:
 
         Raises
         ------
-        UsageError
+        InputError
             if it is none, or was damaged
         """
         from pydantic import TypeAdapter, ValidationError
@@ -71,4 +71,4 @@ class Plan:
             return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
         except ValidationError as error:
             first = error.errors()[0]
-            raise UsageError(f"plan: {first['loc'][0]}: {first['msg']}") from None
+            raise InputError(f"plan: {first['loc'][0]}: {first['msg']}") from None

@@ -13,7 +13,13 @@ from typing import Any, NamedTuple
 
 import shapely
 
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import (
+    HarnessError,
+    IncompatibleRunsError,
+    InputError,
+    NothingMeasuredError,
+    UsageError,
+)
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
 from harness.machine.environment import processor
@@ -143,7 +149,7 @@ def run(
         broken = find_broken(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
         if all(shapely.get_num_coordinates(each) == _CLOSED_TRIANGLE for each in scene.polygons):
-            raise NothingMeasured(
+            raise NothingMeasuredError(
                 f"nothing to choose: every polygon of {plan.scene} is a triangle already; of a "
                 "model, raster-harness triangulate MODEL --check says what turning diagonals saves"
             )
@@ -290,7 +296,7 @@ def open_stores(
 
     Raises
     ------
-    UsageError
+    InputError
         if they differ, or the folder holds a run that is not to be resumed, or cannot be written
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
@@ -303,7 +309,7 @@ def open_stores(
     if not force:
         try:
             _refuse_other(before.facts, facts, out)
-        except UsageError:
+        except HarnessError:
             store.close()
             raise
     if "base" not in facts and "base" in before.facts:
@@ -315,7 +321,7 @@ def open_stores(
     stores, records = [store], list(before.records)
     for folder in base:  # without facts where a kill came between the two
         if folder.is_symlink():
-            raise UsageError(f"{folder} is a link, which is not followed; copy what it names here")
+            raise InputError(f"{folder} is a link, which is not followed; copy what it names here")
         stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
         records += [record.with_id(version="base") for record in read_run(folder).records]
     return stores, {record.id.key: record for record in records}
@@ -338,7 +344,7 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
     if not may_be_same(processor_label(before), processor_label(now)):
         differences.append("the machine")
     if differences:
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"cannot resume {out}; since then changed: {', '.join(differences)}; "
             "start a new run, or add --force to mix them"
         )

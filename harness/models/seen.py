@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
+from harness.errors import HarnessError
 from harness.grid import SUBPIXEL
 from harness.models.diagonals import outlines
 from harness.models.flat_faces import Floats, Ints, ModelPart, flat_faces
@@ -141,7 +141,7 @@ def read(
     _refuse(views, pixels, distance, depth)
     try:
         _, groups = open_model(Path(path))
-    except UsageError as error:
+    except HarnessError as error:
         raise SceneError(str(error)) from error
     polygons: list[shapely.Polygon] = []
     given: list[Rows] = []

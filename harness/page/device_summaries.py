@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness import atomic
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError
 from harness.metrics.groups import RecordGroup, groups_of
 from harness.metrics.per_polygon import rank_correlation
 from harness.metrics.processors import is_drawn_by_processor
@@ -50,13 +50,13 @@ def summarise(run: Run) -> Summary:
 
     Raises
     ------
-    UsageError
+    InputError
         if it timed nothing, or on more than one device
     """
     timed = [record for record in run.records if record.is_ok and record.time]
     where = dict.fromkeys((each.id.rasteriser, each.id.device_name) for each in timed)
     if len(where) != 1:
-        raise UsageError(
+        raise InputError(
             f"{run.path}: a device's summary is of one rasteriser on one device that was timed, "
             f"not of {len(where)}"
         )
@@ -115,7 +115,7 @@ def write_summary(run: Run, file: Path) -> Path:
 
     Raises
     ------
-    UsageError
+    IncompatibleRunsError
         as `summarise` does, or if the file is another device's, or of another processor where that
         draws
     """
@@ -123,10 +123,12 @@ def write_summary(run: Run, file: Path) -> Path:
     if file.exists():
         before = _read(file)
         if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
-            raise UsageError(f"{file} is of {before['rasteriser']} on {before['device']}")
+            raise IncompatibleRunsError(
+                f"{file} is of {before['rasteriser']} on {before['device']}"
+            )
         cpus = [str(each.get("cpu") or "") for each in (before, summary)]
         if not may_be_same(*cpus):
-            raise UsageError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
+            raise IncompatibleRunsError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
         new = {_name(view) for view in summary["views"]}
         kept = [view for view in before["views"] if _name(view) not in new]
         summary["views"] = [*kept, *summary["views"]]
@@ -138,9 +140,9 @@ def _read(file: Path) -> Summary:
     try:
         found = json.loads(atomic.read(file))
     except (OSError, ValueError) as error:
-        raise UsageError(f"{file}: cannot be read: {error}") from error
+        raise InputError(f"{file}: cannot be read: {error}") from error
     if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise UsageError(f"{file} is no summary of a device")
+        raise InputError(f"{file} is no summary of a device")
     return found
 
 

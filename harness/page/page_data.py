@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from harness import __version__
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import OWN_VIEWS, View
 from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import USUAL_BASE
@@ -142,14 +142,14 @@ def content_of(run: Run) -> PageContent:
 
     Raises
     ------
-    UsageError
+    InputError
         if the run kept nothing that can be drawn
     """
     for fit, name in OWN_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
-            raise UsageError(f"{run.path} is of {name}, which a page cannot cut: give another run")
+            raise InputError(f"{run.path} is of {name}, which a page cannot cut: give another run")
     if not (views := list(_views(run))):
-        raise UsageError(
+        raise InputError(
             f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
             "draw; run `raster-harness run` with this version, and two --triangulators"
         )

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
 from harness.page.saved import Finite, Part, Share, Text, Whole, check_rounds
@@ -82,12 +82,12 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
 
     Raises
     ------
-    UsageError
+    IncompatibleRunsError, InputError
         if the result contradicts itself, or tells too little
     """
     page = result.page
     if page.design != DESIGN:
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"{file}: its draws are of design {page.design}, and here it is {DESIGN}: make the "
             "page anew"
         )
@@ -98,12 +98,12 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
     if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
-        raise UsageError(
+        raise InputError(
             f"{file}: the page was ended after {len(epochs)} of at least {FEWEST_EPOCHS} epochs, "
             "which tell no law; measure again"
         )
     if set(result.times) != {*names, EMPTY, CONTROL}:
-        raise UsageError(f"{file}: not all of its {len(draws)} draws were timed, or others were")
+        raise InputError(f"{file}: not all of its {len(draws)} draws were timed, or others were")
     times = {
         each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
     }
@@ -125,13 +125,13 @@ def _refuse_other_draws(
     told = [each.checksum for each in result.draws]
     own = [draw.checksum for draw in draws]
     if told != own[: len(told)] or (result.times and len(told) != len(own)):
-        raise UsageError(f"{file}: its draws are not those of seed {result.page.seed}")
+        raise InputError(f"{file}: its draws are not those of seed {result.page.seed}")
     differing = sum(
         (each.fragments, each.quads) != (known["fragments"], known["quads"])
         for each, known in zip(result.draws, exact[: len(told)], strict=True)
     )
     if differing != result.differing:
-        raise UsageError(
+        raise InputError(
             f"{file}: its counters differ from the exact reference in {differing} draws, not in "
             f"{result.differing}, as it says"
         )
@@ -144,13 +144,13 @@ def _refuse_other_law(
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS):
-        raise UsageError(f"{file}: its law has other terms")
+        raise InputError(f"{file}: its law has other terms")
     rows = design_of(exact)
     fitted, _ = fitted_of(draws)
     seconds = solve(rows[fitted], found.times[fitted], [draws[n].group for n in fitted])
     shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
-        raise UsageError(f"{file}: the law that it shows is not that of its times")
+        raise InputError(f"{file}: the law that it shows is not that of its times")
 
 
 def _facts(result: Result, name: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.grid import SUBPIXEL
 from harness.measuring import records
@@ -277,21 +277,21 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     view = View(own.resolution, float(own.rotation), own.fit)
     known = _find_record(run, own.triangulator, own.scene_hash, view)
     if known is None:
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"{run.path} has no {own.triangulator} of the page's polygons at {own.resolution} px"
         )
     stored, told = record_to_json(known), own.model_dump(exclude_unset=True)
     both = {name for name in KEPT if name in stored and name in told} - {"triangulator"}
     wrong = [name for name in KEPT if name in both and stored[name] != told[name]]
     if wrong:
-        raise UsageError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
+        raise IncompatibleRunsError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
     kept = drawings.read(run, view)
     if not exact_grid or kept is None or own.triangulator not in kept.triangles:
         return
     counted = np.array([values for _, values in case.counters])
     exact = np.array(counted_exactly(kept, kept.triangles[own.triangulator]))
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
-        raise UsageError(
+        raise InputError(
             f"{own.triangulator}: its counters do not differ from the exact reference in "
             f"{case.differing} polygons, as the file says"
         )

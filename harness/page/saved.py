@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import browser
@@ -106,32 +106,32 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
 
     Raises
     ------
-    UsageError
+    InputError
         if it cannot be read, is damaged, or is not what a page saves
     """
     try:
         if file.exists() and not file.is_file():
-            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
+            raise InputError(f"{file}: a folder, pipe or device, not a file that a page saved")
         if file.stat().st_size > MOST_BYTES:
-            raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
+            raise InputError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
         kind = kinds[outer.format]
     except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from error
+        raise InputError(f"{file}: {error.strerror}") from error
     except (ValueError, KeyError) as error:
-        raise UsageError(f"{file}: not a file that a measuring page saved") from error
+        raise InputError(f"{file}: not a file that a measuring page saved") from error
     if outer.version != VERSION:
-        raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
+        raise InputError(f"{file}: saved by another version of the page; update raster-harness")
     content = outer.result.encode()
     if hashlib.sha256(content).hexdigest() != outer.sha256:
-        raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
+        raise InputError(f"{file}: damaged since the page saved it; save or copy it again")
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         what = first["msg"].removeprefix("Value error, ")
-        raise UsageError(f"{file}: {where or 'result'}: {what}") from error
+        raise InputError(f"{file}: {where or 'result'}: {what}") from error
 
 
 def device_name(result: Measured) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import Inconclusive, NothingMeasured
+from harness.errors import InconclusiveError, NothingMeasuredError
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.records import make_samples
 from harness.measuring.timing import EMPTY, Times
@@ -99,9 +99,9 @@ def measure(
 
     Raises
     ------
-    NothingMeasured
+    NothingMeasuredError
         if the device fails under one of them
-    Inconclusive
+    InconclusiveError
         if it is too slow for enough epochs
     HarnessError
         if it cannot be opened
@@ -114,11 +114,11 @@ def measure(
     candidates[CONTROL] = candidates[names[len(names) // 2]]
     groups, failures = pool.time(backend, candidates, timing, seed, tick)
     if failures:
-        raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
+        raise NothingMeasuredError(f"{backend.label}: {next(iter(failures.values()))}")
     times = next(iter(groups.values()))
     epochs = len(times[EMPTY].epochs)
     if epochs < FEWEST_EPOCHS:
-        raise Inconclusive(
+        raise InconclusiveError(
             f"{backend.label} is too slow: {timing.limit_s:g} s were over after {epochs} of "
             f"{EPOCHS} parts, and a law needs {FEWEST_EPOCHS}; draw longer, e.g. --budget 4"
         )

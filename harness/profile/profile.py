@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from harness import __version__, atomic
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.profile import law as laws
 from harness.profile.advice import aspects
 from harness.profile.counted import IN_PX, TERMS, design_of
@@ -105,22 +105,22 @@ def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
 
     Raises
     ------
-    UsageError
+    InputError
         if it is missing, no profile, or was refused when it was made
     """
     try:
         content = json.loads(atomic.read(file))
         if content.get("refused"):
-            raise UsageError(
+            raise InputError(
                 f"{file} was refused: it fits too badly; repeat raster-harness profile"
             )
         if (unit := content.get("unit", "s")) != "s":
             raise ValueError(f"unsupported unit {unit!r}")
         return told(content)
     except FileNotFoundError:
-        raise UsageError(f"no profile {file}; make it: raster-harness profile") from None
+        raise InputError(f"no profile {file}; make it: raster-harness profile") from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UsageError(f"{file} is not a profile: {error!r}") from error
+        raise InputError(f"{file} is not a profile: {error!r}") from error
 
 
 def read_coefficients(file: Path) -> dict[str, float]:

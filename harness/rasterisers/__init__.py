@@ -5,7 +5,7 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from harness.errors import NoRasteriser, UsageError, unknown
+from harness.errors import NoRasteriserError, UsageError, unknown
 from harness.machine.user_modules import allow_user_module
 from harness.rasterisers.base import (
     Counters,
@@ -102,16 +102,18 @@ def find_device(rasteriser: str, name: str | None = None) -> Device:
     ------
     UsageError
         if the rasteriser, or any device of that name, is unknown
-    NoRasteriser
+    NoRasteriserError
         if the device exists by name but does not work on this machine
     """
     kind = get(rasteriser)
     if name is None:
         if devices := kind.devices():
             return devices[0]
-        raise NoRasteriser(f"{rasteriser}: no device works here; {kind.remedy()}")
+        raise NoRasteriserError(f"{rasteriser}: no device works here; {kind.remedy()}")
     if device := kind.find(name):
         return device
     if kind.knows(name):
-        raise NoRasteriser(f"{rasteriser}: device '{name}' does not work here; {kind.remedy(name)}")
+        raise NoRasteriserError(
+            f"{rasteriser}: device '{name}' does not work here; {kind.remedy(name)}"
+        )
     raise unknown("device", name, [device.name for device in kind.devices()] or kind.known)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser, UsageError, unknown
+from harness.errors import NoRasteriserError, UsageError, unknown
 from harness.machine import system
 from harness.rasterisers.counters import Counter
 from harness.settings import MAX_WORK, ORDERS, SAMPLES, Order
@@ -79,10 +79,10 @@ class Device:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def require_environment(self) -> None:
-        """Raise NoRasteriser if a variable of the environment is not set."""
+        """Raise NoRasteriserError if a variable of the environment is not set."""
         for key, value in self.environment.items():
             if os.environ.get(key) != value:
-                raise NoRasteriser(f"{self.name} needs {key}={value} before its driver loads")
+                raise NoRasteriserError(f"{self.name} needs {key}={value} before its driver loads")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class Rasteriser(ABC):
 
         Raises
         ------
-        harness.errors.NoRasteriser
+        harness.errors.NoRasteriserError
             if the device cannot be opened, or another device opens in its place
         """
 

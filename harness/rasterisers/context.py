@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader
 
@@ -82,10 +82,12 @@ class Context:
         self.ctx.gc()
 
     def require(self, *extensions: str) -> None:
-        """Raise NoRasteriser if the driver lacks any of the extensions."""
+        """Raise NoRasteriserError if the driver lacks any of the extensions."""
         missing = sorted(set(extensions) - set(self.ctx.extensions))
         if missing:
-            raise NoRasteriser(f"the OpenGL driver lacks {', '.join(missing)}; install a newer one")
+            raise NoRasteriserError(
+                f"the OpenGL driver lacks {', '.join(missing)}; install a newer one"
+            )
 
     def header(self, *extensions: str) -> str:
         """Return the first lines of every shader for this context."""
@@ -103,7 +105,7 @@ class Context:
 
         Raises
         ------
-        NoRasteriser
+        NoRasteriserError
             if the driver cannot, for example without storage buffers in fragment shaders
         """
         header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
@@ -114,7 +116,7 @@ class Context:
             )
         except moderngl.Error as error:
             message = " ".join(str(error).split())
-            raise NoRasteriser(f"the OpenGL driver builds no shaders: {message}") from error
+            raise NoRasteriserError(f"the OpenGL driver builds no shaders: {message}") from error
 
     def compute(self, *names: str, define: str = "") -> Any:
         """Build a compute shader from the concatenated files in shaders/."""

@@ -10,7 +10,7 @@ import glcontext
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriserError
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers import context, devices
@@ -61,13 +61,15 @@ class GLRasteriser(Rasteriser):
         try:
             self.context = Context(self._open(device))
         except Exception as error:  # glcontext raises plain Exception
-            raise NoRasteriser(f"{device.name}: {error}; {self.remedy(device.name)}") from error
+            raise NoRasteriserError(
+                f"{device.name}: {error}; {self.remedy(device.name)}"
+            ) from error
         self.ctx = self.context.ctx
         info = self.ctx.info
         renderer = info["GL_RENDERER"]
         if not matches(self.drawn_by or device.name, renderer):
             self.context.close()
-            raise NoRasteriser(
+            raise NoRasteriserError(
                 f"asked for {device.name}, but OpenGL opened '{renderer}'; "
                 f"{self.remedy(device.name)}"
             )
@@ -147,12 +149,14 @@ class OpenGL(GLRasteriser):
         counters = {name: totals[:, k].copy() for k, name in enumerate(SHADED)}
         fragments, quads, helpers, _ = counters.values()
         if (4 * quads != fragments + helpers).any():
-            raise NoRasteriser("the OpenGL driver does not tell which lanes of a quad are helpers")
+            raise NoRasteriserError(
+                "the OpenGL driver does not tell which lanes of a quad are helpers"
+            )
         counters["samples_passed"] = np.array(passed, np.int64)
         if frame.depths is not None:
             ties = visible(frame, triangles)["depth_ties"]
             if options.samples == 1 and abs(fragments.sum() - passed) > ties.sum():
-                raise NoRasteriser(
+                raise NoRasteriserError(
                     "the OpenGL driver does not test depth before it shades; choose another "
                     "device, or depth=none"
                 )

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers import devices, osmesa
@@ -87,12 +87,14 @@ class Pyrender(Rasteriser):
         try:
             import pyrender
         except ImportError as error:
-            raise NoRasteriser(f"pyrender cannot be loaded: {error}; {self.remedy()}") from error
+            raise NoRasteriserError(
+                f"pyrender cannot be loaded: {error}; {self.remedy()}"
+            ) from error
         self.pyrender: Any = pyrender
         try:
             self.renderer: Any = pyrender.OffscreenRenderer(8, 8)
         except Exception as error:  # pyrender passes on any exception of PyOpenGL
-            raise NoRasteriser(
+            raise NoRasteriserError(
                 f"pyrender cannot open {device.name}: {error}; {self.remedy(device.name)}"
             ) from error
         from OpenGL import GL
@@ -100,7 +102,7 @@ class Pyrender(Rasteriser):
         renderer = GL.glGetString(GL.GL_RENDERER).decode()
         if not matches("llvmpipe" if device.software else device.name, renderer):
             self.close()
-            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{renderer}'")
+            raise NoRasteriserError(f"asked for {device.name}, but pyrender opened '{renderer}'")
         details = {**device.details, "renderer": renderer}
         self.device = replace(device, software=is_software(renderer), details=details)
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriserError
 from harness.frame import Frame, bare_frame
 from harness.grid import SUBPIXEL, coarsen
 from harness.rasterisers import devices
@@ -243,17 +243,17 @@ def _find_adapter(device: Device) -> Any:
 
     Raises
     ------
-    NoRasteriser
+    NoRasteriserError
         if wgpu is not installed or lacks the adapter in this process
     """
     try:
         import wgpu
     except (ImportError, OSError) as error:
-        raise NoRasteriser(f"webgpu: {error}; run: {install('webgpu')}") from error
+        raise NoRasteriserError(f"webgpu: {error}; run: {install('webgpu')}") from error
     for adapter in wgpu.gpu.enumerate_adapters_sync():
         if all(adapter.info[name] == device.details[name] for name in ("device", "backend_type")):
             return adapter
-    raise NoRasteriser(
+    raise NoRasteriserError(
         f"asked for {device.name}, but WebGPU has no adapter '{device.details['device']}' on "
         f"{device.details['backend_type']}; {WebGPU.remedy(device.name)}"
     )

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from harness import atomic
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import View
 from harness.metrics.groups import SAME
 from harness.metrics.registry import find_metric, measures, predictions
@@ -51,7 +51,7 @@ def from_study(folder: Path) -> list[Matrix]:
 
     Raises
     ------
-    UsageError
+    InputError
         if `correlations.csv` lacks a column or holds something that is not a number
     """
     file = folder / FILE
@@ -60,13 +60,13 @@ def from_study(folder: Path) -> list[Matrix]:
     table = pd.read_csv(file)
     missing = [name for name in COLUMNS if name not in table]
     if missing:
-        raise UsageError(f"{file} has no column {', '.join(missing)}; validate again")
+        raise InputError(f"{file} has no column {', '.join(missing)}; validate again")
     table = table.reindex(columns=[*COLUMNS, "ci_low", "ci_high"])
     told = table[["value", "ci_low", "ci_high"]]
     values = told.apply(pd.to_numeric, errors="coerce")
     wrong = (values.isna() & told.notna()).any(axis=1)
     if wrong.any():
-        raise UsageError(f"{file}, line {wrong.argmax() + 2}: not a number; validate again")
+        raise InputError(f"{file}, line {wrong.argmax() + 2}: not a number; validate again")
     wheres = table[list(WHERE)].itertuples(index=False, name=None)
     kept = values.astype(object).where(np.isfinite(values), None).to_numpy().tolist()
     cells: dict[str, list[Cell]] = {}

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from harness import __version__
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.metrics.decision import Decided
 from harness.report.content import content_of
 from harness.results.run_folder import Run
@@ -42,13 +42,13 @@ def write_report(
 
     Raises
     ------
-    UsageError
+    InputError
         if the run holds nothing to show
     """
     content = content_of(run, decided)
     if not content["cases"] and not content["matrices"]:
         why = f" ({run.problems[0]})" if run.problems else ""
-        raise UsageError(
+        raise InputError(
             f"{run.path} holds no case and no study yet{why}; run or --resume it first"
         )
     target = file or run.folder / FILE

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import atomic
-from harness.errors import UsageError
+from harness.errors import InputError, StorageError, UsageError
 from harness.machine import system
 from harness.results.parsing import (
     FieldError,
@@ -103,7 +103,7 @@ class _Lines:
 
         Raises
         ------
-        UsageError
+        StorageError
             if another process has it open
         """
         folder, name = self.path.parent, self.path.name
@@ -111,7 +111,7 @@ class _Lines:
         self._descriptor = atomic.open_inside(folder, name, flags)
         if not system.lock(self._descriptor, wait=False):
             self.close()
-            raise UsageError(f"{self.path.parent} is in use: another process measures into it")
+            raise StorageError(f"{self.path.parent} is in use: another process measures into it")
         content = atomic.read_inside(folder, name)
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
@@ -187,11 +187,11 @@ class Store:
 
         Raises
         ------
-        UsageError
+        InputError
             if there is no run, or it cannot be written
         """
         if not (path / FACTS).is_file():
-            raise UsageError(f"{path} holds no run to resume (no {FACTS} in it)")
+            raise InputError(f"{path} holds no run to resume (no {FACTS} in it)")
         store = cls(path)
         with clear_errors(path):
             store._cases.open()
@@ -263,12 +263,12 @@ def read_run(path: Path) -> Run:
 
     Raises
     ------
-    UsageError
+    InputError
         if nothing is there, or it was written by a newer schema
     """
     cases = path / CASES if path.is_dir() else path
     if not cases.exists() and not cases.with_name(FACTS).exists():
-        raise UsageError(f"{path} holds no run (neither {FACTS} nor {CASES})")
+        raise InputError(f"{path} holds no run (neither {FACTS} nor {CASES})")
     problems: list[str] = []
     facts = read_facts(cases.parent, problems)
     with clear_errors(path):
@@ -279,7 +279,7 @@ def read_run(path: Path) -> Run:
             content = atomic.read(cases)
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
-        raise UsageError(
+        raise InputError(
             f"{path} has schema version {version}, newer than this raster-harness reads "
             f"({SCHEMA_VERSION}); update raster-harness"
         )
@@ -298,7 +298,7 @@ def read_run(path: Path) -> Run:
     for name in sorted(changed):
         problems.append(f"{cases.parent / name} is not as the run left it, and is not used")
     if not path.is_dir() and not records:
-        raise UsageError(
+        raise InputError(
             f"{path} holds no record of a run{': ' if problems else ''}"
             f"{problems[0] if problems else ''}"
         )
@@ -419,10 +419,10 @@ def clear_errors(path: Path, advice: str = "") -> Iterator[None]:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             safe = "" if advice else " what was measured so far is safe:"
-            raise UsageError(
+            raise StorageError(
                 f"the disk of {path} is full;{safe} "
                 f"free some space, then {advice or f'--resume {path}'}"
             ) from error
         inside = error.filename and Path(str(error.filename)).is_relative_to(path)
         file = error.filename if inside else path
-        raise UsageError(f"cannot use {file}: {error.strerror}") from error
+        raise StorageError(f"cannot use {file}: {error.strerror}") from error

@@ -23,7 +23,14 @@ import pandas as pd
 
 from harness import atomic
 from harness.atomic import BEGUN
-from harness.errors import UsageError, of_system
+from harness.errors import (
+    HarnessError,
+    IncompatibleRunsError,
+    InputError,
+    StorageError,
+    UsageError,
+    of_system,
+)
 from harness.machine import environment
 from harness.progress import Reporter
 from harness.results.run_folder import clear_errors
@@ -130,13 +137,13 @@ class PartWork:
 
         Raises
         ------
-        UsageError
+        IncompatibleRunsError, InputError, StorageError
             if the part cannot be read, the file cannot be written, or the code has another version
         """
         begun = time.perf_counter()
         here, code = _code_version(), part.about["code"]
         if here != code:
-            raise UsageError(
+            raise IncompatibleRunsError(
                 f"this worker has another version of raster-harness ({here}, not {code}): "
                 "install the same on all machines"
             )
@@ -146,11 +153,11 @@ class PartWork:
         try:
             done = self.make(part, place, threads)
         except SceneError as error:
-            raise UsageError(str(error)) from error
+            raise InputError(str(error)) from error
         except OSError as error:
             if (existing := self.read(place)) is not None:  # written by another process
                 return existing
-            raise UsageError(of_system(error)) from error
+            raise StorageError(of_system(error)) from error
         _release()
         return replace(done, seconds=time.perf_counter() - begun)
 
@@ -246,7 +253,7 @@ class Dataset:
             self.out.mkdir(parents=True, exist_ok=True)
         self._cut(paths)
         if not self.parts and self._unreadable:
-            raise UsageError(next(iter(self._unreadable.values())))
+            raise InputError(next(iter(self._unreadable.values())))
         self._look({part.key for part in self.parts})
 
     def _cut(self, paths: Iterable[Path]) -> None:
@@ -288,11 +295,11 @@ class Dataset:
             about = done.about
             for name, value in self._about.items():
                 if about[name] != value:
-                    raise UsageError(
+                    raise IncompatibleRunsError(
                         f"{self.out} holds parts that were made with other {name}: give another -o"
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
-                raise UsageError(
+                raise IncompatibleRunsError(
                     f"{self.out} holds parts of {about['source']} as it was before it changed: "
                     "give another -o"
                 )
@@ -345,7 +352,7 @@ class Dataset:
             summary = self._summary(len(self.done) - before, set_aside, begun)
             try:
                 self._write_manifest(summary)
-            except UsageError as error:  # the parts are complete without it
+            except HarnessError as error:  # the parts are complete without it
                 summary.set_aside[str(self.out / MANIFEST)] = str(error)
         self._tidy()
         return summary

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError, UsageError
 from harness.metrics.processors import format_processors, several_processors
 from harness.results import drawings
 from harness.results.parsing import record_to_json
@@ -33,14 +33,16 @@ def on_host(run: Run, host: str) -> Run:
 
     Raises
     ------
-    UsageError
+    IncompatibleRunsError, UsageError
         if a host's name cannot be part of a device's
     """
     if not host or file_stem(host) != host:
         raise UsageError(f"host {host!r}: give letters, digits, hyphens and dots")
     for record in run.records:
         if record.id.host or HOST_MARK in record.id.device:
-            raise UsageError(f"{run.path} has devices of a host already: {record.id.device_name}")
+            raise IncompatibleRunsError(
+                f"{run.path} has devices of a host already: {record.id.device_name}"
+            )
     records = [record.with_id(host=host) for record in run.records]
     known = run.facts.get("devices") or {}
     devices = {f"{label}{HOST_MARK}{host}": device for label, device in known.items()}
@@ -52,7 +54,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
 
     Raises
     ------
-    UsageError
+    IncompatibleRunsError
         if times of a software device are of several processors, records of one case differ,
         counters of one kind of device differ between hosts, the runs are of different scenes or do
         not say of which, one run is given under two hosts' names, or the folder cannot be written
@@ -60,7 +62,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
     if mixed := several_processors(runs):
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"times of a software rasteriser are the processor's: {format_processors(mixed)}; "
             "keep the runs apart with --hosts"
         )
@@ -90,7 +92,7 @@ def _describe(record: Record) -> str:
 
 
 def _by_key(runs: Iterable[Run]) -> list[_Source]:
-    """Return the record of each case; raise UsageError if two good ones differ."""
+    """Return the record of each case; raise IncompatibleRunsError if two good ones differ."""
     chosen: dict[str, _Source] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
@@ -98,7 +100,7 @@ def _by_key(runs: Iterable[Run]) -> list[_Source]:
             if old is None or _rank(new) < _rank(old):
                 chosen[record.id.key] = new
             elif old.record.status == record.status == "ok" and old.record != record:
-                raise UsageError(
+                raise IncompatibleRunsError(
                     f"records of one case differ: {_describe(record)} ({old.run.path} and "
                     f"{run.path}); if the runs are of different hosts, name these with --hosts"
                 )
@@ -123,7 +125,7 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
             names = {*record.counters, *other.counters}
             wrong = [n for n in names if record.counters.get(n) != other.counters.get(n)]
             what = min(wrong, default="triangles")
-            raise UsageError(
+            raise IncompatibleRunsError(
                 f"hosts count differently: {what} of {_describe(record)} and on "
                 f"{other.id.device_name}; see that they have the same version of raster-harness "
                 "and of the driver"
@@ -132,11 +134,11 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
     if not any(run.records for run in runs):
-        raise UsageError("there is no record to merge")
+        raise InputError("there is no record to merge")
     of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs}
     if None in of_runs or len(of_runs) > 1:
         places = ", ".join(sorted(str(run.path) for run in runs))
-        raise UsageError(
+        raise IncompatibleRunsError(
             f"the runs are of different polygons, or one does not say of which ({places}): "
             "merge whole runs of one scene"
         )
@@ -152,7 +154,7 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
         for what in [_text(facts), *([_text(times)] if times else [])]:
             known, other = first.setdefault(what, (host, run))
             if known != host:
-                raise UsageError(
+                raise IncompatibleRunsError(
                     f"{other.path} and {run.path} hold the same measurements: one run cannot be "
                     f"of two hosts, {known or 'its own'} and {host or 'its own'}"
                 )

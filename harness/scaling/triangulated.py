@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from harness.atomic import Output
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.export.export import Certified, Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
@@ -57,7 +57,7 @@ class Triangulating(PartWork):
             make = partial(GeoParquetWriter, output)
             writer = add_chunks(chunks, make, how, report, empty=True)
             if writer is None:
-                raise UsageError(f"{part.label}: the file ends before these rows")
+                raise InputError(f"{part.label}: the file ends before these rows")
             assert isinstance(writer, GeoParquetWriter)
             certified = report.certified
             counts = [[*which, count] for which, count in sorted(report.counts.items())]

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from rich.console import Console
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.metrics.groups import RecordGroup, groups_of
@@ -83,7 +83,7 @@ def take_apart(
 
     Raises
     ------
-    UsageError
+    InputError
         if there is no polygon to take
     """
     alone = len(scene.polygons) == 1
@@ -106,7 +106,7 @@ def take_apart(
     if not alone:
         parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *named()))))
     if not parts:
-        raise UsageError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
+        raise InputError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
     return parts, fronts
 
 

@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import View
 from harness.grid import SUBPIXEL
 from harness.metrics.registry import predictions
@@ -52,14 +52,14 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
 
     Raises
     ------
-    UsageError
+    InputError
         if the scene has no suitable polygon
     """
     sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
     simple = np.array([not polygon.interiors for polygon in scene.polygons])
     fit = _fit(sizes, simple, design.most_vertices)
     if not fit:
-        raise UsageError(
+        raise InputError(
             f"{scene.name} has no polygon without holes of {FEWEST_VERTICES} to "
             f"{design.most_vertices} vertices; a study needs some with many triangulations: "
             "give another scene or file"

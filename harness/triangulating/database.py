@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import triangulators
-from harness.errors import UsageError
+from harness.errors import StorageError
 from harness.machine import system
 from harness.machine.environment import processor, source_hash
 from triangulators.compute.compiled_files import is_trusted, make_folder
@@ -69,7 +69,7 @@ class ModelDatabase:
             self._refuse_foreign()
             self._database = self._opened()
         except (OSError, sqlite3.OperationalError) as error:
-            raise UsageError(
+            raise StorageError(
                 f"the model database {self.path} cannot be opened: {error}; "
                 "set RASTER_HARNESS_CACHE"
             ) from error
@@ -315,7 +315,7 @@ class Lookup:
         if path is not None:
             try:
                 self._database = ModelDatabase(path, self.notes.append)
-            except UsageError as error:
+            except StorageError as error:
                 self.notes.append(f"{error}; this run does without")
 
     def __enter__(self) -> "Lookup":

@@ -36,7 +36,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.errors import NothingMeasured
+from harness.errors import NothingMeasuredError
 from harness.frame import Frame, View, make_frame
 from harness.grid import coarsen
 from harness.measuring.loading import load_scene
@@ -217,7 +217,7 @@ def timed(
     The ratio to it removes the machine's speed, which may change from minute to minute, but not
     what a machine's state does to one drawing more than to another. So those of one polygon, which
     will be compared, are drawn in the same rounds. A row a draw: seconds, and the ratios of
-    `HALVES`, either half of the rounds. Raises `NothingMeasured` if the device fails.
+    `HALVES`, either half of the rounds. Raises `NothingMeasuredError` if the device fails.
     """
     options = Options(order="walk")
     settings = TimingSettings(
@@ -229,7 +229,7 @@ def timed(
         candidates = {str(member): (*draws[member], options) for member in members}
         groups, failures = pool.time(backend, candidates, settings, seed)
         if failures:
-            raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
+            raise NothingMeasuredError(f"{backend.label}: {next(iter(failures.values()))}")
         group = next(iter(groups.values()))
         reference = group[REFERENCE]
         reference_s.append(reference.median_s)

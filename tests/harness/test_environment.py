@@ -9,7 +9,7 @@ import pytest
 
 from harness.compare.comparison import compare_runs
 from harness.compare.wording import run_lines
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError
 from harness.history import read_series, run_label
 from harness.machine import environment
 from harness.machine.git import COMMITS, commit_of, describe_project
@@ -162,7 +162,7 @@ def two(tmp_path) -> list[Run]:
 
 
 def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):
-    with pytest.raises(UsageError, match="keep the runs apart with --hosts") as caught:
+    with pytest.raises(IncompatibleRunsError, match="keep the runs apart with --hosts") as caught:
         merging.merge(two, tmp_path / "merged")
     assert EPYC in str(caught.value)
     assert XEON in str(caught.value)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Polygon, box
 
-from harness.errors import UsageError
+from harness.errors import InputError, UsageError
 from harness.frame import MARGIN_PX, View, frame_of_grid, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from triangulators import vertices
@@ -105,7 +105,7 @@ def test_silly_resolutions_are_refused(resolution):
 
 
 def test_no_polygon_and_no_extent_are_refused():
-    with pytest.raises(UsageError, match="no polygon"):
+    with pytest.raises(InputError, match="no polygon"):
         make_frame([], View())
     with pytest.raises(UsageError, match="not a finite number"):
         View(64, float("nan"))

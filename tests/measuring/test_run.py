@@ -16,7 +16,7 @@ from shapely import Polygon, box
 
 import triangulators
 from harness import rasterisers
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import HarnessError, NothingMeasuredError, UsageError
 from harness.frame import Frame, View, bare_frame
 from harness.machine.environment import processor
 from harness.measuring import tasks
@@ -143,7 +143,9 @@ def test_triangles_leave_nothing_to_choose(tmp_path):
     """An icosahedron: no two faces lie in one plane."""
     trimesh.creation.icosphere(0).export(tmp_path / "die.obj")
     plan = plan_for(tmp_path / "die.obj", triangulators=("fan",))
-    with pytest.raises(NothingMeasured, match=r"nothing to choose: every polygon of .* triangle"):
+    with pytest.raises(
+        NothingMeasuredError, match=r"nothing to choose: every polygon of .* triangle"
+    ):
         measure(plan, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -183,7 +185,7 @@ def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch,
     else:
         other = {**processor(), "label": "another processor"}
         monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
-    with pytest.raises(UsageError, match=reason):
+    with pytest.raises(HarnessError, match=reason):
         measure(plan, out, resume=True)
     if changed in ("plan", "machine"):
         assert lines_of(measure(plan, out, resume=True, force=True))

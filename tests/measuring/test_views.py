@@ -7,7 +7,7 @@ import pytest
 import shapely
 import trimesh
 
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
 from harness.measuring.lower_limits import fewest, limits
 from harness.measuring.plan import Plan
@@ -144,7 +144,7 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
 
 def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
-    with pytest.raises(NothingMeasured, match="nothing to choose"):
+    with pytest.raises(NothingMeasuredError, match="nothing to choose"):
         measure(plan(str(tmp_path / "ball.glb")), tmp_path / "out")
 
 
@@ -205,14 +205,14 @@ def test_a_run_goes_on_in_views_of_its_own_which_a_page_cannot_cut(model, tmp_pa
     assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
     again = measure(stored, out, resume=True)
     assert [each["key"] for each in lines_of(again)] == [each["key"] for each in lines_of(first)]
-    with pytest.raises(UsageError, match=f"is of {what}, which a page cannot cut"):
+    with pytest.raises(InputError, match=f"is of {what}, which a page cannot cut"):
         content_of(read_run(out))
 
 
 def test_the_same_faces_turned_in_space_are_another_scene(model, tmp_path):
     measure(plan(model), tmp_path / "out")
     solid(0.3).export(model)
-    with pytest.raises(UsageError, match="the scene's content"):
+    with pytest.raises(IncompatibleRunsError, match="the scene's content"):
         measure(plan(model), tmp_path / "out", resume=True)
 
 

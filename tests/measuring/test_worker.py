@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriserError
 from harness.workers.worker import Limits, TaskFailed, TaskTimedOut, Worker
 from tests.paths import python
 from triangulators.errors import MOST_TRACED
@@ -33,7 +33,7 @@ def raise_value_error() -> None:
 
 
 def raise_no_rasteriser() -> None:
-    raise NoRasteriser("no such device")
+    raise NoRasteriserError("no such device")
 
 
 def leave_a_child(path: str, code: int | None) -> int:
@@ -82,12 +82,12 @@ def raise_at_length() -> None:
     raise ValueError("x" * 5_000_000)
 
 
-class Theirs(NoRasteriser):
+class TheirError(NoRasteriserError):
     """An error of somebody else's, which this process would have to import."""
 
 
 def raise_theirs() -> None:
-    raise Theirs("y" * 5_000_000)
+    raise TheirError("y" * 5_000_000)
 
 
 def send_to(who: str, number: int) -> None:
@@ -184,7 +184,7 @@ def test_an_error_is_one_line_and_an_exit_is_one(worker, code):
 
 
 def test_an_error_of_the_harness_keeps_its_kind(worker):
-    with pytest.raises(NoRasteriser, match="no such device"):
+    with pytest.raises(NoRasteriserError, match="no such device"):
         worker.call(raise_no_rasteriser)
 
 

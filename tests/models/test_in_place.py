@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness.errors import UsageError
+from harness.errors import HarnessError, UsageError
 from harness.models.diagonals import choose
 from harness.models.flat_faces import ModelMesh, flat_faces, tolerance_of
 from harness.models.gltf import GltfModel
@@ -345,7 +345,7 @@ def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, number, change,
 @pytest.mark.parametrize("content", [b"glTF", b"[]", b"{", b"glTF\2\0\0\0\x0c\0\0\0", b"null"])
 def test_what_is_no_gltf(tmp_path, content):
     (tmp_path / "a.glb").write_bytes(content)
-    with pytest.raises((UsageError, SceneError)):
+    with pytest.raises((HarnessError, SceneError)):
         retriangulate(tmp_path / "a.glb", tmp_path / "b.glb")
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import View
 from harness.page.page_data import content_of
 from harness.page.result import TOLD
@@ -40,7 +40,7 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
 
 def test_one_triangulation_is_nothing_to_compare(small_run):
     alone = replace(small_run, records=small_run.records[:1])
-    with pytest.raises(UsageError, match="nothing to draw"):
+    with pytest.raises(InputError, match="nothing to draw"):
         content_of(alone)
 
 

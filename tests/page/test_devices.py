@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError
 from harness.page import device_summaries
 from tests.conftest import assert_refused, ends_well
 from tests.paths import ROOT
@@ -43,10 +43,10 @@ def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, s
     device_summaries.write_summary(replace(small_run, records=records), file)
     assert len(json.loads(file.read_text())["views"]) == 4
     records = [record.with_id(device="other") for record in small_run.records]
-    with pytest.raises(UsageError, match="is of reference on cpu"):
+    with pytest.raises(IncompatibleRunsError, match="is of reference on cpu"):
         device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
-    with pytest.raises(UsageError, match="no summary of a device"):
+    with pytest.raises(InputError, match="no summary of a device"):
         device_summaries.write_summary(small_run, file)
 
 
@@ -68,7 +68,9 @@ def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
     device_summaries.write_summary(one, file)
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
     assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.table(tmp_path)
-    with pytest.raises(UsageError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"):
+    with pytest.raises(
+        IncompatibleRunsError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"
+    ):
         device_summaries.write_summary(other, file)
     gpu = [record.with_id(device="gpu0") for record in one.records]
     assert device_summaries.summarise(replace(one, records=gpu))["cpu"] == ""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import HarnessError, IncompatibleRunsError, InputError
 from harness.metrics.per_polygon import columns_of
 from harness.page.result import counted_exactly, import_result
 from harness.page.saved import device_name
@@ -160,7 +160,7 @@ def test_a_thousand_changed_results(tmp_path, small_run):
             saved_as(changed(result, path, value), file)
         try:
             found = read_result(file)
-        except UsageError as error:
+        except HarnessError as error:
             messages.append(str(error))
             continue
         assert not number % 2, "damage that the digest did not tell"
@@ -232,7 +232,7 @@ MADE_UP = [
 
 @pytest.mark.parametrize(("change", "message"), MADE_UP)
 def test_a_made_up_result_is_refused(imported, change, message):
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(HarnessError, match=message):
         imported(change)
 
 
@@ -262,7 +262,7 @@ def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change)
         counters["partial_quads"] = [-(-each // 3) for each in lanes]
 
     result = read_result(saved(fitting))
-    with pytest.raises(UsageError, match=r"contradict|do not differ"):
+    with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|do not differ"):
         import_result(result, tmp_path / "run", "phone", small_run)
     assert not (tmp_path / "run").exists()
 
@@ -305,7 +305,7 @@ def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
         first_case(result)["record"]["polygons_skipped"] = 3
 
     assert read_result(saved(left_out))
-    with pytest.raises(UsageError, match="polygons and counters of"):
+    with pytest.raises(InputError, match="polygons and counters of"):
         read_result(saved(miscounted))
 
 
@@ -334,7 +334,7 @@ def test_polygons_counted_otherwise_are_as_many_as_the_file_says(imported, small
         first_case(result)["differing"] = 2
 
     assert lines_of(imported(changed, small_run))
-    with pytest.raises(UsageError, match="do not differ from the exact reference in 2"):
+    with pytest.raises(InputError, match="do not differ from the exact reference in 2"):
         imported(miscounted, small_run)
 
 
@@ -384,7 +384,7 @@ def one_polygon_less(result):
 )
 def test_the_least_that_there_may_be_is_read_and_a_little_less_refused(saved, least, less, message):
     assert read_result(saved(least))
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(HarnessError, match=message):
         read_result(saved(less))
 
 
@@ -394,7 +394,7 @@ def test_a_file_may_be_as_large_as_the_largest(saved, monkeypatch):
     monkeypatch.setattr("harness.page.saved.MOST_BYTES", size)
     assert read_result(file)
     monkeypatch.setattr("harness.page.saved.MOST_BYTES", size - 1)
-    with pytest.raises(UsageError, match="larger than any page saves"):
+    with pytest.raises(InputError, match="larger than any page saves"):
         read_result(file)
 
 

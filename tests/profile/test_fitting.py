@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.frame import bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, law, measured
@@ -110,7 +110,7 @@ def test_a_refused_profile_leaves_the_good_one(tmp_path):
     refused = write_profile({**CONTENT, "refused": True}, good)
     assert refused.name == "device.refused.json"
     assert good.read_bytes() == before
-    with pytest.raises(UsageError, match=r"refused.*repeat raster-harness profile"):
+    with pytest.raises(InputError, match=r"refused.*repeat raster-harness profile"):
         read_coefficients(refused)
 
 
@@ -121,7 +121,7 @@ def test_what_is_no_profile_is_refused(tmp_path, content):
     file = tmp_path / "c.json"
     if content is not None:
         file.write_text(content)
-    with pytest.raises(UsageError, match="profile"):
+    with pytest.raises(InputError, match="profile"):
         read_coefficients(file)
 
 

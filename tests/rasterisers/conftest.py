@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriserError
 from harness.frame import Frame, bare_frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
@@ -37,7 +37,7 @@ def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
     """
     device = get(rasteriser).find(name)
     if device is None:
-        with pytest.raises(NoRasteriser, match="apt-get install -y") as error:
+        with pytest.raises(NoRasteriserError, match="apt-get install -y") as error:
             find_device(rasteriser, name)
         pytest.skip(str(error.value))
     with Worker(name, device.environment) as worker:

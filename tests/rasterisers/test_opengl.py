@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.base import batches
 from harness.rasterisers.reference import SHADED
@@ -117,14 +117,14 @@ def test_a_frame_larger_than_the_device_is_refused(llvmpipe):
 
 def test_unexpected_renderer_is_refused(llvmpipe):
     details = llvmpipe.device.details
-    with pytest.raises(NoRasteriser, match="asked for gpu0, but OpenGL opened 'llvmpipe"):
+    with pytest.raises(NoRasteriserError, match="asked for gpu0, but OpenGL opened 'llvmpipe"):
         get("opengl")(Device("gpu0", software=False, environment={}, details=details))
 
 
 def test_missing_environment_variables_are_refused():
     device = Device("llvmpipe", True, {"HARNESS_TEST_VARIABLE": "1"}, {"egl_index": 0})
     assert "HARNESS_TEST_VARIABLE" not in os.environ
-    with pytest.raises(NoRasteriser, match="HARNESS_TEST_VARIABLE=1 before its driver loads"):
+    with pytest.raises(NoRasteriserError, match="HARNESS_TEST_VARIABLE=1 before its driver loads"):
         get("opengl")(device)
 
 

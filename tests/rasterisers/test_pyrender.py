@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame, View, frame_of, make_frame, view_of
 from harness.measuring import tasks
 from harness.models.seen import read
@@ -45,7 +45,9 @@ def seconds_of_frames(device, frame, triangles, repeats) -> float:
 @pytest.mark.parametrize("name", ["llvmpipe", "osmesa"])
 def test_it_draws_and_times_but_does_not_count(frame, name):
     if name not in [device.name for device in get("pyrender").devices()]:
-        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install") as error:
+        with pytest.raises(
+            NoRasteriserError, match=r"run: (apt-get|python -m pip) install"
+        ) as error:
             find_device("pyrender", name)
         pytest.skip(str(error.value))
     device = find_device("pyrender", name)
@@ -70,7 +72,7 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
 def test_missing_pyrender_has_no_devices_and_an_install_command(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert get("pyrender").devices() == []
-    with pytest.raises(NoRasteriser, match=r"pip install .*\[pyrender\]"):
+    with pytest.raises(NoRasteriserError, match=r"pip install .*\[pyrender\]"):
         find_device("pyrender")
 
 

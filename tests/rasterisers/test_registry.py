@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness import rasterisers
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names
 from triangulators.devices import matches
 
@@ -20,14 +20,16 @@ def test_get_returns_the_rasteriser_of_each_name():
 
 def test_missing_gpu_is_an_error_without_fallback(monkeypatch):
     monkeypatch.setattr(devices, "list_egl_devices", lambda: ((Device("llvmpipe", True),), ()))
-    with pytest.raises(NoRasteriser, match="device 'gpu0' does not work here"):
+    with pytest.raises(NoRasteriserError, match="device 'gpu0' does not work here"):
         find_device("opengl", "gpu0")
 
 
 def test_missing_opengl_gets_an_install_command(monkeypatch):
     monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), ("no libEGL",)))
     for name in (None, "llvmpipe"):
-        with pytest.raises(NoRasteriser, match="apt-get install -y libegl1 libgl1 libgl1-mesa-dri"):
+        with pytest.raises(
+            NoRasteriserError, match="apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
+        ):
             find_device("opengl", name)
 
 

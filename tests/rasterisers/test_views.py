@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame, bare_frame, frame_of, view_of
 from harness.measuring import tasks
 from harness.models.seen import read
@@ -187,11 +187,11 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
     result, tally = llvmpipe.context.result, llvmpipe._tally
     with monkeypatch.context() as late:
         late.setattr(llvmpipe.context, "result", lambda query: result(query) - 1)
-        with pytest.raises(NoRasteriser, match="does not test depth before it shades"):
+        with pytest.raises(NoRasteriserError, match="does not test depth before it shades"):
             llvmpipe.count(*case)
     with monkeypatch.context() as untold:
         untold.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0])
-        with pytest.raises(NoRasteriser, match="which lanes of a quad are helpers"):
+        with pytest.raises(NoRasteriserError, match="which lanes of a quad are helpers"):
             llvmpipe.count(*case)
 
 

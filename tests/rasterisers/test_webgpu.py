@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriserError, UsageError
 from harness.grid import coarsen
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
@@ -197,7 +197,7 @@ def test_missing_wgpu_gets_an_install_command(monkeypatch):
         devices, "list_webgpu_devices", lambda: ((), ("gpu: No module named 'wgpu'",))
     )
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(NoRasteriser, match=r"pip install .*\[webgpu\]"):
+    with pytest.raises(NoRasteriserError, match=r"pip install .*\[webgpu\]"):
         find_device("webgpu")
 
 

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.metrics.groups import time_ratio
 from harness.report.content import choose, content_of
 from harness.report.page import write_report
@@ -161,7 +161,7 @@ def test_a_study_without_cases_is_shown(tmp_path, browser):
 )
 def test_a_broken_study_is_refused(copy, content, problem):
     (copy / "correlations.csv").write_text(content)
-    with pytest.raises(UsageError, match=problem):
+    with pytest.raises(InputError, match=problem):
         write_report(read_run(copy))
 
 

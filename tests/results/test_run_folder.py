@@ -10,7 +10,7 @@ import pytest
 
 from harness import atomic
 from harness.compare.comparison import compare_runs
-from harness.errors import UsageError
+from harness.errors import InputError, StorageError, UsageError
 from harness.report.page import write_report
 from harness.results.record import Record
 from harness.results.run_folder import (
@@ -134,9 +134,9 @@ def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
         told = f"{cases} was cut off: it has {len(kept):,} of {len(whole):,} bytes"
         assert head.problems == [told]
         for pair in ((base, head), (head, base)):
-            with pytest.raises(UsageError, match=r"was cut off.*measure again"):
+            with pytest.raises(InputError, match=r"was cut off.*measure again"):
                 compare_runs(*pair)
-    with pytest.raises(UsageError, match=r"holds no case and no study yet .*was cut off"):
+    with pytest.raises(InputError, match=r"holds no case and no study yet .*was cut off"):
         write_report(head)
     cases.write_bytes(whole)
     assert read_run(tmp_path / "head").cut_off == ""
@@ -188,13 +188,13 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
 
 @pytest.mark.parametrize("call", [Store.resume, read_run])
 def test_a_folder_without_a_run_is_refused(tmp_path, call):
-    with pytest.raises(UsageError, match="holds no run"):
+    with pytest.raises(InputError, match="holds no run"):
         call(tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match=r"cannot use .*file/run: Not a directory"):
+    with pytest.raises(StorageError, match=r"cannot use .*file/run: Not a directory"):
         Store.create(tmp_path / "file" / "run")
 
 
@@ -210,7 +210,7 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", half_then_full)
-        with pytest.raises(UsageError, match=r"disk of .* is full.*--resume"):
+        with pytest.raises(StorageError, match=r"disk of .* is full.*--resume"):
             store.append(stored("b", reason="x" * 100))
     store.append(stored("c"))
     run = read_run(tmp_path)
@@ -258,7 +258,7 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})
         store.append(stored("a"))
-        with pytest.raises(UsageError, match="in use: another process"):
+        with pytest.raises(StorageError, match="in use: another process"):
             Store.resume(tmp_path)
     with Store.resume(tmp_path) as store:
         store.append(stored("b"))
@@ -305,7 +305,7 @@ def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
     else:
         link.symlink_to(foreign)
     before = foreign.read_text() if foreign.is_file() else ""
-    with pytest.raises(UsageError, match=rf"{name}: a (hard )?link"):
+    with pytest.raises(InputError, match=rf"{name}: a (hard )?link"):
         _write_more(tmp_path / "run")
     assert (foreign.read_text() if foreign.is_file() else "") == before
     assert foreign.is_file() or not any(foreign.iterdir())
@@ -335,7 +335,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
     assert (tmp_path / f"polygons/{A}.npz").stat().st_size < 10_000
     assert read_arrays(run, A) is None
     os.truncate(tmp_path / "cases.jsonl", 10_001)
-    with pytest.raises(UsageError, match=r"cases.jsonl: larger than"):
+    with pytest.raises(InputError, match=r"cases.jsonl: larger than"):
         read_run(tmp_path)
 
 
@@ -345,6 +345,8 @@ def test_a_full_disk_while_merging_names_the_way_on(tmp_path, monkeypatch):
         tmp_path / "merged", "remove merged and give the same command again"
     ) as store:
         monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
-        with pytest.raises(UsageError, match="full; free some space, then remove merged") as caught:
+        with pytest.raises(
+            StorageError, match="full; free some space, then remove merged"
+        ) as caught:
             store.append(stored("a"))
     assert "resume" not in str(caught.value)

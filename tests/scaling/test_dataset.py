@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from harness import atomic
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, UsageError
 from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.executors import Executor
@@ -98,10 +98,12 @@ def test_the_same_file_twice_is_done_twice(parts, tmp_path):
 def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, footprints):
     out = tmp_path / "out"
     complete(parts, out)
-    with pytest.raises(UsageError, match="made with other options"):
+    with pytest.raises(IncompatibleRunsError, match="made with other options"):
         complete(parts, out, Triangulating("optimal:overdraw"))
     write_parquet(parts / "1.parquet", footprints[:60], 0)
-    with pytest.raises(UsageError, match=r"parts of 1\.parquet as it was before it changed"):
+    with pytest.raises(
+        IncompatibleRunsError, match=r"parts of 1\.parquet as it was before it changed"
+    ):
         complete(parts, out)
     stranger = tmp_path / "own"
     stranger.mkdir()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.results.run_folder import Store, read_arrays, read_facts, read_run
 from harness.scaling.merging import merge, on_host
@@ -89,7 +89,9 @@ def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
             record["time"] = {**record["time"], "median_s": 1.0}
         return record
 
-    with pytest.raises(UsageError, match=r"differ: delaunay, 128 px, .* on scripted") as e:
+    with pytest.raises(
+        IncompatibleRunsError, match=r"differ: delaunay, 128 px, .* on scripted"
+    ) as e:
         merge([first, with_records(first, slower)], tmp_path / "out")
     assert "64 px" not in str(e.value)
     assert "--hosts" in str(e.value)
@@ -136,7 +138,9 @@ def test_hosts_that_count_differently_are_named_by_the_first_in_the_alphabet(run
         return record
 
     first, third = hosted(runs, "first", "third")
-    with pytest.raises(UsageError, match=rf"{wrong[0]} of delaunay, 64 px.*@third.*@first") as e:
+    with pytest.raises(
+        IncompatibleRunsError, match=rf"{wrong[0]} of delaunay, 64 px.*@third.*@first"
+    ) as e:
         merge([first, with_records(third, one_more)], tmp_path / "out")
     assert "overdraw" not in str(e.value)
 
@@ -145,7 +149,7 @@ def test_runs_of_other_polygons_are_refused(runs, tmp_path):
     first = read_run(runs["first"])
     scene = {**first.facts["scene"], "hash": "0" * 64}
     other = replace(first, facts={**first.facts, "scene": scene})
-    with pytest.raises(UsageError, match=r"different polygons"):
+    with pytest.raises(IncompatibleRunsError, match=r"different polygons"):
         merge([first, other], tmp_path / "out")
 
 
@@ -165,20 +169,22 @@ def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plo
 def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
-    with pytest.raises(UsageError, match=r"one does not say of which .*first"):
+    with pytest.raises(IncompatibleRunsError, match=r"one does not say of which .*first"):
         merge([first, bare], tmp_path / "out")
-    with pytest.raises(UsageError, match=r"one does not say of which"):
+    with pytest.raises(IncompatibleRunsError, match=r"one does not say of which"):
         merge([bare], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_one_run_under_two_hosts_names_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
-    with pytest.raises(UsageError, match=r"one run cannot be of two hosts, here and there"):
+    with pytest.raises(
+        IncompatibleRunsError, match=r"one run cannot be of two hosts, here and there"
+    ):
         merge([on_host(first, "here"), on_host(first, "there")], tmp_path / "out")
     # run.json written anew does not hide that the times are the same
     again = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
-    with pytest.raises(UsageError, match=r"one run cannot be of two hosts"):
+    with pytest.raises(IncompatibleRunsError, match=r"one run cannot be of two hosts"):
         merge([on_host(first, "here"), on_host(again, "there")], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -225,7 +231,7 @@ def test_a_run_without_records_adds_none(runs, tmp_path):
     first = read_run(runs["first"])
     merge([first, replace(first, records=[])], tmp_path / "out")
     assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
-    with pytest.raises(UsageError, match="no record to merge"):
+    with pytest.raises(InputError, match="no record to merge"):
         merge([replace(first, records=[])] * 2, tmp_path / "none")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from harness.errors import Inconclusive, NothingMeasured, UsageError
+from harness.errors import InconclusiveError, NothingMeasuredError, UsageError
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
 from harness.study import replication
@@ -230,11 +230,11 @@ def _refused(*_: object, **__: object) -> None:
 
 
 def _failed_in_part(*_: object, **__: object) -> None:
-    raise Inconclusive("1 of 8 cases failed (mine:cut)")
+    raise InconclusiveError("1 of 8 cases failed (mine:cut)")
 
 
 def _measured_nothing(*_: object, **__: object) -> None:
-    raise NothingMeasured("every case was skipped")
+    raise NothingMeasuredError("every case was skipped")
 
 
 def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):

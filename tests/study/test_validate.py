@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from harness.commands.outcome import folder_for
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.results.record import Record
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
@@ -51,7 +51,7 @@ def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
 
 
 def test_a_scene_without_simple_polygons_is_refused():
-    with pytest.raises(UsageError, match="no polygon without holes"):
+    with pytest.raises(InputError, match="no polygon without holes"):
         choose_polygons(load("city:buildings=5"), StudySize(most_vertices=3))
 
 

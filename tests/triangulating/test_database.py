@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.errors import UsageError
+from harness.errors import StorageError
 from harness.machine.system import database_path
 from harness.triangulating import database as model
 from harness.triangulating.database import ModelDatabase, Timed
@@ -203,7 +203,7 @@ class TestDamage:
 
     def test_a_folder_that_cannot_be_written(self, tmp_path):
         (tmp_path / "file").write_text("x")
-        with pytest.raises(UsageError, match="set RASTER_HARNESS_CACHE"):
+        with pytest.raises(StorageError, match="set RASTER_HARNESS_CACHE"):
             ModelDatabase(tmp_path / "file" / "model.sqlite")
 
 

@@ -11,7 +11,7 @@ import shapely
 import trimesh
 from hypothesis import strategies as st
 
-from harness.errors import UsageError
+from harness.errors import HarnessError
 from harness.models.in_place import retriangulate
 from scenes import SceneError
 from tests.fuzz.damage import byte_edit, edit_bytes
@@ -43,7 +43,7 @@ def check_spoilt(value: dict[str, Any]) -> None:
         edit_bytes(file, value["edits"])
         try:
             done = retriangulate(file, out)
-        except (UsageError, SceneError):
+        except (HarnessError, SceneError):
             assert not out.exists()
             return
         again = retriangulate(out, None)
