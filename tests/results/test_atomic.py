@@ -11,7 +11,7 @@ import threading
 import pytest
 
 from harness import atomic
-from harness.errors import HarnessError, StorageError
+from harness.errors import HarnessError, InputError
 from harness.page import device_summaries
 from harness.profile.profile import read_coefficients
 from harness.results.run_folder import POLYGONS, Run, read_arrays
@@ -153,7 +153,7 @@ def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, c
 def test_a_pipe_is_no_calibration_no_summary_no_pages_result_and_no_columns(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for read in (read_coefficients, device_summaries._read, read_result):
-        with pytest.raises(StorageError, match=r"no regular file|pipe or device, not a file"):
+        with pytest.raises(InputError, match=r"no regular file|pipe or device, not a file"):
             read(tmp_path / "pipe")
     (tmp_path / POLYGONS).mkdir()
     os.mkfifo(tmp_path / POLYGONS / "key.npz")

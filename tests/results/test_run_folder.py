@@ -305,7 +305,7 @@ def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
     else:
         link.symlink_to(foreign)
     before = foreign.read_text() if foreign.is_file() else ""
-    with pytest.raises(InputError, match=rf"{name}: a (hard )?link"):
+    with pytest.raises(StorageError, match=rf"{name}: a (hard )?link"):
         _write_more(tmp_path / "run")
     assert (foreign.read_text() if foreign.is_file() else "") == before
     assert foreign.is_file() or not any(foreign.iterdir())
@@ -335,7 +335,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
     assert (tmp_path / f"polygons/{A}.npz").stat().st_size < 10_000
     assert read_arrays(run, A) is None
     os.truncate(tmp_path / "cases.jsonl", 10_001)
-    with pytest.raises(InputError, match=r"cases.jsonl: larger than"):
+    with pytest.raises(StorageError, match=r"cases.jsonl: larger than"):
         read_run(tmp_path)
 
 
