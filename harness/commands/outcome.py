@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from harness import atomic
-from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
+from harness.errors import INTERRUPTED, InconclusiveError, NothingMeasuredError, UsageError
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
@@ -47,7 +47,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
 
 
 def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> None:
-    """Raise `NothingMeasured` if no case was measured.
+    """Raise `NothingMeasuredError` if no case was measured.
 
     If the run was stopped, print how to continue, and exit with `INTERRUPTED`.
     """
@@ -59,7 +59,7 @@ def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> No
         where = os.path.relpath(outcome.path)
         first = next(iter(outcome.records), None)
         why = f" ({first.name}: {first.reason})" if first and first.reason else ""
-        raise NothingMeasured(
+        raise NothingMeasuredError(
             f"nothing was measured: every case was skipped or failed{why}; all reasons are in "
             f"{where}/cases.jsonl"
         )
@@ -83,7 +83,7 @@ def measure_study(
     ------
     UsageError
         if the folder cannot be used
-    NothingMeasured
+    NothingMeasuredError
         if no case was measured
     """
     folder = folder_for(plan.scene, out, resume, before=f"{kind}-")
@@ -94,11 +94,11 @@ def measure_study(
 
 
 def require_all(outcome: RunResult | Run) -> None:
-    """Raise `Inconclusive` if a case failed; a skipped case is not a failure."""
+    """Raise `InconclusiveError` if a case failed; a skipped case is not a failure."""
     failed = [record for record in outcome.records if record.status == "failed"]
     if failed:
         named = ", ".join(dict.fromkeys(record.name for record in failed))
-        raise Inconclusive(
+        raise InconclusiveError(
             f"{len(failed)} of {len(outcome.records)} cases failed ({named}); what was measured is "
             f"in {os.path.relpath(outcome.path)}"
         )
@@ -128,7 +128,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
 
     Raises
     ------
-    NothingMeasured
+    NothingMeasuredError
         if no case was measured, or no pixel is covered in any
     """
     where = os.path.relpath(outcome.path)
@@ -156,7 +156,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     require_finished(outcome, how, quiet=console.quiet)
     covered = [record.counters.get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
-        raise NothingMeasured(
+        raise NothingMeasuredError(
             "no pixel is covered in any case: if a polygon lies far away, leave it out by --where"
             " or --limit, or give a larger --resolution"
         )

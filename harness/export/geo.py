@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import UsageError
+from harness.errors import InputError, UsageError
 from harness.export.mesh import ExportMesh
 from harness.export.writers import About, to_json_value
 from scenes.cleaning.projection import system
@@ -115,7 +115,7 @@ class GeoParquetWriter:
             fitted = table.select(self._schema.names).cast(self._schema)
         except (pa.ArrowException, KeyError, ValueError) as error:
             why = f"the attributes change their type within the source: {error}"
-            raise UsageError(why) from error
+            raise InputError(why) from error
         self._writer.write_table(fitted)
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> None:

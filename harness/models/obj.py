@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import UsageError
+from harness.errors import InputError
 from harness.models.flat_faces import ModelMesh, ModelPart, tolerance_of
 
 _WORD = re.compile(rb"\S+")
@@ -58,11 +58,11 @@ class ObjModel:
                 self._read(line, place)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
-                raise UsageError(f"{path} line {number} is not OBJ: {text!r}") from error
+                raise InputError(f"{path} line {number} is not OBJ: {text!r}") from error
             place += len(line)
         for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
             if largest > len(lines):
-                raise UsageError(
+                raise InputError(
                     f"{path} is not OBJ: a face names {kind.decode()} {largest:,} of {len(lines):,}"
                 )
 
@@ -148,11 +148,11 @@ class ObjModel:
         try:
             rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
         except ValueError as error:
-            raise UsageError(
+            raise InputError(
                 f"{self._path} is not OBJ: {error} in a line of {kind.decode()}"
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
-            raise UsageError(f"{self._path} is not OBJ: a vertex with fewer than 3 coordinates")
+            raise InputError(f"{self._path} is not OBJ: a vertex with fewer than 3 coordinates")
         step = _step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
             _MIN_TOLERANCE[kind], min(step, 1e-3)
