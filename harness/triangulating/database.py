@@ -57,7 +57,7 @@ class Timed(NamedTuple):
 class ModelDatabase:
     """Triangulations by key; see `key`. Use as a context manager, or call `close`.
 
-    Raises UsageError if the file's folder cannot be written. Damage is never an error: `say` is
+    Raises StorageError if the file's folder cannot be written. Damage is never an error: `say` is
     called with a line that tells what was lost (by default it is logged as a warning).
     """
 
@@ -168,7 +168,7 @@ class ModelDatabase:
         return self.path.with_name(self.path.name + suffix)
 
     def _refuse_foreign(self) -> None:
-        """Raise UsageError for files that are not ours, or that others own or may write."""
+        """Raise StorageError for files that are not ours, or that others own or may write."""
         for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
             file = self._beside(suffix)
             if file.is_symlink() or (file.exists() and not file.is_file()):
@@ -205,7 +205,7 @@ class ModelDatabase:
         return all(name == "model" and sql == TABLE for name, sql in tables)
 
     def _refuse(self, file: Path, problem: str) -> NoReturn:
-        raise UsageError(
+        raise StorageError(
             f"{file}: {problem}; set RASTER_HARNESS_CACHE to a new file, or give --no-cache"
         )
 

@@ -48,7 +48,7 @@ def test_a_database_that_others_may_write_is_refused(path, mode, suffix):
     ModelDatabase(path).close()
     file = path.parent if suffix == "folder" else path.with_name(path.name + suffix)
     file.chmod(mode | 0o100 * file.is_dir())
-    with pytest.raises(UsageError, match="another user owns or may write"):
+    with pytest.raises(StorageError, match="another user owns or may write"):
         ModelDatabase(path)
     file.chmod(0o700)
     ModelDatabase(path).close()
@@ -87,7 +87,7 @@ def test_a_foreign_file_is_refused_and_stays_as_it_is(path, kind):
                 database.execute("PRAGMA application_id=77")
         database.close()
     content = path.read_bytes()
-    with pytest.raises(UsageError, match=r"not a model database.*set RASTER_HARNESS_CACHE"):
+    with pytest.raises(StorageError, match=r"not a model database.*set RASTER_HARNESS_CACHE"):
         ModelDatabase(path)
     assert path.read_bytes() == content
     assert list(path.parent.iterdir()) == [path]
@@ -99,7 +99,7 @@ def test_no_link_is_followed(path, tmp_path, suffix):
     target = tmp_path / "target"
     target.write_text("somebody's")
     path.with_name(path.name + suffix).symlink_to(target)
-    with pytest.raises(UsageError, match="not a regular file"):
+    with pytest.raises(StorageError, match="not a regular file"):
         ModelDatabase(path)
     assert target.read_text() == "somebody's"
 
@@ -108,7 +108,7 @@ def test_a_foreign_lock_is_refused(path):
     path.parent.mkdir()
     lock = path.with_name(path.name + ".lock")
     lock.write_text("somebody's")
-    with pytest.raises(UsageError, match="not a lock of raster-harness"):
+    with pytest.raises(StorageError, match="not a lock of raster-harness"):
         ModelDatabase(path)
     assert lock.read_text() == "somebody's"
 
