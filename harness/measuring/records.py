@@ -15,6 +15,7 @@ from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.results import drawings
+from harness.results.facts import RunFacts
 from harness.results.parsing import identify_rounds
 from harness.results.record import (
     CaseId,
@@ -62,7 +63,7 @@ class RunWriter:
         self._reporter = reporter
         self._with_drawings = with_drawings
 
-    def write_facts(self, facts: dict[str, Any]) -> None:
+    def write_facts(self, facts: RunFacts) -> None:
         """Replace `run.json` of the folders."""
         own, *of_base = self._stores
         own.write_facts(facts)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import shapely
 
@@ -33,6 +33,7 @@ from harness.measuring.reference_draws import default_path, reference_draws
 from harness.measuring.scene import SceneRun
 from harness.metrics.decision import Decided, decide_all
 from harness.progress import Reporter, detach_terminal
+from harness.results.facts import RunFacts
 from harness.results.processors import may_be_same, processor_label
 from harness.results.record import Record
 from harness.results.run_folder import (
@@ -250,9 +251,8 @@ def _measure(
         if not pool.stopping:
             stores[0].drop_counted()
     ours = [record for record in records.values() if not record.id.version]
-    return RunResult(
-        Run(out, {"schema_version": SCHEMA_VERSION, **facts}, ours), pool.stopping, aborted
-    )
+    facts["schema_version"] = SCHEMA_VERSION
+    return RunResult(Run(out, facts, ours), pool.stopping, aborted)
 
 
 @contextmanager
@@ -280,7 +280,7 @@ def _stopped_in_order(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]
 
 def open_stores(
     out: Path,
-    facts: dict[str, Any],
+    facts: RunFacts,
     warn: Callable[[str], None],
     *,
     resume: bool,
@@ -327,7 +327,7 @@ def open_stores(
     return stores, {record.id.key: record for record in records}
 
 
-def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:
+def _refuse_other(before: RunFacts, now: RunFacts, out: Path) -> None:
     """Refuse to mix two experiments in one folder."""
     plan = before.get("plan", {})
     differences = [
@@ -350,7 +350,7 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         )
 
 
-def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
+def _facts(plan: Plan, scene: Scene) -> RunFacts:
     """Return the content of a new run.json."""
     machine = environment.collect(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {

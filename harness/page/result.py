@@ -35,6 +35,7 @@ from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED, predict
 from harness.results import drawings
 from harness.results.drawings import Geometry
+from harness.results.facts import RunFacts
 from harness.results.parsing import parse_record, record_to_json
 from harness.results.record import Record, Time
 from harness.results.run_folder import Run, Store, read_arrays
@@ -194,7 +195,7 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     return folder
 
 
-def _facts(result: Result, device: str) -> dict[str, Any]:
+def _facts(result: Result, device: str) -> RunFacts:
     cases = [case for view in result.views for case in view.cases.values()]
     names = dict.fromkeys(case.record.triangulator for case in cases)
     differing = sum(case.differing for case in cases)

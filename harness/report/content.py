@@ -377,10 +377,11 @@ Row = tuple[str, str, str]
 
 def rows(run: Run) -> list[Row]:
     """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
+    facts: Mapping[str, Any] = {**run.facts}
     known = ("created", "schema_version", "interrupted", "resumed")
-    found = [("run", name, _text(run.facts[name])) for name in known if name in run.facts]
+    found = [("run", name, _text(facts[name])) for name in known if name in facts]
     for section in ("scene", "environment", "cpu", "state", "plan", "devices", "frames", "seconds"):
-        values = run.facts.get(section)
+        values = facts.get(section)
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
         if isinstance(values, dict):

@@ -10,11 +10,12 @@ import re
 import statistics
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, cast, get_args
 
 from harness.errors import UsageError
 from harness.frame import View
 from harness.rasterisers.base import Options
+from harness.results.facts import RunFacts
 from harness.results.record import (
     HOST_MARK,
     CaseId,
@@ -364,7 +365,7 @@ _OBJECTS = ("plan", "environment", "scene", "seconds", "beside", "state", "writt
 _LISTS = ("frames", "resumed", "merged", "warnings")
 
 
-def check_facts(facts: dict[str, Any], problems: list[str]) -> dict[str, Any]:
+def check_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
     """Return the content of `run.json` without the parts that readers cannot use.
 
     problems : gets a line for each part that is left out
@@ -375,7 +376,7 @@ def check_facts(facts: dict[str, Any], problems: list[str]) -> dict[str, Any]:
             problems.append(f"run.json: {name} is not usable ({problem}); ignored")
         elif part is not None:
             usable[name] = part
-    return usable
+    return cast(RunFacts, usable)
 
 
 def _problem_of(name: str, part: Any) -> str | None:

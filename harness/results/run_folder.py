@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from harness import atomic
 from harness.errors import InputError, StorageError, UsageError
 from harness.machine import system
+from harness.results.facts import RunFacts
 from harness.results.parsing import (
     FieldError,
     check_facts,
@@ -72,7 +73,7 @@ class Run:
     """
 
     path: Path
-    facts: dict[str, Any]
+    facts: RunFacts
     records: Sequence[Record]
     problems: list[str] = field(default_factory=list)
     changed: frozenset[str] = frozenset()
@@ -284,7 +285,7 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
-    written, cut_off = facts.get(WRITTEN) or {}, ""
+    written, cut_off = facts.get("written") or {}, ""
     size = written.get("bytes")
     if isinstance(size, int) and len(content) < size:
         cut_off = f"{cases} was cut off: it has {len(content):,} of {size:,} bytes"
@@ -326,7 +327,7 @@ def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
         yield name
 
 
-def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
+def read_facts(folder: Path, problems: list[str]) -> RunFacts:
     """Return the content of a run's `run.json`, {} where there is none.
 
     problems : gets a line for each thing that could not be used

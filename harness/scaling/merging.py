@@ -12,6 +12,7 @@ from typing import Any
 from harness.errors import IncompatibleRunsError, InputError, UsageError
 from harness.metrics.processors import format_processors, several_processors
 from harness.results import drawings
+from harness.results.facts import RunFacts
 from harness.results.parsing import record_to_json
 from harness.results.record import HOST_MARK, CaseGroup, Record
 from harness.results.run_folder import POLYGONS, Run, Store, file_stem, read_arrays
@@ -160,7 +161,7 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
                 )
 
 
-def _facts(runs: Sequence[Run]) -> dict[str, Any]:
+def _facts(runs: Sequence[Run]) -> RunFacts:
     """The content of run.json; none of it depends on the order of the runs."""
     in_order = sorted((run.facts for run in runs), key=_text)
     in_order.sort(key=lambda facts: str(facts.get("created") or ""))
