@@ -36,12 +36,6 @@ class ArgumentError(TriangulationError, ValueError):
     """An argument is invalid, or contradicts another argument or the name."""
 
 
-# Former names, until all modules use the new ones.
-InvalidPolygon, Skipped, Unavailable = InvalidPolygonError, SkippedError, UnavailableError
-UnknownName = UnknownNameError
-MOST_TRACED = MAX_TRACEBACK
-
-
 def suggest(name: str, known: Iterable[str], cutoff: float = 0.6, fallback: str = "") -> str:
     """Return "did you mean 'x'?" with the nearest known name, otherwise the fallback.
 
@@ -76,6 +70,3 @@ def truncate(text: str) -> str:
     """Return a foreign text as one line of at most `MAX_MESSAGE` characters, with its length."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line
-
-
-told_of, in_short, shortened = format_error, summarize_error, truncate

@@ -6,7 +6,7 @@ import numpy as np
 
 from triangulators.checking.edges import edges_of
 from triangulators.criteria.cost import Cost, total_cost
-from triangulators.errors import Skipped, TriangulationError
+from triangulators.errors import SkippedError, TriangulationError
 from triangulators.geometry.half_edges import is_triangulation, link, twins_of
 from triangulators.geometry.shortest_diagonals import shortest_first
 from triangulators.geometry.visibility import visible_pairs
@@ -67,9 +67,9 @@ class Cycle(NamedTuple):
 
 
 def cycle_of(outline: Boundary, who: str) -> Cycle:
-    """Return the only ring of a polygon with what its corners see; raises `Skipped` for holes."""
+    """Return a polygon's only ring and its visible vertices; raise `SkippedError` for holes."""
     if outline.holes:
-        raise Skipped(f"{who}: the polygon has holes")
+        raise SkippedError(f"{who}: the polygon has holes")
     cycle = outline.edges[:, 0].copy()
     points = outline.points[cycle]
     local = ring_triangulation(outline, cycle)

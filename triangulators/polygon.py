@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from triangulators.compute.kernels import njit
-from triangulators.errors import InvalidPolygon
+from triangulators.errors import InvalidPolygonError
 from triangulators.geometry.predicates import FILTER, orient, touching
 from triangulators.polygon_arrays import offsets_of
 
@@ -57,15 +57,15 @@ class Boundary(NamedTuple):
 
 
 def check(polygon: shapely.Polygon) -> None:
-    """Raise `InvalidPolygon`, saying what and where, unless `polygon` is a valid polygon."""
+    """Raise `InvalidPolygonError`, saying what and where, unless `polygon` is a valid polygon."""
     if not isinstance(polygon, shapely.Polygon):
-        raise InvalidPolygon(f"expected a shapely Polygon, got {type(polygon).__name__}")
+        raise InvalidPolygonError(f"expected a shapely Polygon, got {type(polygon).__name__}")
     if polygon.is_empty:
-        raise InvalidPolygon("the polygon is empty")
+        raise InvalidPolygonError("the polygon is empty")
     if not polygon.is_valid:
         if not np.isfinite(shapely.get_coordinates(polygon)).all():
-            raise InvalidPolygon("the polygon has coordinates that are NaN or infinite")
-        raise InvalidPolygon(f"the polygon is not valid: {shapely.is_valid_reason(polygon)}")
+            raise InvalidPolygonError("the polygon has coordinates that are NaN or infinite")
+        raise InvalidPolygonError(f"the polygon is not valid: {shapely.is_valid_reason(polygon)}")
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:

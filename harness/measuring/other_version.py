@@ -32,7 +32,7 @@ from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
 from harness.triangulating.triangulate import small_polygons
 from harness.workers.serving import TaskFailed
-from triangulators.errors import shortened
+from triangulators.errors import truncate
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
@@ -165,9 +165,9 @@ def triangulate_elsewhere(
             part = np.asarray(value)
             junctions, problem = check_triangles(polygon, part)
         elif kind == "skipped":
-            result.skipped.append((len(result.parts), shortened(value)))
+            result.skipped.append((len(result.parts), truncate(value)))
         else:
-            problem = shortened(value)
+            problem = truncate(value)
         result.add(part, junctions, problem)
     return result
 
@@ -183,7 +183,7 @@ def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
             raise TaskFailed(f"{other.name}: its code ended with exit code {done.returncode}")
         answer: dict[str, Any] = pickle.loads(answered.read_bytes())
     if "error" in answer:
-        raise TaskFailed(f"{other.name}: {shortened(answer['error'])}")
+        raise TaskFailed(f"{other.name}: {truncate(answer['error'])}")
     return answer
 
 

@@ -18,7 +18,7 @@ from harness.triangulating.result import (
     check_triangles,
     predict_polygons,
 )
-from triangulators.errors import MOST_TRACED, Skipped, shortened, told_of
+from triangulators.errors import MAX_TRACEBACK, SkippedError, format_error, truncate
 from triangulators.polygon_arrays import PolygonArray
 from triangulators.verify import find_unconfirmed
 
@@ -116,11 +116,11 @@ def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulatio
     start = cpu_clock()
     try:
         part, gap = recipe.triangulate_with_gap(polygon)
-    except Skipped as reason:
-        skipped = shortened(str(reason)) or "skipped"
+    except SkippedError as reason:
+        skipped = truncate(str(reason)) or "skipped"
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
-        problem = told_of(error)
-        result.trace = result.trace or "".join(traceback.format_exception(error))[:MOST_TRACED]
+        problem = format_error(error)
+        result.trace = result.trace or "".join(traceback.format_exception(error))[:MAX_TRACEBACK]
     seconds = cpu_clock() - start
     result.seconds += seconds
     return _Attempt(part, gap, seconds, skipped, problem)

@@ -29,7 +29,7 @@ from typing import Any
 from harness.diagnostics import start_log
 from harness.errors import HarnessError
 from harness.machine import system
-from triangulators.errors import MOST_TRACED, in_short, shortened
+from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 
 MARK = "RASTER_HARNESS_SERVER"
 """Environment variable of the server alone, by which `PRELOADED` recognises the server."""
@@ -144,7 +144,9 @@ def serve(
         try:
             connection.send(answer)
         except Exception as error:
-            connection.send((False, TaskFailed(f"its result cannot be sent: {in_short(error)}")))
+            connection.send(
+                (False, TaskFailed(f"its result cannot be sent: {summarize_error(error)}"))
+            )
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
@@ -198,9 +200,9 @@ def _wait_for_child(connection: Connection) -> None:
 
 
 def _sanitised(error: HarnessError) -> HarnessError:
-    """Return an error that third-party code may have raised, shortened, as one of our classes."""
+    """Return an error that third-party code may have raised, truncate, as one of our classes."""
     kind = type(error) if type(error).__module__.startswith("harness.") else TaskFailed
-    return kind(shortened(str(error)))
+    return kind(truncate(str(error)))
 
 
 def failure(error: BaseException) -> TaskFailed:
@@ -209,6 +211,6 @@ def failure(error: BaseException) -> TaskFailed:
         return TaskFailed("it ran out of memory")
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
         return TaskFailed("it exceeded the output limit (256 MiB)")
-    failure = TaskFailed(in_short(error))
-    failure.detail = "".join(traceback.format_exception(error))[:MOST_TRACED]
+    failure = TaskFailed(summarize_error(error))
+    failure.detail = "".join(traceback.format_exception(error))[:MAX_TRACEBACK]
     return failure

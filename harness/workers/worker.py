@@ -27,7 +27,7 @@ import psutil
 from harness.machine import system
 from harness.workers import serving
 from harness.workers.serving import Limits, TaskFailed, TaskTimedOut
-from triangulators.errors import in_short
+from triangulators.errors import summarize_error
 
 __all__ = ["Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
 
@@ -119,7 +119,9 @@ class Worker:
         except Exception as error:
             # The process has announced that it waits for a task, and does so only once.
             self._end(at_once=True)
-            raise TaskFailed(f"{self.name}: the task cannot be sent: {in_short(error)}") from error
+            raise TaskFailed(
+                f"{self.name}: the task cannot be sent: {summarize_error(error)}"
+            ) from error
         try:
             # Imports that unpickling the task triggers do not count as the task's time.
             answer = self._receive(written, START_TIMEOUT_S, None)
@@ -190,7 +192,7 @@ class Worker:
             self._raise_crash(written)
         except Exception as error:
             raise TaskFailed(
-                f"{self.name}: its result cannot be read: {in_short(error)}"
+                f"{self.name}: its result cannot be read: {summarize_error(error)}"
             ) from error
 
     def _raise_crash(self, written: int) -> NoReturn:

@@ -9,6 +9,7 @@ import pytest
 
 import scenes
 import triangulators
+from tests.paths import ROOT
 
 WITH_EXAMPLES = [
     "scenes",
@@ -55,3 +56,14 @@ def test_public_functions_have_an_example():
         assert own(name)
     for function in functions:
         assert ">>>" in (inspect.getdoc(function) or ""), function.__qualname__
+
+
+@pytest.mark.parametrize(
+    "name", ["triangulators", "triangulators.criteria", "triangulators.dropin"]
+)
+def test_the_reference_has_every_public_name(name):
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    for public in importlib.import_module(name).__all__:
+        place = f"{name}.errors" if public.endswith("Error") else name
+        described = public in ("criteria", "CRITERIA") or f"\n### {place}.{public}\n" in page
+        assert described, public

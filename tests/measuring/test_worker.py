@@ -15,7 +15,7 @@ import pytest
 from harness.errors import NoRasteriserError
 from harness.workers.worker import Limits, TaskFailed, TaskTimedOut, Worker
 from tests.paths import python
-from triangulators.errors import MOST_TRACED
+from triangulators.errors import MAX_TRACEBACK
 
 
 def environment_of(name: str) -> tuple[str | None, int]:
@@ -135,7 +135,7 @@ def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(tas
         with pytest.raises(TaskFailed) as found:
             printing.call(task, *arguments)
         assert len(str(found.value)) < 800
-        assert len(found.value.detail) <= MOST_TRACED
+        assert len(found.value.detail) <= MAX_TRACEBACK
         assert printing._output.stat().st_size <= 10_000_000
         assert type(found.value) is TaskFailed
     if task is print_and_die:

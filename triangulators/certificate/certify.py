@@ -49,7 +49,7 @@ def certify(
     without evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
-    or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`.
+    or the criterion is no number for a triangle; `InvalidPolygonError`, `UnknownNameError`.
 
     >>> from shapely import Polygon
     >>> from triangulators import certify, triangulate

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from triangulators.compute.kernels import njit
-from triangulators.errors import Skipped
+from triangulators.errors import SkippedError
 from triangulators.initial import Cycle, cycle_of
 from triangulators.polygon import Boundary, checked_boundary
 
@@ -20,7 +20,7 @@ def count_triangulations(polygon: shapely.Polygon, most: int | None = None) -> i
     """Return the exact number of triangulations of a polygon without holes.
 
     most: where there are more, that there are is all that is found out; see `count_of_cycle`.
-    Raises `InvalidPolygon`, and `Skipped` for holes.
+    Raises `InvalidPolygonError`, and `SkippedError` for holes.
     """
     return count_of_cycle(cycle_of(checked_boundary(polygon), "count"), most)
 
@@ -126,10 +126,10 @@ def _drawn(
 def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     """Return a triangulation (n - 2, 3) drawn uniformly; the same seed gives the same one.
 
-    Raises `Skipped` for holes, where they cannot be counted, and beyond 2000 vertices.
+    Raises `SkippedError` for holes, where they cannot be counted, and beyond 2000 vertices.
     """
     if len(outline.edges) > LIMIT:
-        raise Skipped(f"random: {len(outline.edges)} vertices, more than {LIMIT}")
+        raise SkippedError(f"random: {len(outline.edges)} vertices, more than {LIMIT}")
     ring = cycle_of(outline, "random")
     ways = log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))

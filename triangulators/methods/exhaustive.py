@@ -15,7 +15,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import cheapest, cost_of
-from triangulators.errors import Skipped
+from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
 from triangulators.initial import Cycle, cycle_of
 from triangulators.methods.counting import count_of_cycle
@@ -41,8 +41,8 @@ def enumerate_triangulations(
     """Return all triangulations of a polygon without holes, none twice.
 
     Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3), as
-    dropped vertices leave fewer triangles. Raises `InvalidPolygon`, and `Skipped` for holes and for
-    more than 10^6 triangulations (20,000 in mode `paper`).
+    dropped vertices leave fewer triangles. Raises `InvalidPolygonError`, and `SkippedError` for
+    holes and for more than 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "exhaustive")
@@ -57,7 +57,7 @@ def enumerate_triangulations(
 
 def _refuse(ring: Cycle, most: int) -> None:
     if count_of_cycle(ring, most) > most:
-        raise Skipped(
+        raise SkippedError(
             f"exhaustive: the polygon has more than {most} triangulations;"
             " 'optimal' finds the best without listing them"
         )
@@ -96,7 +96,7 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the best of all triangulations; raises `Skipped` for holes and for too many."""
+    """Return the best of all triangulations; raises `SkippedError` for holes and for too many."""
     ring = cycle_of(outline, "exhaustive")
     found = criteria.find(criterion, **parameters)
     cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
@@ -108,11 +108,11 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
 
     Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
-    Raises `Skipped` for holes, for more than 20,000, and where the list ends before k.
+    Raises `SkippedError` for holes, for more than 20,000, and where the list ends before k.
     """
     everything = _listed(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(everything):
-        raise Skipped(f"listed: the list ends at number {len(everything) - 1}, before {k}")
+        raise SkippedError(f"listed: the list ends at number {len(everything) - 1}, before {k}")
     return everything[k].copy()
 
 

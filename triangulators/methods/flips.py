@@ -148,7 +148,7 @@ def flip(
     (see `criteria.find`). Which flips, and in which order: ports/ORDER.md.
 
     Raises `ValueError` for arrays of other shapes and indices that are not of a point;
-    `UnknownName`.
+    `UnknownNameError`.
 
         >>> kite = np.array([(0, 0), (2, -1), (9, 0), (2, 1)])
         >>> flip(kite, np.array([(0, 1, 2), (0, 2, 3)])).tolist()

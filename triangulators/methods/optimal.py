@@ -15,7 +15,7 @@ import numpy as np
 from triangulators import criteria
 from triangulators.checking.units import EXACT, whole_scale
 from triangulators.criteria.cost import cost_of, total_cost, with_fields
-from triangulators.errors import Skipped
+from triangulators.errors import SkippedError
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import box_of, grid_unit
 from triangulators.initial import best_initial, ring_triangulation
@@ -145,7 +145,7 @@ def _search(
 ) -> _Found:
     points, (limit, seed) = outline.points, options
     if criterion.placed and len(points) > MOST_PLACED:
-        raise Skipped(
+        raise SkippedError(
             f"{criterion.name} of {len(points):,} vertices: up to {MOST_PLACED} are done, because"
             " every triangle's rows of pixels are looked at"
         )

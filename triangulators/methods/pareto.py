@@ -14,7 +14,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, cost_of, total_cost
-from triangulators.errors import Skipped, TriangulationError
+from triangulators.errors import SkippedError, TriangulationError
 from triangulators.initial import Cycle, cycle_of
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
@@ -48,8 +48,8 @@ def pareto_front(
 ) -> Front:
     """Return the Pareto front of two criteria, both to be small.
 
-    Raises `InvalidPolygon`, `Skipped` for holes, `UnknownName`, and `TriangulationError` if the
-    front of some sub-polygon has more than 100,000 entries.
+    Raises `InvalidPolygonError`, `SkippedError` for holes, `UnknownNameError`, and
+    `TriangulationError` if the front of some sub-polygon has more than 100,000 entries.
     """
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "pareto")
@@ -65,13 +65,13 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th triangulation (n - 2, 3) of the front of A and D, from the least A on.
 
     The fronts of the last polygons are kept, so that the next number costs nothing. Raises
-    `Skipped` for holes, beyond 100 vertices, and where the front ends before k.
+    `SkippedError` for holes, beyond 100 vertices, and where the front ends before k.
     """
     if len(outline.edges) > LIMIT:
-        raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
+        raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
     triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ring_offsets).wkb).triangles
     if not 0 <= k < len(triangles):
-        raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
+        raise SkippedError(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
     return np.array(triangles[k])
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.errors import Skipped
+from triangulators.errors import SkippedError
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import turn
 from triangulators.geometry.shortest_diagonals import by_length, shortest_first
@@ -22,24 +22,24 @@ MOST_LARGEST = 1500
 
 
 def fan(outline: Boundary) -> np.ndarray:
-    """Return all diagonals from one vertex; raises `Skipped` for holes and where none sees all."""
+    """Return all diagonals from one vertex; raise `SkippedError` for holes or if none sees all."""
     return _of_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
 
 
 def strip(outline: Boundary) -> np.ndarray:
     """Return a zigzag of diagonals, as a triangle strip would be drawn.
 
-    Raises `Skipped` for holes and where no start gives a valid one.
+    Raises `SkippedError` for holes and where no start gives a valid one.
     """
     return _of_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
 
 
 def _of_ring(outline: Boundary, name: str, rule: Callable[..., Any], why_not: str) -> np.ndarray:
     if outline.holes:
-        raise Skipped(f"{name}: the polygon has holes")
+        raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
     if len(triangles) == 0:
-        raise Skipped(f"{name}: {why_not}")
+        raise SkippedError(f"{name}: {why_not}")
     return triangles
 
 
@@ -98,10 +98,10 @@ def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 def greedy(outline: Boundary) -> np.ndarray:
     """Return all diagonals, shortest first, each kept if it crosses none kept, as triangles (m, 3).
 
-    Raises `Skipped` beyond 3000 vertices.
+    Raises `SkippedError` beyond 3000 vertices.
     """
     if len(outline.edges) > MOST_GREEDY:
-        raise Skipped(f"greedy: {len(outline.edges)} vertices, more than {MOST_GREEDY}")
+        raise SkippedError(f"greedy: {len(outline.edges)} vertices, more than {MOST_GREEDY}")
     if not outline.holes:
         return _greedy_of_cycle(outline)
     start = initial_triangulations(outline)[0]
@@ -149,12 +149,12 @@ def _keep_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
 def largest_first(outline: Boundary) -> np.ndarray:
     """Return the largest triangle, then the same in what is left on each side of it, (n - 2, 3).
 
-    Raises `Skipped` for holes and beyond 1500 vertices. Source: E. Persson, "Triangulation", 2009,
-    for convex polygons; here only corners that see each other are joined, so any simple polygon
+    Raises `SkippedError` for holes and beyond 1500 vertices. Source: E. Persson, "Triangulation",
+    2009, for convex polygons; here only corners that see each other are joined, so any simple polygon
     will do.
     """
     if len(outline.edges) > MOST_LARGEST:
-        raise Skipped(f"max-area: {len(outline.edges)} vertices, more than {MOST_LARGEST}")
+        raise SkippedError(f"max-area: {len(outline.edges)} vertices, more than {MOST_LARGEST}")
     ring = cycle_of(outline, "max-area")
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
