@@ -150,7 +150,7 @@ def largest_first(outline: Boundary) -> np.ndarray:
     """Return the largest triangle, then the same in what is left on each side of it, (n - 2, 3).
 
     Raises `SkippedError` for holes and beyond 1500 vertices. Source: E. Persson, "Triangulation",
-    2009, for convex polygons; here only corners that see each other are joined, so any simple polygon
+    2009, for convex polygons; here corners that see each other are joined, so any simple polygon
     will do.
     """
     if len(outline.edges) > MOST_LARGEST:
