@@ -43,10 +43,7 @@ _FILE = re.compile(
 """A tile's file, and its zoom, column and row if its path has them; dates have leading zeros."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_VECTOR_FORMATS = (
-    *("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile"),
-    "application/vnd.mapbox-vector-tile+protobuf",
-)
+_VECTOR_FORMATS = ("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile")
 """Names of the vector tile format in the metadata of MBTiles."""
 
 
@@ -154,8 +151,7 @@ def first_of(zoom: int) -> int:
 def unpacked(data: bytes, most: int | None = None) -> bytes:
     """Return a tile uncompressed; its first bytes show whether gzip or zlib compressed it.
 
-    All members of gzip are read. Raises ValueError if one cannot be uncompressed, or if all have
-    `most` bytes (`MAX_TILE_BYTES`) or more.
+    Raises ValueError if a member is invalid, or for `most` (`MAX_TILE_BYTES`) bytes or more.
     """
     most = most or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
