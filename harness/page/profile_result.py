@@ -21,7 +21,7 @@ from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
-from harness.profile.profile import fitted_of, profile
+from harness.profile.profile import check_profile, fitted_of, profile
 from harness.stats.intervals import FEWEST_EPOCHS
 from triangulators.devices import is_software
 
@@ -110,6 +110,11 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     found = measured.of_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
     content = profile(draws, exact, found, _facts(result, name), page.seed)
+    try:
+        if not content["refused"]:
+            check_profile(content)
+    except ValueError as error:
+        raise InputError(f"{file}: {error}") from error
     warnings = []
     if result.limited:
         warnings.append("the device is slow: the page's time limit left epochs out")

@@ -20,7 +20,7 @@ from harness.results.run_folder import file_stem
 VERSION = 1
 MOST_BYTES = 256 * 2**20
 
-Text = Annotated[str, StringConstraints(max_length=500)]
+Text = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Long = Annotated[str, StringConstraints(max_length=10_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
 Whole = Annotated[int, Field(ge=0, le=2**53)]

@@ -24,6 +24,11 @@ FORMAT, VERSION = "raster-harness profile", 1
 
 Told = TypeVar("Told")
 
+MAX_COST_S = 1.0
+"""Upper bound of what one draw, triangle or pixel may take."""
+
+MAX_NAME_LENGTH = 200
+
 MIN_R2 = 0.8
 """Lower bound of the explained variance of held-out draws, over all draws and within groups. A law
 below it is refused: its optimum would follow the noise. Quiet machines reach 0.98."""
@@ -110,17 +115,48 @@ def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
     """
     try:
         content = json.loads(atomic.read(file))
-        if content.get("refused"):
+        if isinstance(content, dict) and content.get("refused"):
             raise InputError(
                 f"{file} was refused: it fits too badly; repeat raster-harness profile"
             )
-        if (unit := content.get("unit", "s")) != "s":
-            raise ValueError(f"unsupported unit {unit!r}")
+        check_profile(content)
         return told(content)
     except FileNotFoundError:
         raise InputError(f"no profile {file}; make it: raster-harness profile") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except ValueError as error:
+        raise InputError(f"{file} is not a profile: {error}") from error
+    except (OSError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(f"{file} is not a profile: {error!r}") from error
+
+
+def check_profile(content: Any) -> None:
+    """Raise ValueError unless a profile's costs and names are possible.
+
+    Other errors mean that it has another structure.
+    """
+    if not isinstance(content, dict):
+        raise ValueError("it does not hold an object")
+    for name, supported in (("unit", "s"), ("format", FORMAT), ("version", VERSION)):
+        value = content.get(name)
+        if value != supported or isinstance(value, bool):
+            raise ValueError(f"unsupported {name} {value!r} (supported: {supported!r})")
+    for name in ("name", "rasteriser", "cpu"):
+        text = content["device"].get(name, "")
+        if not isinstance(text, str) or not text.isprintable() or len(text) > MAX_NAME_LENGTH:
+            raise ValueError(f"device.{name} is not a line of text")
+    terms = {term["name"]: term["cost"] for term in content["terms"]}
+    for kind, names, costs in (
+        ("terms", TERMS, terms),
+        ("coefficients", COSTS, content["coefficients"]),
+    ):
+        if {*costs} != {*names}:
+            raise ValueError(f"its {kind} are not those of version {VERSION}")
+        for name, cost in costs.items():
+            is_number = isinstance(cost, int | float) and not isinstance(cost, bool)
+            if not (is_number and 0 <= cost <= MAX_COST_S):
+                raise ValueError(f"the cost of {name} is {cost!r:.40}, not 0 to {MAX_COST_S:g} s")
+        if not any(cost for name, cost in costs.items() if name != "draw"):
+            raise ValueError(f"all of its {kind} are 0")
 
 
 def read_coefficients(file: Path) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """`harness profile` on a rasteriser that charges known costs."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from harness.profile.advice import BASE, CRITERIA, OWN, choose
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, ends_well
 from tests.measuring.test_run import inline
+from tests.paths import ROOT
 from tests.profile.charging import COSTS
 
 ON = "tests.profile.charging:"
@@ -143,3 +145,40 @@ def test_a_criterion_is_named_where_it_does_as_well_as_the_devices_own():
 )
 def test_seconds_are_written_as_people_say_them(value, text):
     assert words.amount(value) == text
+
+
+GOOD = json.loads((ROOT / "results/reference/profiles/opengl-llvmpipe.json").read_text())
+COST = {"terms": [{**term, "cost": 1e-9} for term in GOOD["terms"]]}
+
+
+def with_cost(cost: object) -> dict[str, object]:
+    return {"terms": [{**COST["terms"][0], "cost": cost}, *COST["terms"][1:]]}
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        *((with_cost(cost), "cost of draw") for cost in (math.nan, math.inf, -1e-9, 1e300, "1")),
+        (with_cost(True), "cost of draw"),
+        ({"terms": [{**term, "cost": 0.0} for term in GOOD["terms"]]}, "all of its terms are 0"),
+        ({"terms": GOOD["terms"][1:]}, "terms are not those"),
+        ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
+        ({"coefficients": dict.fromkeys(GOOD["coefficients"], 0)}, "coefficients are 0"),
+        ({"format": "another"}, "unsupported format 'another'"),
+        ({"version": 2}, "unsupported version 2"),
+        ({"version": True}, "unsupported version True"),
+        ({"unit": "ms"}, "unsupported unit 'ms'"),
+        ({"device": {"name": "GPU\nIt does not matter"}}, "device.name is not a line"),
+        ({"device": {"name": "GPU", "cpu": "\x1b[2J"}}, "device.cpu is not a line"),
+    ],
+)
+def test_a_profile_with_impossible_values_is_refused(harness, change, problem):
+    file = Path("p.json")
+    file.write_text(json.dumps(GOOD))
+    assert read_coefficients(file) == GOOD["coefficients"]
+    file.write_text(json.dumps({**GOOD, **change}))
+    run = ("run", "--scene", "paper", "--triangulators", "optimal:calibrated")
+    assert_refused(
+        harness("inspect", "paper", "--sizes", "64", "--profile", "p.json"), problem, "p.json"
+    )
+    assert_refused(harness(*run, "--profile", "p.json"), problem, "p.json")
