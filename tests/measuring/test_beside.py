@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.compare.comparison import compare_runs
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError
 from harness.frame import View
 from harness.measuring import run as running
 from harness.measuring.other_version import triangulate_elsewhere, version
@@ -152,7 +152,7 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
         # They were not timed together, so nothing is said of the one beside the other.
         assert compare_runs(base, head).cases[0].time.against != "rounds"
         git(folder, "commit", "-q", "-a", "-m", "second")
-        with pytest.raises(UsageError, match="beside"):
+        with pytest.raises(IncompatibleRunsError, match="beside"):
             measure(plan, "out", "HEAD", resume=True)
 
 
