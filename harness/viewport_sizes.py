@@ -200,7 +200,7 @@ def sentence(found: Sizes) -> str:
     most = max(mattering, key=lambda size: max(size.saved.values()))
     best, saved = max(most.saved.items(), key=itemgetter(1))
     text = (
-        f"It matters at {across} px, most at {most.resolution} px, {most.polygon_px:.2g} px a "
+        f"It matters at {across} px, most at {most.resolution} px, {_pixels(most.polygon_px, 2)} a "
         f"polygon: {best} saves {saved:.1%} of {base}'s {found.measure}"
     )
     if found.device:
@@ -209,6 +209,11 @@ def sentence(found: Sizes) -> str:
         draws = math.ceil(more / (other["draw"] - own["draw"]))
         text += f", which pays after {count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
+
+
+def _pixels(side: float, digits: int) -> str:
+    """Write a side with so many digits, never as 1e+02."""
+    return f"{side:,.0f} px" if side >= 10 ** (digits - 1) else f"{side:.{digits}g} px"
 
 
 def tables(found: Sizes) -> Iterator[Table]:
@@ -227,7 +232,7 @@ def tables(found: Sizes) -> Iterator[Table]:
         for size in found.sizes:
             own, *rest = (each[name] for each in size.costs.values())
             ratios = (f"{each / own:.3f}" if own else "-" for each in rest)
-            sides = str(size.resolution), f"{size.polygon_px:.3g} px"
+            sides = str(size.resolution), _pixels(size.polygon_px, 3)
             shown.add_row(*sides, format(per * own, form), *ratios)
         yield shown
 

@@ -87,12 +87,14 @@ find_uv() {
 }
 
 write_program() {
-    # The name that a package would have; like `python -m harness`, it finds modules in the
-    # current folder.
-    local program=.venv/bin/raster-harness
+    # The name that a package would have. With -P nothing is imported from the current folder, which
+    # may hold a stranger's modules. The path is quoted: it may hold quotes or $(...).
+    local program=.venv/bin/raster-harness root
+    root=$(printf '%s' "$PWD" | sed "s/'/'\\\\''/g")
     cat > "$program" <<PROGRAM
 #!/bin/sh
-exec '$PWD/.venv/bin/python' -c 'import sys; sys.argv[0] = "raster-harness"; sys.path.insert(0, "$PWD"); from harness.__main__ import main; main()' "\$@"
+root='$root'
+exec "\$root/.venv/bin/python" -P -c 'import sys; sys.argv[0] = "raster-harness"; sys.path.insert(0, sys.argv.pop(1)); from harness.__main__ import main; main()' "\$root" "\$@"
 PROGRAM
     chmod +x "$program"
 }
