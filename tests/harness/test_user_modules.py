@@ -1,5 +1,6 @@
 """Nothing is imported from the current folder but the functions that the user names, and last."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -74,3 +75,21 @@ def test_dasks_workers_do_not_import_strangers_modules(folder):
     done = python("-c", program, ROOT, cwd=folder)
     assert done.stdout.strip().endswith("[3]"), done.stderr
     assert list(folder.glob("imported-*")) == []
+
+
+def test_the_program_of_a_checkout_works_at_a_path_of_any_letters(tmp_path):
+    root = tmp_path / 'it\'s $(touch made) "here"'
+    program = root / ".venv/bin/raster-harness"
+    program.parent.mkdir(parents=True)
+    python = program.with_name("python")
+    python.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\"\n")
+    python.chmod(0o700)
+    setup = (ROOT / "scripts/setup.sh").read_text()
+    start = setup.index("write_program() {")
+    function = setup[start : setup.index("\n}\n", start) + 3]
+    subprocess.run(["bash", "-euc", f"{function}write_program"], cwd=root, check=True)
+    done = subprocess.run([program, "list", "a b"], cwd=tmp_path, capture_output=True, text=True)
+    given = done.stdout.splitlines()
+    assert given[:2] == ["-P", "-c"]
+    assert given[3:] == [str(root), "list", "a b"]
+    assert not [*tmp_path.rglob("made")]
