@@ -6,6 +6,7 @@ profile converts the counts to milliseconds; triangulating is timed.
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness import atomic
 from harness.errors import UsageError
 from harness.frame import Frame, View, frame_of
 from harness.metrics.decision import MIN_PIXELS
@@ -253,4 +255,6 @@ def draw_chart(found: Sizes, file: Path) -> None:
         panel.set_xlabel("side of the viewport, px")
         panel.set_ylabel(f"saved of {base}'s\n{found.measure}, %")
         panel.legend(fontsize=7)
-        figure.savefig(file)
+        content = io.BytesIO()
+        figure.savefig(content, format=file.suffix.removeprefix(".").lower())
+    atomic.write(file, content.getvalue())
