@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -136,7 +138,14 @@ def reader_of(path: Path) -> Reader:
             if b'"CityJSON"' in stream.read(4096):
                 return city[suffix]
     if suffix == ".mbtiles" and path.is_file():
-        from scenes.tiles.read import is_for_gdal  # imports protobuf and others
-
-        return GDAL if is_for_gdal(path) else _TILES
+        return GDAL if _is_for_gdal(path) else _TILES
     return _READERS.get(suffix, GDAL)
+
+
+def _is_for_gdal(path: Path) -> bool:
+    """Whether GDAL reads an MBTiles archive: only of format "pbf", with a list of layers."""
+    uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as database:
+        metadata = dict(database.execute("SELECT name, value FROM metadata"))
+        return metadata.get("format", "pbf") == "pbf" and "json" in metadata
+    return True

@@ -3,10 +3,8 @@
 Polygons that can be drawn exactly are read, in px; all others are noted.
 """
 
-import sqlite3
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -313,15 +311,6 @@ def helsinki(
 
 _HALF_WORLD = 20_037_508.342789244
 """Half the width of the map in web Mercator (EPSG:3857), in metres."""
-
-
-def is_for_gdal(path: Path) -> bool:
-    """Whether GDAL reads an MBTiles archive: only of format "pbf", with a list of layers."""
-    uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
-    with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as database:
-        facts = dict(database.execute("SELECT name, value FROM metadata"))
-        return facts.get("format", "pbf") == "pbf" and "json" in facts
-    return True
 
 
 def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a tile is a chunk
