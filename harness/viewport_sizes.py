@@ -25,8 +25,7 @@ from harness.profile.counted import TERMS, count_triangles, design_of
 from harness.profile.profile import read_profile
 from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.rounds import time_in_rounds
-from harness.triangulating.triangulate import triangulate_polygons
+from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
 from triangulators.errors import suggest
 

@@ -1,4 +1,4 @@
-"""`harness import`: runs and profiles from the files that a measuring page saved."""
+"""`harness import` and `harness merge`: runs of a measuring page; several runs as one."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.commands.options import Quiet
+from harness.commands.options import Quiet, Several, several
 from harness.errors import UsageError
+from harness.progress import Reporter
 from harness.settings import TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -60,7 +61,6 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import Measured, device_name, read_saved
-    from harness.progress import Reporter
     from harness.results.cases import read_latest
     from harness.results.run_folder import file_stem
 
@@ -108,3 +108,33 @@ def _import_profile(
     for warning in warnings:
         typer.echo(f"warning: {warning}", err=True)
     write_profile(content, out, trouble)
+
+
+def merge(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
+    hosts: Annotated[
+        Several | None,
+        typer.Option(
+            parser=several(),
+            metavar="NAME,...",
+            help="One for each run: the host it was measured on. Its devices are "
+            "called device@host then, so that one kind of device on several hosts stays apart.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Merge runs into one, by case; the order in which they are given does not matter.
+
+    Counters of one kind of device must be equal on all hosts.
+    """
+    from harness.commands.outcome import make_run
+    from harness.results.cases import read_latest
+    from harness.scaling import merging
+
+    read = [read_latest(run, Reporter().warn) for run in runs]
+    if hosts:
+        if len(hosts) != len(read):
+            raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
+        read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
+    make_run(out, lambda folder: merging.merge(read, folder), quiet=quiet)

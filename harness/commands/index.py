@@ -46,13 +46,17 @@ COMMANDS = {
     ),
     "profile": Entry(MEASURE, "profile:profile", ("profile --budget 0.05",)),
     "page": Entry(
-        MEASURE, "page:page", (f"page {RUN} --out city.html", "page --profile --out triangle.html")
+        MEASURE,
+        "report:page",
+        (f"page {RUN} --out city.html", "page --profile --out triangle.html"),
     ),
     "import": Entry(
         MEASURE, "import_:import_", ("import saved-by-the-page.json --out results/phone",)
     ),
     "merge": Entry(
-        MEASURE, "merge:merge", (f"merge {RUN} {LATER} --hosts first,second --out results/merged",)
+        MEASURE,
+        "import_:merge",
+        (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
     ),
     "compare": Entry(
         COMPARE,
@@ -94,7 +98,7 @@ COMMANDS = {
         ),
     ),
     "check-evidence": Entry(
-        GEOMETRY, "check_evidence:check_evidence", ("check-evidence proofs.jsonl",)
+        GEOMETRY, "triangulate:check_evidence", ("check-evidence proofs.jsonl",)
     ),
     "inspect": Entry(
         GEOMETRY,
@@ -106,8 +110,8 @@ COMMANDS = {
         ),
     ),
     "list": Entry(MACHINE, "list_:list_", ("list", "list triangulators")),
-    "doctor": Entry(MACHINE, "doctor:doctor", ("doctor",)),
-    "cache": Entry(MACHINE, "cache:cache", ("cache info",)),
+    "doctor": Entry(MACHINE, "machine:doctor", ("doctor",)),
+    "cache": Entry(MACHINE, "machine:cache", ("cache info",)),
 }
 
 GROUPS = {

@@ -1,4 +1,4 @@
-"""`harness triangulate`: write the triangles of a file of polygons, or of a model."""
+"""`harness triangulate`: write triangles of polygons or a model; `check-evidence` checks proofs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +16,13 @@ from harness.commands.options import (
     refuse_given,
     refuse_own_source,
 )
-from harness.errors import NothingMeasuredError, UsageError, refuse_failed
+from harness.errors import (
+    InconclusiveError,
+    InputError,
+    NothingMeasuredError,
+    UsageError,
+    refuse_failed,
+)
 from harness.progress import Reporter
 
 NOTE_AFTER_S = 3.0
@@ -222,3 +228,26 @@ def _many(file: str, out: Path) -> bool:
     """Return whether a name means many files: a pattern or a folder, not a file called [1]."""
     pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
     return pattern or (Path(file).is_dir() and not out.suffix)
+
+
+def check_evidence(
+    file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
+) -> None:
+    """Check proofs that triangulations are optimal, in whole numbers; refuse what does not hold.
+
+    It prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program
+    behind it, harness/export/check_evidence.py, needs Python alone and no other file of ours. It
+    lists all empty triangles: a polygon of 60 vertices takes seconds, one of 300 hours.
+    """
+    from harness.export.check_evidence import judge
+
+    refused = checked = 0
+    with file.open("rb") as lines:
+        for label, verdict, holds in judge(lines):
+            typer.echo(f"{label}: {verdict}")
+            checked += 1
+            refused += not holds
+    if not checked:
+        raise InputError(f"{file} has no evidence: triangulate --certify --evidence writes it")
+    if refused:
+        raise InconclusiveError(f"{file}: {refused} of {checked} proofs refused, see above")

@@ -13,9 +13,16 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError, StorageError, UsageError
-from harness.export import mesh as meshes
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
-from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter
+from harness.export.writers import (
+    About,
+    ExportMesh,
+    GltfWriter,
+    NpzWriter,
+    ObjWriter,
+    mesh_of,
+    remove_polygons,
+)
 from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
 from scenes import load
@@ -322,14 +329,14 @@ def full_triangulator_name(triangulator: str | None, criterion: str | None = Non
         raise UsageError(str(error)) from error
 
 
-def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.ExportMesh:
+def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> ExportMesh:
     begun = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
     found = triangulate_many(polygons, how.name, device=how.device, **how.parameters)
     report.triangulate_s += time.perf_counter() - begun
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
     report.note("failed", failed)
-    mesh = meshes.mesh_of(polygons, found, chunk.attributes)
+    mesh = mesh_of(polygons, found, chunk.attributes)
     if parse(how.name).entry.name == "optimal":
         # an optimum by an exact algorithm: compiled code's, or the table's
         alone = polygons.ring_counts == 1
@@ -339,7 +346,7 @@ def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.ExportMe
     if report.certified is not None:
         report.certified.add(chunk.cleaned.polygons, found, report.evidence)
     gone = np.diff(mesh.triangle_offsets) == 0
-    return meshes.without(mesh, gone)
+    return remove_polygons(mesh, gone)
 
 
 def _nothing(source: str, report: Report) -> str:

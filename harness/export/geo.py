@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError, UsageError
-from harness.export.mesh import ExportMesh
-from harness.export.writers import About, to_json_value
+from harness.export.writers import About, ExportMesh, to_json_value
 from scenes.cleaning.projection import system
 from scenes.spec import install
 

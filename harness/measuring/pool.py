@@ -20,8 +20,7 @@ from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.settings import TimingSettings
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
-from harness.triangulating.rounds import time_in_rounds
-from harness.triangulating.triangulate import triangulate_polygons, warm_up
+from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
 from harness.workers.pool import WorkerPool, WorkerSpec, third_party_limits
 from harness.workers.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut
 from triangulators.compute.compiled_files import is_kept

@@ -9,6 +9,10 @@ Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 4.
 import base64
 import io
 import json
+import os
+import shutil
+import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote, unquote
@@ -18,11 +22,11 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import UsageError
-from harness.models.glb import write_glb
 from scenes.readers.gltf import (
     BIN,
     DATA_URI,
     JSON,
+    MAGIC,
     TRIANGLES,
     WIDTHS,
     GltfFile,
@@ -32,6 +36,11 @@ from scenes.scene import SceneError
 
 ELEMENT_ARRAY_BUFFER = 34963
 _SPARSE = ("indices", "values")
+
+MAX_GLB_BYTES = 2**32 - 1
+"""Largest GLB file: the header holds its length in 32 bits."""
+
+_COPIED_BYTES = 1 << 20
 
 
 class GltfEditor(GltfFile):
@@ -175,3 +184,20 @@ class GltfEditor(GltfFile):
         if buffers and "uri" not in buffers[0]:
             new[BIN] = bytes(self.buffers[0])
         return [(kind, io.BytesIO(new.get(kind, content))) for kind, content in self._chunks]
+
+
+def write_glb(stream: IO[bytes], chunks: Sequence[tuple[bytes, IO[bytes]]], out: Path) -> None:
+    """Write chunks, (type, content), to a GLB file; `out` is its name for messages."""
+    lengths = [content.seek(0, os.SEEK_END) for _, content in chunks]
+    total = 12 + sum(8 + length + -length % 4 for length in lengths)
+    if total > MAX_GLB_BYTES:
+        raise UsageError(
+            f"{out} would be {total / 2**30:.1f} GiB, and GLB ends at 4 GiB: "
+            "write .gltf, or fewer polygons with limit"
+        )
+    stream.write(struct.pack("<4sII", MAGIC, 2, total))
+    for (kind, content), length in zip(chunks, lengths, strict=True):
+        stream.write(struct.pack("<I4s", length + -length % 4, kind))
+        content.seek(0)
+        shutil.copyfileobj(content, stream, _COPIED_BYTES)
+        stream.write((b" " if kind == JSON else b"\0") * (-length % 4))

@@ -13,7 +13,7 @@ from harness.measuring import records
 from harness.measuring.pool import MAX_ROUNDS, MIN_ROUNDS, MeasuringPool
 from harness.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating import database as store
-from harness.triangulating import rounds
+from harness.triangulating import triangulate
 from harness.triangulating.recipes import Recipe, parse, parse_all
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
@@ -109,13 +109,13 @@ def calls(monkeypatch):
         result.seconds += len(found)
         return dict.fromkeys(range(len(polygons)))
 
-    monkeypatch.setattr(rounds, "run_batch", batch)
-    monkeypatch.setattr(rounds, "warm_up", lambda *_: None)
+    monkeypatch.setattr(triangulate, "run_batch", batch)
+    monkeypatch.setattr(triangulate, "warm_up", lambda *_: None)
     return found
 
 
 def test_each_round_has_every_triangulator_once_in_changing_order(calls):
-    samples = rounds.time_in_rounds(RECIPES, POLYGONS, 12, seed=0)
+    samples = triangulate.time_in_rounds(RECIPES, POLYGONS, 12, seed=0)
     pairs = [tuple(calls[2 * k : 2 * k + 2]) for k in range(12)]
     assert all(sorted(pair) == ["ear-clipping", "fan"] for pair in pairs)
     assert len(set(pairs)) == 2
@@ -134,11 +134,11 @@ def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
         clock.spend(0.5)
         raise ValueError
 
-    monkeypatch.setattr(rounds, "cpu_clock", clock)
-    monkeypatch.setattr(rounds, "warm_up", lambda *_: None)
-    monkeypatch.setattr(rounds, "run_batch", lambda recipe, polygons, result: {0: None})
+    monkeypatch.setattr(triangulate, "cpu_clock", clock)
+    monkeypatch.setattr(triangulate, "warm_up", lambda *_: None)
+    monkeypatch.setattr(triangulate, "run_batch", lambda recipe, polygons, result: {0: None})
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
-    assert rounds.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
+    assert triangulate.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
     assert seen[:2] == POLYGONS[1:]
 
 
@@ -165,7 +165,7 @@ def test_polygons_of_a_view_are_converted_twice_however_many_triangulators(monke
 
     scene = load("city:buildings=20").polygons
     recipes = parse_all([*DEFAULT_TRIANGULATORS, "flips:l1", "random#1", "greedy"])
-    rounds.warm_up(*recipes)
+    triangulate.warm_up(*recipes)
     monkeypatch.setattr(PolygonArray, "from_shapely", count("arrays", from_shapely))
     monkeypatch.setattr(shapely, "from_ragged_array", count("shapely", to_shapely))
     polygons = pickle.loads(pickle.dumps(make_frame(scene, View(256)))).polygons
@@ -173,5 +173,5 @@ def test_polygons_of_a_view_are_converted_twice_however_many_triangulators(monke
     for recipe in recipes:  # as a worker gets them
         result = triangulate_polygons(recipe, pickle.loads(sent))
         assert result.drawn.any()
-    rounds.time_in_rounds(recipes, pickle.loads(sent), 2, seed=0)
+    triangulate.time_in_rounds(recipes, pickle.loads(sent), 2, seed=0)
     assert conversions == ["arrays", "shapely"]
