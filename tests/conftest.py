@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -221,6 +222,18 @@ def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
         place = tmp_path_factory.mktemp("cache") / "triangulations.sqlite"
         patch.setenv("RASTER_HARNESS_CACHE", str(place))
         yield
+
+
+@pytest.fixture(autouse=True)
+def _user_modules_of_one_test() -> Iterator[None]:
+    """Restore the import path and forget modules that a test imported from a temporary folder."""
+    path, modules = list(sys.path), set(sys.modules)
+    yield
+    sys.path[:] = path
+    for name in set(sys.modules) - modules:
+        file = getattr(sys.modules[name], "__file__", None) or ""
+        if Path(file).is_relative_to(tempfile.gettempdir()):
+            del sys.modules[name]
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 
-from harness.errors import UsageError
+from harness.errors import InputError, StorageError, UsageError
 from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
 from scenes import SceneError, load
@@ -223,7 +223,8 @@ class TestErrors:
         (tmp_path / "dir.obj").mkdir()
         assert "is a folder" in self.refused(tmp_path, "paper", tmp_path / "dir.obj")
         (tmp_path / "file").write_text("x")
-        assert "cannot be written" in self.refused(tmp_path, "paper", tmp_path / "file" / "a.obj")
+        inside = tmp_path / "file" / "a.obj"
+        assert "cannot be written" in self.refused(tmp_path, "paper", inside, error=StorageError)
 
     @pytest.mark.parametrize("suffix", MODELS)
     def test_a_model_is_not_laid_flat_into_another(self, tmp_path, suffix):
@@ -244,7 +245,8 @@ class TestErrors:
             told = self.refused(tmp_path, f"{FILE}:{parameter}", out, error=SceneError)
             assert "has no parameter" in told
         (tmp_path / "point.wkt").write_text("POINT (1 2)")
-        assert "is a Point" in self.refused(tmp_path, tmp_path / "point.wkt", out)
+        message = self.refused(tmp_path, tmp_path / "point.wkt", out, error=InputError)
+        assert "is a Point" in message
 
     def test_triangulator(self, tmp_path):
         message = self.refused(tmp_path, "paper", tmp_path / "a.obj", "delauny")
@@ -260,7 +262,7 @@ class TestErrors:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr("harness.export.writers.ObjWriter.add", full)
-        assert "No space left" in self.refused(tmp_path, CITY, out)
+        assert "No space left" in self.refused(tmp_path, CITY, out, error=StorageError)
         assert out.read_bytes() == before
 
 

@@ -16,6 +16,7 @@ from harness.triangulating.database import ModelDatabase, Timed
 from harness.triangulating.isolated import triangulate_many
 from tests.conftest import assert_one_line, assert_refused, ends_well
 from tests.harness.test_cli import MOCK
+from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
@@ -215,7 +216,8 @@ def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):
     run = ("run", "--scene", str(block), "--triangulators", "optimal:calibrated", *MOCK)
     assert_refused(harness(*run, "--device", "scripted"), "--profile FILE")
     terms = dict.fromkeys(COSTS, 0.0) | {"draw": 1e-6, "half_perimeter": 1e-8}
-    Path("c.json").write_text(json.dumps({"coefficients": terms}))
+    profile = json.loads((ROOT / "results/reference/profiles/opengl-llvmpipe.json").read_text())
+    Path("c.json").write_text(json.dumps(profile | {"coefficients": terms}))
     assert harness(*run, "--profile", "c.json", "--out", "run")[0] == 0
 
 

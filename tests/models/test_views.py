@@ -53,7 +53,7 @@ def test_places_are_looked_at_together_as_one_by_one(monkeypatch):
     monkeypatch.setattr(views, "predict", counted)
     together, ticks = views.look(parts, (256,), calls.append), len(calls)
     assert ticks <= views.VIEWS * 4
-    monkeypatch.setattr(views, "_AT_A_TIME", 1)
+    monkeypatch.setattr(views, "_CHUNK_TRIANGLES", 1)
     assert views.look(parts, (256,)) == together
     assert len(calls) > 10 * ticks
 

@@ -103,7 +103,7 @@ def test_fewer_parts_are_told(harness, monkeypatch):
     monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
     measure = measured.measure
     assert measured.settings(0.5, 126).limit_s == 126
-    assert measured.settings(0.1, 126).limit_s == measured.LIMIT_S
+    assert measured.settings(0.1, 126).limit_s == measured.MIN_LIMIT_S
     timing = measured.settings(0.5, 126)
     assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
     assert timing.processes * timing.budget_s == pytest.approx(0.5)
