@@ -7,8 +7,8 @@
 """
 
 from scenes.registry import load, names
-from scenes.scene import Scene, SceneError, UnknownScene
+from scenes.scene import Scene, SceneError, UnknownSceneError
 
 __version__ = "1.0.0"
 
-__all__ = ["Scene", "SceneError", "UnknownScene", "load", "names"]
+__all__ = ["Scene", "SceneError", "UnknownSceneError", "load", "names"]

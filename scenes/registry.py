@@ -12,7 +12,7 @@ from typing import Any
 
 from scenes.cleaning.repair import clean
 from scenes.readers.guard import reason
-from scenes.scene import Scene, SceneError, UnknownScene
+from scenes.scene import Scene, SceneError, UnknownSceneError
 from scenes.spec import (
     arguments_for,
     converted,
@@ -144,7 +144,7 @@ def names() -> list[str]:
 def entry(name: str) -> Entry:
     """Return the entry of a registered scene, or of a user's function "module:function".
 
-    Raises UnknownScene, suggesting the nearest name.
+    Raises UnknownSceneError, suggesting the nearest name.
 
     >>> entry("paper").description
     "test polygon of the paper's Table 1"
@@ -158,9 +158,9 @@ def entry(name: str) -> Entry:
     if is_function(name):
         base, _, rest = name.partition(":")
         if base in names() or exists(base):
-            raise UnknownScene(f"{name} names no parameter: give {base}:NAME={rest}")
+            raise UnknownSceneError(f"{name} names no parameter: give {base}:NAME={rest}")
         return Entry(name, name, f"user's function {name}", licence="the user's")
-    raise UnknownScene(
+    raise UnknownSceneError(
         f"no scene is called {name!r}; {suggestion(name, names())} "
         "(a file needs its suffix or a path, a function is given as module:function)"
     )
@@ -179,7 +179,7 @@ def load(
     `pixels` (see `scenes.tiles.read`); without `attributes`, theirs are not read where
     that saves time.
 
-    Raises UnknownScene for a name that is not registered and SceneError for anything else that
+    Raises UnknownSceneError for a name that is not registered and SceneError for anything else that
     stops the scene from being loaded: a parameter that it does not have, a missing or unreadable
     file, no polygon in it, a function that fails.
 

@@ -27,7 +27,7 @@ class SceneError(Exception):
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-class UnknownScene(SceneError):  # noqa: N818 - the name other programs import
+class UnknownSceneError(SceneError):
     """A name that is not registered; the message suggests the nearest one."""
 
 

@@ -11,7 +11,7 @@ class Inline:
     """In place of a `Worker`: nothing is started, and nothing interrupts a task."""
 
     def call(self, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-        """Return `function(*arguments)`; errors other than HarnessError become TaskFailed."""
+        """Return `function(*arguments)`; errors other than HarnessError become TaskError."""
         try:
             return function(*arguments)
         except (HarnessError, KeyboardInterrupt):

@@ -16,11 +16,11 @@ from harness.measuring import preloading  # noqa: F401 - first: it prepares the 
 from harness.measuring.lower_limits import fewest
 from harness.rasterisers.reference import outlines
 from triangulators import triangulate_many
-from triangulators.compute.storing import NotKept, only_kept
+from triangulators.compute.storing import NotCompiledError, only_kept
 
 system.stolen_s = system.other_processes_s = lambda: 0.0  # as in `tests.conftest`
 
-with suppress(NotKept), only_kept():
+with suppress(NotCompiledError), only_kept():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))
     outlines(frame, triangulate_many(frame.polygons))
     fewest(frame, None)

@@ -41,14 +41,14 @@ INFLATED = 1 + Fraction(1, 2**47)  # what a cost in doubles may seem to be, at m
 OFF = Fraction(1, 2**44)  # what sums of doubles may be off by, relative to them
 
 
-class Refused(Exception):  # noqa: N818 - says what became of the proof
+class EvidenceError(Exception):
     """What is wrong with a proof."""
 
 
 def need(holds: Any, reason: str) -> None:
     """Refuse unless something holds."""
     if not holds:
-        raise Refused(reason)
+        raise EvidenceError(reason)
 
 
 def whole(value: Any) -> int:
@@ -268,13 +268,13 @@ def named_once(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def check(line: str | bytes) -> str:
-    """Return what a line of JSON proves, in words; raises `Refused`."""
+    """Return what a line of JSON proves, in words; raises `EvidenceError`."""
     try:
         return Claim(json.loads(line, object_pairs_hook=named_once)).check()
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise Refused(f"this is no evidence: {type(error).__name__} {error}") from error
+        raise EvidenceError(f"this is no evidence: {type(error).__name__} {error}") from error
     except RecursionError:
-        raise Refused("this is no evidence: it is nested too deeply") from None
+        raise EvidenceError("this is no evidence: it is nested too deeply") from None
 
 
 def judge(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:
@@ -282,7 +282,7 @@ def judge(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:
     for place, line in enumerate(lines, 1):
         try:
             yield place, check(line), True
-        except Refused as why:
+        except EvidenceError as why:
             yield place, f"refused: {why}", False
 
 

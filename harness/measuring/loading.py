@@ -22,7 +22,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
 from harness.viewing import is_model_with_views
-from harness.workers.worker import Limits, OpenWorker, TaskFailed, Worker
+from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
@@ -46,7 +46,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
             try:
                 scene = worker.call(_load, name, seed)
-            except TaskFailed as error:
+            except TaskError as error:
                 raise InputError(f"scene {name} cannot be loaded: {error}") from error
     else:
         scene = _load(name, seed)
@@ -99,7 +99,7 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
             try:
                 limit_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
                 pool.run(worker_of_recipe(recipe), recipe.load, timeout_s=limit_s)
-            except TaskFailed as error:
+            except TaskError as error:
                 broken[recipe] = str(error)
     return broken
 
@@ -120,7 +120,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
     for name in plan.rasterisers:
         try:
             options, devices, supported = _ask(name, plan, pool)
-        except TaskFailed as error:
+        except TaskError as error:
             reporter.warn(f"rasteriser '{name}' is skipped: {error}")
             continue
         if not options:

@@ -20,7 +20,7 @@ from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from harness.workers.pool import result_of
-from harness.workers.worker import TaskFailed
+from harness.workers.worker import TaskError
 
 FEWEST = parse("optimal:exact-quads")
 
@@ -50,7 +50,7 @@ def collect(begun: Begun) -> dict[str, NDArray[np.int64]]:
     """Return the limits that are known, -1 for each polygon whose limit is not."""
     found = {}
     for name, future in begun.items():
-        with suppress(TaskFailed):  # what is measured is the same without it
+        with suppress(TaskError):  # what is measured is the same without it
             found[name] = result_of(future)
     return found
 

@@ -31,7 +31,7 @@ from harness.machine.git import checked_out, find_commit, project_folder
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
 from harness.triangulating.triangulate import small_polygons
-from harness.workers.serving import TaskFailed
+from harness.workers.serving import TaskError
 from triangulators.errors import truncate
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
@@ -145,7 +145,7 @@ def triangulate_elsewhere(
 
     Raises
     ------
-    TaskFailed
+    TaskError
         if it cannot be imported or run, or if HEAD's code would run instead
     """
     answer = _ask(
@@ -180,21 +180,21 @@ def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
         command = [other.python, "-P", str(SCRIPT), str(asked), str(answered)]
         done = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
         if done.returncode or not answered.exists():
-            raise TaskFailed(f"{other.name}: its code ended with exit code {done.returncode}")
+            raise TaskError(f"{other.name}: its code ended with exit code {done.returncode}")
         answer: dict[str, Any] = pickle.loads(answered.read_bytes())
     if "error" in answer:
-        raise TaskFailed(f"{other.name}: {truncate(answer['error'])}")
+        raise TaskError(f"{other.name}: {truncate(answer['error'])}")
     return answer
 
 
 def _refuse_own_code(other: OtherVersion, name: str, file: str | None) -> None:
-    """Raise TaskFailed if the triangulator's name leads to HEAD's code."""
+    """Raise TaskError if the triangulator's name leads to HEAD's code."""
     if not file or not other.instead_of:
         return
     found = Path(file).resolve()
     inside = found.is_relative_to(other.instead_of)
     if inside and not found.is_relative_to(other.folder) and "site-packages" not in found.parts:
-        raise TaskFailed(
+        raise TaskError(
             f"{other.name}: {name} is found in {found}, which is HEAD's; an editable install hides "
             "BASE's code: put its folder into PYTHONPATH"
         )

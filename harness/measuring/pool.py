@@ -22,7 +22,7 @@ from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
 from harness.workers.pool import WorkerPool, WorkerSpec, third_party_limits
-from harness.workers.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut
+from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_kept
 from triangulators.devices import cores
 
@@ -112,7 +112,7 @@ class MeasuringPool(WorkerPool):
 
         Raises
         ------
-        TaskFailed
+        TaskError
             if its process crashed, hung or ran out of memory
         """
         if not recipe.other and recipe.base not in self._compiled:
@@ -146,7 +146,7 @@ class MeasuringPool(WorkerPool):
 
         Raises
         ------
-        TaskFailed
+        TaskError
             if its process crashed, hung or ran out of memory
         """
         self.compile(recipe)
@@ -175,9 +175,9 @@ class MeasuringPool(WorkerPool):
         try:
             with self.clocked(stage):
                 return self.run(worker_of_recipe(recipe), function, recipe, *rest, **how)
-        except TaskTimedOut as error:
+        except TaskTimeoutError as error:
             if recipe.builtin:
-                raise TaskTimedOut(message) from error
+                raise TaskTimeoutError(message) from error
             raise
 
     def time_triangulating(
@@ -202,7 +202,7 @@ class MeasuringPool(WorkerPool):
         for group in filter(None, groups):
             arguments = (group, polygons, rounds, seed)
             timeout_s = self.timeout_s + 10 * budget_s * len(group)
-            with self.clocked("triangulate"), suppress(TaskFailed):
+            with self.clocked("triangulate"), suppress(TaskError):
                 worker = worker_of_recipe(group[0])
                 samples = self.run(worker, time_in_rounds, *arguments, timeout_s=timeout_s)
                 seconds |= dict(zip(group, samples, strict=True))
@@ -283,7 +283,7 @@ class MeasuringPool(WorkerPool):
                             tick=lambda waited, spent=spent: report(spent + waited),
                         )
                     )
-        except TaskFailed as error:
+        except TaskError as error:
             if len(candidates) == 1:
                 return {}, {next(iter(candidates)): str(error)}
             groups: dict[str, dict[str, Times]] = {}

@@ -19,7 +19,7 @@ from harness.results.record import CaseId, Record, Status
 from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.result import FrameTriangulation
-from harness.workers.worker import TaskFailed, TaskTimedOut
+from harness.workers.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 
 DONE = ("ok", "skipped")
@@ -195,10 +195,10 @@ class SceneRun:
             if recipe.base != ORIGINAL:
                 self.pool.compile(recipe, tell)
             result = self._triangulate(now.frame, recipe, tick)
-        except TaskTimedOut as error:
+        except TaskTimeoutError as error:
             # Ours are slow by design, others may have hung.
             return ("skipped" if recipe.builtin else "failed"), str(error)
-        except TaskFailed as error:
+        except TaskError as error:
             self.reporter.detail(error.detail)
             return "failed", str(error)
         self.reporter.detail(result.trace)

@@ -286,7 +286,7 @@ def _of_feature(column: str) -> Metric:
 
 def predictions() -> dict[str, Metric]:
     """Return the metric of each criterion by its column, in the order of display."""
-    return {each.column: _of_criterion(each) for each in criteria.predicted()}
+    return {each.column: _of_criterion(each) for each in criteria.list_predicted()}
 
 
 def find_metric(name: str) -> Metric:

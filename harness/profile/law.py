@@ -32,7 +32,8 @@ from scipy.special import stdtrit
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.profile.counted import TERMS, Design
-from triangulators.criteria import CALIBRATED, predict
+from triangulators.criteria import predict
+from triangulators.criteria.families import CALIBRATED_FEATURES
 
 CONFIDENCE = 0.95
 OF_ALL = 1.0 - (1.0 - CONFIDENCE) / len(TERMS)
@@ -204,7 +205,7 @@ def fewest(
     return tuple(list(TERMS)[column] for column in chosen)
 
 
-COSTS = ("draw", *CALIBRATED)
+COSTS = ("draw", *CALIBRATED_FEATURES)
 """What `optimal:calibrated` weighs, sums from coordinates alone: the draw itself, which no choice
 changes, then the number of triangles T, their area S, their half-perimeters H, the areas of their
 bounding boxes, the deviation D of their angles from 60 degrees, the expected quads Q and 4x4 blocks

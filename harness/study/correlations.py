@@ -24,7 +24,7 @@ from harness.metrics.registry import find_metric, measures, predictions
 from harness.results.record import Record
 from harness.stats.intervals import UNKNOWN, median_over
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
-from triangulators.criteria import FEATURES_KEPT
+from triangulators.criteria import AUXILIARY_FEATURES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,7 +133,7 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
         view = (case.view.resolution, case.view.rotation, case.options.samples)
         values = (case.scene, *view, case.rasteriser, case.device_name, record.name)
         row: dict[str, Any] = dict(zip(KEYS, values, strict=True))
-        row |= {n: predicted[n] for n in (*predictors(), *FEATURES_KEPT) if n in predicted}
+        row |= {n: predicted[n] for n in (*predictors(), *AUXILIARY_FEATURES) if n in predicted}
         row |= {name: counted[name] for name in measures(counted)}
         if record.time is not None:
             row[f"{TIME}{case.options.work}"] = record.time.median_s
@@ -166,7 +166,7 @@ def _each_measure(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.Dat
     """
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
-    others = {*KEYS, *times, *predictors(), *FEATURES_KEPT}
+    others = {*KEYS, *times, *predictors(), *AUXILIARY_FEATURES}
     counted = measures(name for name in columns if name not in others)
     for where, part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in counted + times:

@@ -18,7 +18,7 @@ from shapely import Polygon
 import triangulators
 from harness.triangulating import recipes
 from harness.triangulating.result import check_triangles
-from harness.workers.serving import TaskFailed
+from harness.workers.serving import TaskError
 from triangulators import parse
 from triangulators.batch import Triangulations
 from triangulators.polygon_arrays import PolygonArray, offsets_of
@@ -42,7 +42,7 @@ def triangulate_many(
     ------
     UsageError
         if a third-party triangulator cannot be imported
-    TaskFailed
+    TaskError
         if importing it ends the process
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
@@ -65,7 +65,7 @@ def triangulate_many(
         batch = arrays[first:last]
         try:
             done = worker.call(task, batch, name)
-        except TaskFailed as error:
+        except TaskError as error:
             if last - first > 1 and crashes < MAX_CRASHES:
                 _LOG.info("%s: retry in halves: polygons %d to %d", name, first, last - 1)
                 middle = (first + last) // 2

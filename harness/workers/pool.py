@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import psutil
 
-from harness.workers.worker import Limits, OpenWorker, TaskFailed, Worker
+from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 
 T = TypeVar("T")
 
@@ -65,7 +65,7 @@ class WorkerPool:
         timeout_s : time limit, if not the pool's
         tick : called while the function runs, with the seconds so far
 
-        The result raises `TaskFailed` if the process crashed or hung, or the function raised.
+        The result raises `TaskError` if the process crashed or hung, or the function raised.
         """
         if spec.name not in self._threads:
             self._threads[spec.name] = ThreadPoolExecutor(max_workers=1)
@@ -117,7 +117,7 @@ class WorkerPool:
             return self._workers[spec.name].call(
                 function, *arguments, timeout_s=timeout_s, tick=tick
             )
-        except TaskFailed:
+        except TaskError:
             _LOG.info("%s: the next task gets a fresh process", spec.name)
             # A lost graphics context stays lost: the next task gets a fresh process.
             self.replace_worker(spec)

@@ -92,7 +92,7 @@ class Limits:
     file_bytes: int = 256 << 20
 
 
-class TaskFailed(HarnessError):  # noqa: N818
+class TaskError(HarnessError):
     """A task crashed, hung or raised; the message quotes its last output.
 
     detail : traceback in the worker, or ""
@@ -101,7 +101,7 @@ class TaskFailed(HarnessError):  # noqa: N818
     detail = ""
 
 
-class TaskTimedOut(TaskFailed):
+class TaskTimeoutError(TaskError):
     """A task exceeded its time limit and was killed."""
 
 
@@ -145,7 +145,7 @@ def serve(
             connection.send(answer)
         except Exception as error:
             connection.send(
-                (False, TaskFailed(f"its result cannot be sent: {summarize_error(error)}"))
+                (False, TaskError(f"its result cannot be sent: {summarize_error(error)}"))
             )
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
@@ -201,16 +201,16 @@ def _wait_for_child(connection: Connection) -> None:
 
 def _sanitised(error: HarnessError) -> HarnessError:
     """Return an error that third-party code may have raised, truncate, as one of our classes."""
-    kind = type(error) if type(error).__module__.startswith("harness.") else TaskFailed
+    kind = type(error) if type(error).__module__.startswith("harness.") else TaskError
     return kind(truncate(str(error)))
 
 
-def failure(error: BaseException) -> TaskFailed:
+def failure(error: BaseException) -> TaskError:
     """Return the failure of a task that raised `error`."""
     if isinstance(error, MemoryError):
-        return TaskFailed("it ran out of memory")
+        return TaskError("it ran out of memory")
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
-        return TaskFailed("it exceeded the output limit (256 MiB)")
-    failure = TaskFailed(summarize_error(error))
+        return TaskError("it exceeded the output limit (256 MiB)")
+    failure = TaskError(summarize_error(error))
     failure.detail = "".join(traceback.format_exception(error))[:MAX_TRACEBACK]
     return failure

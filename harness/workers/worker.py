@@ -26,10 +26,10 @@ import psutil
 
 from harness.machine import system
 from harness.workers import serving
-from harness.workers.serving import Limits, TaskFailed, TaskTimedOut
+from harness.workers.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
 
-__all__ = ["Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
+__all__ = ["Limits", "OpenWorker", "TaskError", "TaskTimeoutError", "Worker"]
 
 T = TypeVar("T")
 
@@ -99,9 +99,9 @@ class Worker:
 
         Raises
         ------
-        TaskFailed
+        TaskError
             if the process crashes or the function raises
-        TaskTimedOut
+        TaskTimeoutError
             if the function exceeds `timeout_s`; the process is killed
         HarnessError
             as the function raised it
@@ -119,7 +119,7 @@ class Worker:
         except Exception as error:
             # The process has announced that it waits for a task, and does so only once.
             self._end(at_once=True)
-            raise TaskFailed(
+            raise TaskError(
                 f"{self.name}: the task cannot be sent: {summarize_error(error)}"
             ) from error
         try:
@@ -165,7 +165,7 @@ class Worker:
     def _receive(
         self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
     ) -> Any:
-        """Return the next message of the process; raise `TaskFailed` if there is none."""
+        """Return the next message of the process; raise `TaskError` if there is none."""
         assert self._process is not None
         start = time.monotonic()
         next_check_s, suspended = SUSPENSION_CHECK_S, False
@@ -183,7 +183,7 @@ class Worker:
             if timeout_s is not None and waited > timeout_s:
                 self._end(at_once=True)
                 reason = f"{self.name} exceeded the time limit of {timeout_s:g} s and was killed"
-                self._fail(reason, written, TaskTimedOut)
+                self._fail(reason, written, TaskTimeoutError)
             if tick:
                 tick(waited)
         try:
@@ -191,7 +191,7 @@ class Worker:
         except (EOFError, OSError):
             self._raise_crash(written)
         except Exception as error:
-            raise TaskFailed(
+            raise TaskError(
                 f"{self.name}: its result cannot be read: {summarize_error(error)}"
             ) from error
 
@@ -204,7 +204,7 @@ class Worker:
         self._end(at_once=True)
         self._fail(f"{self.name} crashed: {cause}", written)
 
-    def _fail(self, reason: str, written: int, kind: type[TaskFailed] = TaskFailed) -> NoReturn:
+    def _fail(self, reason: str, written: int, kind: type[TaskError] = TaskError) -> NoReturn:
         message = self._quote(reason, written)
         _LOG.info("%s", message)
         raise kind(message)

@@ -65,7 +65,7 @@ def accepted_by_file(line: str) -> bool:
     """Whether the checker that stands alone accepts a claim."""
     try:
         check_evidence.check(line)
-    except check_evidence.Refused:
+    except check_evidence.EvidenceError:
         return False
     return True
 
@@ -216,7 +216,7 @@ def lies(rng: np.random.Generator, claims: list[Claim]) -> Claim | None:
         return None
     try:
         checked = check_evidence.Claim(claim)
-    except check_evidence.Refused:
+    except check_evidence.EvidenceError:
         return None
     left = [t for t in checked.empty_triangles() if not _hidden(t, hidden, small)]
     sides = sorted({tuple(sorted(side)) for t in left for side in sides_of(t)})

@@ -295,7 +295,7 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
         assert claim["proven"]
         assert "optimal" in check_evidence.check(line)
         half = {"cost": claim["cost"] / 2, "lower_bound": claim["cost"] / 2}
-        with pytest.raises(check_evidence.Refused):
+        with pytest.raises(check_evidence.CertificateError):
             check_evidence.check(json.dumps(claim | half))
     assert proofs in report.files
 

@@ -90,7 +90,7 @@ def test_what_is_silent_here_is_started_as_a_user_does(monkeypatch):
 
     def silent(*arguments):
         asked.append(arguments)
-        raise runs.Silent("said nothing")
+        raise runs.SilentError("said nothing")
 
     monkeypatch.setattr(options, "command", silent)
     monkeypatch.setattr(options, "start", lambda *arguments: (0, ""))
@@ -98,12 +98,12 @@ def test_what_is_silent_here_is_started_as_a_user_does(monkeypatch):
     assert options.check_option(value) == "list --scene: exit 0"
     assert len(asked) == 1
     monkeypatch.setattr(options, "start", silent)
-    with pytest.raises(runs.Silent):
+    with pytest.raises(runs.SilentError):
         options.check_option(value)
 
 
 def test_silence_is_heard(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runs, "SILENT_S", 0.0)
-    with pytest.raises(runs.Silent, match="said nothing for"):
+    with pytest.raises(runs.SilentError, match="said nothing for"):
         options.start("--version")

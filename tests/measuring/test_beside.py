@@ -23,7 +23,7 @@ from harness.results import drawings
 from harness.results.record import BASE_MARK
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import Recipe
-from harness.workers.worker import TaskFailed
+from harness.workers.worker import TaskError
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git
@@ -201,7 +201,7 @@ def test_an_editable_install_that_hides_base_is_said(measured):
     """Nothing would be compared if BASE's name led to HEAD's code."""
     with version("main", ["theirs:cut"]) as place:
         hidden = replace(place, path=(str(measured), *place.path))
-        with pytest.raises(TaskFailed, match="is HEAD's; an editable install"):
+        with pytest.raises(TaskError, match="is HEAD's; an editable install"):
             triangulate_elsewhere(THEIRS, POLYGONS, hidden)
 
 

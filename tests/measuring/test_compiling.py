@@ -13,7 +13,7 @@ from harness.measuring.pool import COMPILE_TIMEOUT_S, SECOND
 from harness.measuring.run import run
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
-from harness.workers.worker import TaskTimedOut
+from harness.workers.worker import TaskTimeoutError
 from tests.inline import Inline
 from tests.measuring.test_run import plan_for
 from tests.records import lines_of
@@ -31,7 +31,7 @@ class Slow(Inline):
     def call(self, function, *arguments, timeout_s=None, tick=None):
         self._log.append((function.__name__, timeout_s))
         if function.__name__ == self._fails:
-            raise TaskTimedOut("it exceeded its time limit and was killed")
+            raise TaskTimeoutError("it exceeded its time limit and was killed")
         if tick and function.__name__ in ("warm_up", "triangulate_polygons"):
             tick(60.0)
         return super().call(function, *arguments)

@@ -13,7 +13,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.metrics.registry import LEAST, OUTLINE, find_metric
 from harness.rasterisers.reference import outlines
 from harness.results.record import LeastQuads
-from harness.workers.worker import TaskFailed, Worker
+from harness.workers.worker import TaskError, Worker
 from scenes import load
 from tests.inline import Inline
 from tests.measuring.test_run import inline
@@ -65,7 +65,7 @@ class Failing(Inline):
 
     def call(self, function, *arguments, **how):
         if function is lower_limits.fewest:
-            raise TaskFailed("it crashed")
+            raise TaskError("it crashed")
         return super().call(function, *arguments, **how)
 
 

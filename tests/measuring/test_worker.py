@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from harness.errors import NoRasteriserError
-from harness.workers.worker import Limits, TaskFailed, TaskTimedOut, Worker
+from harness.workers.worker import Limits, TaskError, TaskTimeoutError, Worker
 from tests.paths import python
 from triangulators.errors import MAX_TRACEBACK
 
@@ -116,7 +116,7 @@ def test_tasks_run_in_one_process_with_its_own_environment(worker):
 
 
 def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
-    with pytest.raises(TaskFailed, match=r"crashed: SIGSEGV; last output: .*lost the device"):
+    with pytest.raises(TaskError, match=r"crashed: SIGSEGV; last output: .*lost the device"):
         worker.call(shout_and_die)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 
@@ -132,12 +132,12 @@ def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
 )
 def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(task, arguments):
     with Worker("a plugin", limits=Limits(file_bytes=10_000_000)) as printing:
-        with pytest.raises(TaskFailed) as found:
+        with pytest.raises(TaskError) as found:
             printing.call(task, *arguments)
         assert len(str(found.value)) < 800
         assert len(found.value.detail) <= MAX_TRACEBACK
         assert printing._output.stat().st_size <= 10_000_000
-        assert type(found.value) is TaskFailed
+        assert type(found.value) is TaskError
     if task is print_and_die:
         assert "crashed: exit code 1; last output: ... x" in str(found.value)
         assert str(found.value).endswith("| last")
@@ -159,7 +159,7 @@ def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
             reason = (
                 "crashed: the fork server was killed" if limit_s > 1 else "exceeded the time limit"
             )
-        with pytest.raises(TaskFailed, match=f"^a plugin {reason}"):
+        with pytest.raises(TaskError, match=f"^a plugin {reason}"):
             killing.call(send_to, who, number, timeout_s=limit_s)
         assert time.monotonic() - start < 10
         for each in (other, killing):
@@ -169,17 +169,17 @@ def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
 
 def test_a_hang_is_stopped(worker):
     start = time.monotonic()
-    with pytest.raises(TaskTimedOut, match=r"exceeded the time limit of 0\.5 s and was killed"):
+    with pytest.raises(TaskTimeoutError, match=r"exceeded the time limit of 0\.5 s and was killed"):
         worker.call(time.sleep, 60.0, timeout_s=0.5)
     assert time.monotonic() - start < 20
 
 
 @pytest.mark.parametrize("code", [0, 3])
 def test_an_error_is_one_line_and_an_exit_is_one(worker, code):
-    with pytest.raises(TaskFailed, match=r"^ValueError: two lines$") as failure:
+    with pytest.raises(TaskError, match=r"^ValueError: two lines$") as failure:
         worker.call(raise_value_error)
     assert "in raise_value_error" in failure.value.detail
-    with pytest.raises(TaskFailed, match=rf"^SystemExit: {code}$"):
+    with pytest.raises(TaskError, match=rf"^SystemExit: {code}$"):
         worker.call(sys.exit, code)
 
 
@@ -219,7 +219,7 @@ def test_what_a_task_leaves_holds_nothing_up_and_ends_with_the_worker(tmp_path, 
     """It has copies of all pipes; its parent answers, or dies. Another worker lives on."""
     start = time.monotonic()
     with Worker("another") as other:
-        ends = pytest.raises(TaskFailed, match="crashed: exit code 1") if code else nullcontext()
+        ends = pytest.raises(TaskError, match="crashed: exit code 1") if code else nullcontext()
         with Worker("the forking worker") as forking, ends:
             assert forking.call(leave, str(tmp_path / "pid"), code, timeout_s=300) == 17
         assert time.monotonic() - start < 60
@@ -246,14 +246,14 @@ def test_what_a_task_prints_stays_out_of_the_harness_output(worker, capfd):
 
 
 def test_a_result_that_cannot_be_sent_is_a_failure(worker):
-    with pytest.raises(TaskFailed, match="its result cannot be sent"):
+    with pytest.raises(TaskError, match="its result cannot be sent"):
         worker.call(a_function_of_its_own)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 
 
 def test_a_task_that_cannot_be_sent_fails_and_the_next_one_works():
     with Worker("device") as worker:
-        with pytest.raises(TaskFailed, match="device: the task cannot be sent"):
+        with pytest.raises(TaskError, match="device: the task cannot be sent"):
             worker.call(lambda: None)
         assert worker.call(os.getpid) > 0
 

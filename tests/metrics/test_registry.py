@@ -41,7 +41,7 @@ NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter
 
 def a_record(name: str, number: int, counted: dict[str, int], **changes: Any) -> dict[str, Any]:
     """Return a complete record of a triangulator whose every figure grows with `number`."""
-    predicted = dict.fromkeys([*predictions(), *criteria.FEATURES_KEPT], 100.0 + 7 * number)
+    predicted = dict.fromkeys([*predictions(), *criteria.AUXILIARY_FEATURES], 100.0 + 7 * number)
     return record(
         name,
         1 + 0.1 * number,

@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenes import Scene, SceneError, UnknownScene, load, names, registry, spec
+from scenes import Scene, SceneError, UnknownSceneError, load, names, registry, spec
 from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature
 
 
@@ -32,11 +32,11 @@ def test_limit_keeps_the_first():
 
 
 def test_unknown_scene_suggests_the_nearest():
-    with pytest.raises(UnknownScene, match="did you mean city"):
+    with pytest.raises(UnknownSceneError, match="did you mean city"):
         load("ctiy")
-    with pytest.raises(UnknownScene, match="there are: city"):
+    with pytest.raises(UnknownSceneError, match="there are: city"):
         load("qqqqq")
-    assert issubclass(UnknownScene, SceneError)
+    assert issubclass(UnknownSceneError, SceneError)
 
 
 @pytest.mark.parametrize(

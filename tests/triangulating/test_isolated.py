@@ -9,7 +9,7 @@ from shapely import Polygon, box
 import triangulators
 from harness.errors import UsageError
 from harness.triangulating import isolated
-from harness.workers.worker import TaskFailed, shared_worker
+from harness.workers.worker import TaskError, shared_worker
 from tests.conftest import write_geojson
 from triangulators.polygon_arrays import PolygonArray
 
@@ -62,7 +62,7 @@ def test_a_batch_of_nothing():
 @pytest.mark.parametrize(
     ("statement", "error", "reason"),
     [
-        ("os._exit(0)", TaskFailed, "crashed: exit code 0"),
+        ("os._exit(0)", TaskError, "crashed: exit code 0"),
         ("import no_such_package", UsageError, "no_such_package"),
         ("cut = 3", UsageError, "not a function"),
     ],

@@ -24,7 +24,7 @@ from triangulators.certificate.certify import _down, certificate_of
 from triangulators.certificate.proof import prove
 from triangulators.checking.checker import _check_potentials
 from triangulators.checking.edges import edges_of
-from triangulators.checking.evidence import Refused
+from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import (
     TOO_LARGE,
     Units,
@@ -182,7 +182,7 @@ class TestChecker:
         return about, found.evidence
 
     def refused(self, about, evidence, match):
-        with pytest.raises(Refused, match=match):
+        with pytest.raises(CertificateError, match=match):
             certificate_of(*about, evidence)
 
     def test_a_corrupted_dual(self):
@@ -195,7 +195,7 @@ class TestChecker:
                 changed = replace(evidence, potentials=potentials)
                 try:
                     refusals += not certificate_of(*about, changed).proven
-                except Refused:
+                except CertificateError:
                     refusals += 1
         assert refusals >= 2 * len(evidence.edges) - 6
         lifted = replace(evidence, lift=evidence.lift + (1 << 40))
@@ -283,7 +283,7 @@ def test_a_weight_that_is_no_number_proves_nothing():
     edges = edges_of(boundary(SQUARE))
     units = Units(1.0, factor_for(7, 10), 10, True, False)
     none = np.zeros(len(edges.ends), np.int64)
-    with pytest.raises(Refused, match="a weight is too large"):
+    with pytest.raises(CertificateError, match="a weight is too large"):
         _check_potentials(edges, none, 0, weighing(np.nan), units)
     _check_potentials(edges, none, 0, weighing(1.0), units)
 

@@ -23,7 +23,7 @@ from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of
 from triangulators.checking import checker
 from triangulators.checking.edges import _meets, edges_of
-from triangulators.checking.evidence import Evidence, Refused, as_claim
+from triangulators.checking.evidence import CertificateError, Evidence, as_claim
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -46,7 +46,7 @@ def test_units_that_are_too_coarse_are_refused():
     true = certify(SQUARE, worst).evidence
     zeros = np.zeros(len(true.edges), np.int64)
     forged = Evidence(1e-300, true.factor, true.bits, true.edges, zeros, 0)
-    with pytest.raises(Refused, match="the evidence has the units"):
+    with pytest.raises(CertificateError, match="the evidence has the units"):
         certificate_of(*about(SQUARE, worst), forged)
 
 
@@ -55,7 +55,7 @@ def test_a_lift_too_large_is_refused(lift):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
     forged = replace(true, lift=lift)
-    with pytest.raises(Refused, match="too large"):
+    with pytest.raises(CertificateError, match="too large"):
         certificate_of(*about(SQUARE, best), forged)
 
 
@@ -78,7 +78,7 @@ def test_a_bound_above_the_cost_is_refused(monkeypatch):
     true = certify(SQUARE, best).evidence
     monkeypatch.setattr(checker, "_check_potentials", lambda *_: None)  # so that nothing else does
     forged = replace(true, lift=true.lift + true.factor)
-    with pytest.raises(Refused, match="above what the triangulation costs"):
+    with pytest.raises(CertificateError, match="above what the triangulation costs"):
         certificate_of(*about(SQUARE, best), forged)
 
 
@@ -185,7 +185,7 @@ def test_a_ring_that_meets_itself_is_refused_by_both():
     zeros = {"edges": [[0, 1]], "potentials": [0], "lift": 0}
     claim = OF_A_KITE | {"rings": [bow], "triangles": [[0, 1, 2], [3, 4, 5]], **zeros}
     line = json.dumps(claim | {"cost": 16.0, "lower_bound": 0.0, "gap": 1.0, "factor": 8192})
-    with pytest.raises(check_evidence.Refused, match="a ring meets itself"):
+    with pytest.raises(check_evidence.CertificateError, match="a ring meets itself"):
         check_evidence.check(line)
     assert not accepted_by_package(line)
 
@@ -202,7 +202,7 @@ def test_other_criteria_are_refused_with_a_line_that_says_so():
     triangles = triangulate(SQUARE, "optimal:shape")
     claim = as_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
     with pytest.raises(
-        check_evidence.Refused, match="shape: only half-perimeter, overdraw, edge-length"
+        check_evidence.CertificateError, match="shape: only half-perimeter, overdraw, edge-length"
     ):
         check_evidence.check(json.dumps(claim))
 
@@ -271,7 +271,7 @@ def test_no_entry_of_a_table_may_be_one_better(size):
                 more[edge] += change
                 try:
                     checker.lower_bound(outline, sites, cost, replace(true, potentials=more))
-                except Refused as why:
+                except CertificateError as why:
                     refused.append(str(why))
             assert refused, edge
             assert all("potentials exceed" in why for why in refused), refused
@@ -283,13 +283,13 @@ def test_a_single_side_that_is_no_edge_is_refused():
     true = certify(SQUARE, best).evidence
     checker.lower_bound(outline, sites, cost, true)
     beyond = replace(true, edges=np.where(true.edges == 0, len(outline.points), true.edges))
-    with pytest.raises(Refused, match="vertices that are none"):
+    with pytest.raises(CertificateError, match="vertices that are none"):
         checker.lower_bound(outline, sites, cost, beyond)
     seen = {tuple(sorted(edge)) for edge in edges_of(outline).ends.tolist()}
     across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
     third = next(k for k in range(len(outline.points)) if k not in across)
     sites[0] = [*across, third]
-    with pytest.raises(Refused, match="a side of a triangle is no edge"):
+    with pytest.raises(CertificateError, match="a side of a triangle is no edge"):
         checker.lower_bound(outline, sites, cost, true)
 
 

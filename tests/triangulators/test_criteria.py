@@ -32,6 +32,7 @@ from triangulators import (
     vertices,
 )
 from triangulators.criteria import predict, predict_many
+from triangulators.criteria.families import CALIBRATED_FEATURES
 from triangulators.criteria.features import exact_quads
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon_arrays import offsets_of
@@ -109,7 +110,7 @@ def test_mixed_is_normalised_as_stated():
 def test_calibrated_takes_coefficients_by_name():
     points, triangles = vertices(star(20)), triangulate(star(20), "delaunay")
     sums = predict(points, triangles)
-    coefficients = {name: 2.0 + k for k, name in enumerate(criteria.CALIBRATED)}
+    coefficients = {name: 2.0 + k for k, name in enumerate(CALIBRATED_FEATURES)}
     expected = sum(weight * sums[key] for key, weight in coefficients.items())
     found = criteria.find("calibrated", coefficients=coefficients)
     assert found.total(points, triangles) == pytest.approx(expected, rel=1e-12)

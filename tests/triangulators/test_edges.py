@@ -10,8 +10,8 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, random_simple, smooth, snapped, star
 from triangulators import criteria, triangulate, vertices
-from triangulators.criteria import FEATURES
 from triangulators.criteria.cost import cost_of, with_fields
+from triangulators.criteria.criterion import FEATURES
 from triangulators.geometry.predicates import grid_unit
 from triangulators.initial import cycle_of
 from triangulators.optimum import full_table, visible_lists

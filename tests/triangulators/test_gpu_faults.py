@@ -10,7 +10,7 @@ from tests.conftest import assert_refused, ends_well, write_geojson
 from tests.triangulators.cases import star, with_hole
 from triangulators import triangulate_many, vertices
 from triangulators.gpu import engine
-from triangulators.gpu.engine import Compute, DeviceFailed, Storage, open_context
+from triangulators.gpu.engine import Compute, DeviceError, Storage, open_context
 
 # Rings of each size with a program of its own, narrow and wide, and some for the CPU.
 POLYGONS = [star(n, seed=n) for n in (5, 20, 40, 64, 3, 12)]
@@ -62,7 +62,7 @@ def fails_after(monkeypatch, owner, name, calls, error):
 @pytest.mark.parametrize(
     "error",
     [
-        DeviceFailed("there is no llvmpipe with compute shaders here"),
+        DeviceError("there is no llvmpipe with compute shaders here"),
         OSError("libEGL.so.1: cannot open shared object file"),
         Exception("eglCreateContext failed\n(0x3003)"),
         MemoryError(),
@@ -134,7 +134,7 @@ def test_no_memory_for_a_buffer(monkeypatch, expected, caplog):
 
     def refused(self, count):
         if count >= 1 << 10:
-            raise DeviceFailed(f"OpenGL error GL_OUT_OF_MEMORY while taking {count:,} bytes")
+            raise DeviceError(f"OpenGL error GL_OUT_OF_MEMORY while taking {count:,} bytes")
         reserve(self, count)
 
     monkeypatch.setattr(Storage, "reserve", refused)

@@ -23,7 +23,7 @@ from triangulators import (
     triangulate_many,
     vertices,
 )
-from triangulators.criteria import read_weights, write_weights
+from triangulators.criteria.families import MIXED_WEIGHTS, read_weights, write_weights
 
 with np.errstate(invalid="ignore"):
     NOT_A_NUMBER = shapely.Polygon([(0, 0), (4, float("nan")), (4, 0)])
@@ -157,7 +157,7 @@ def test_invalid_weights_are_refused_wherever_they_are_given(weights, problem):
         with pytest.raises(ArgumentError, match=message):
             refused(f"optimal:mixed={weights}")
     if "is not three" not in problem:
-        given = dict(zip(criteria.MIXED_WEIGHTS, map(float, weights.split("/")), strict=True))
+        given = dict(zip(MIXED_WEIGHTS, map(float, weights.split("/")), strict=True))
         for refused in (criteria.mixed, partial(criteria.find, "mixed")):
             with pytest.raises(ArgumentError, match=message):
                 refused(**given)

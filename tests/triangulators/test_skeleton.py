@@ -16,7 +16,7 @@ from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
 from triangulators.checking import checker
 from triangulators.checking.edges import diagonals_of
-from triangulators.checking.evidence import Refused
+from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import units_for, weights_of
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.geometry.half_edges import twins_of
@@ -259,5 +259,5 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     monkeypatch.setattr(checker, "_FEW", 0)
     assert checker.lower_bound(outline, start, cost, evidence) == bound
     more = replace(evidence, lift=evidence.lift + 1)
-    with pytest.raises(Refused, match="potentials exceed"):
+    with pytest.raises(CertificateError, match="potentials exceed"):
         checker.lower_bound(outline, start, cost, more)

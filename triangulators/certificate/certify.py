@@ -98,7 +98,7 @@ def certificate_of(
 ) -> Certificate:
     """Return the certificate of a triangulation (m, 3), between sites, that evidence gives it.
 
-    Raises `Refused` if the evidence does not hold.
+    Raises `CertificateError` if the evidence does not hold.
     """
     units = units_for(outline, triangles, cost)
     total = exact_total(outline, triangles, cost, units)

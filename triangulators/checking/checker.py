@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from triangulators.checking.edges import Edges, around_hole, edges_of
-from triangulators.checking.evidence import Evidence, Refused
+from triangulators.checking.evidence import CertificateError, Evidence
 from triangulators.checking.units import TOO_LARGE, Units, units_for, weight, weights_of
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
@@ -32,40 +32,44 @@ _FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among thre
 
 
 def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence) -> int:
-    """Return the bound, in weights, that the evidence proves; raises `Refused` if it does not.
+    """Return the proven bound, in weights; raise `CertificateError` if the evidence is invalid.
 
     triangles: (m, 3), the triangulation that the evidence is about, between sites.
     """
     units = units_for(outline, triangles, cost)
     if evidence.units != units[:3]:
-        raise Refused(f"the evidence has the units {evidence.units}; here they are {units[:3]}")
+        raise CertificateError(
+            f"the evidence has the units {evidence.units}; here they are {units[:3]}"
+        )
     edges = edges_of(outline)
     if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]]) < 0).any():
-        raise Refused("a side of a triangle is no edge")
+        raise CertificateError("a side of a triangle is no edge")
     pairs, potentials, lift = evidence.edges, evidence.potentials, int(evidence.lift)
     if ((pairs < 0) | (pairs >= len(edges.points))).any():
-        raise Refused("the evidence has an edge between vertices that are none")
+        raise CertificateError("the evidence has an edge between vertices that are none")
     if len(potentials) != len(pairs):
-        raise Refused("potentials and edges differ in number")
+        raise CertificateError("potentials and edges differ in number")
     if max(map(abs, [lift, *potentials.tolist()])) >= TOO_LARGE:
-        raise Refused("a potential or the lift is too large for exact arithmetic")
+        raise CertificateError("a potential or the lift is too large for exact arithmetic")
     at = edges.find(pairs)  # what is no edge bounds nothing
     if len(np.unique(at[at >= 0])) != np.count_nonzero(at >= 0):
-        raise Refused("an edge is given twice")
+        raise CertificateError("an edge is given twice")
     potential = np.zeros(len(edges.ends), dtype=np.int64)
     potential[at[at >= 0]] = potentials[at >= 0]
     _check_potentials(edges, potential, lift, cost, units)
     around = zip(potential.tolist(), edges.ways.tolist(), strict=True)
     bound: int = sum(y * way for y, way in around) + lift * outline.expected_triangles
     if bound > sum(weights_of(outline.points, triangles, cost, units).tolist()):
-        raise Refused("the bound is above what the triangulation costs")
+        raise CertificateError("the bound is above what the triangulation costs")
     return bound
 
 
 def _check_potentials(
     edges: Edges, potential: np.ndarray, lift: int, cost: Cost, units: Units
 ) -> None:
-    """Raise `Refused` unless y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
+    """Check y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
+
+    Raises `CertificateError` if a triangle violates it.
 
     potential (e,), lift and weights are below 2^60: sums of five then fit 64 bits. Triangles are
     found one after the other, by a merge of what two ends of an edge see, and none is kept: the
@@ -82,9 +86,9 @@ def _check_potentials(
     with ThreadPoolExecutor(min(slices, cores())) as pool:
         wrong = [each for each in pool.map(first_of, range(slices)) if each]
     if wrong and len(wrong[0]) == 1:
-        raise Refused("a weight is too large for exact arithmetic")
+        raise CertificateError("a weight is too large for exact arithmetic")
     if wrong:
-        raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
+        raise CertificateError(f"the potentials exceed the weight of the triangle {wrong[0]}")
 
 
 @njit(nogil=True)

@@ -16,7 +16,7 @@ from triangulators.polygon import rings_of
 FORMAT = "raster-harness evidence 1"
 
 
-class Refused(TriangulationError):  # noqa: N818 - says what became of the certificate
+class CertificateError(TriangulationError):
     """A certificate that does not hold; the message says where."""
 
 

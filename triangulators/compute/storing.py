@@ -59,13 +59,13 @@ def cfunc(signature: str, source: Callable[..., Any]) -> Any:
     return callback
 
 
-class NotKept(BaseException):
+class NotCompiledError(BaseException):
     """A kernel would have to be compiled within `only_kept`."""
 
 
 @contextmanager
 def only_kept() -> Iterator[None]:
-    """Compile nothing inside: a kernel that is not on disk raises `NotKept`."""
+    """Compile nothing inside: a kernel that is not on disk raises `NotCompiledError`."""
     _Files.only_kept = True
     try:
         yield
@@ -171,7 +171,7 @@ class _Files:
         except (AttributeError, ImportError):  # damage may name anything
             pass
         if self.only_kept:
-            raise NotKept(self._name)
+            raise NotCompiledError(self._name)
         return None
 
     def save(self, key: Any, data: Any) -> None:

@@ -12,7 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from triangulators.compute.kernels import intrinsic, njit
-from triangulators.criteria import FEATURES, Criterion, exact_quads_of
+from triangulators.criteria import exact_quads_of
+from triangulators.criteria.criterion import FEATURES, Criterion
 from triangulators.criteria.features import COUNT, SIGNATURE, exact_quads, weighted
 from triangulators.errors import TriangulationError
 

@@ -39,7 +39,7 @@ CHUNK = 1 << 18
 _LOG = logging.getLogger(__name__)
 
 
-class DeviceFailed(Exception):  # noqa: N818 - says what happened
+class DeviceError(Exception):
     """A device could not be opened, or gave up; the message says why."""
 
 
@@ -68,10 +68,10 @@ class Compute:
         self.ctx.memory_barrier()
 
     def check(self, doing: str) -> None:
-        """Raise `DeviceFailed` if OpenGL has noted an error since the last check."""
+        """Raise `DeviceError` if OpenGL has noted an error since the last check."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
-            raise DeviceFailed(f"OpenGL error {error} while {doing}")
+            raise DeviceError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
         """Free the context and what is in it."""
@@ -108,12 +108,12 @@ class Storage:
 def open_context(name: str) -> Compute:
     """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_name`) in the calling thread.
 
-    Raises `DeviceFailed` if there is none of that name, or its driver fails.
+    Raises `DeviceError` if there is none of that name, or its driver fails.
     """
     try:
         import moderngl
     except ImportError as error:
-        raise DeviceFailed(f"{name}: {error}") from error
+        raise DeviceError(f"{name}: {error}") from error
     number = 0 if name == LLVMPIPE else int(name[3:])
     passed, problems = 0, list[str]()
     for backend in _contexts(problems):
@@ -129,7 +129,7 @@ def open_context(name: str) -> Compute:
             passed += 1
         compute.close()
     reason = f" ({problems[0]})" if problems else ""
-    raise DeviceFailed(f"there is no {name} with compute shaders here{reason}")
+    raise DeviceError(f"there is no {name} with compute shaders here{reason}")
 
 
 def _contexts(problems: list[str]) -> Iterator[Any]:
@@ -185,7 +185,7 @@ def _say(line: str) -> None:
 def describe(name: str) -> tuple[str, str]:
     """Open a device, if it is not yet; return its driver's names of renderer and version.
 
-    Raises `DeviceFailed`.
+    Raises `DeviceError`.
     """
     compute = _owner().submit(_opened, name).result().compute
     return compute.renderer, compute.version
@@ -209,7 +209,7 @@ _drivers: set[int] = set()
 
 def _opened(name: str) -> "Engine":
     if _drivers - {os.getpid()}:
-        raise DeviceFailed("its driver was loaded before this process was forked")
+        raise DeviceError("its driver was loaded before this process was forked")
     if name not in _open:
         _drivers.add(os.getpid())
         _open[name] = Engine(name)

@@ -11,7 +11,7 @@ from harness.commands.index import COMMANDS, load
 from tests.endurance.programs import run
 from tests.fuzz.target import target
 from tests.fuzz.targets import runs
-from tests.fuzz.targets.runs import Silent, beside_a_run, command
+from tests.fuzz.targets.runs import SilentError, beside_a_run, command
 
 VALUES = (
     *("", " ", "-1", "0", "nan", "inf", "-inf", "1e999", "1e300", "99999999999999999999"),
@@ -71,7 +71,7 @@ def start(*arguments: str) -> tuple[int, str]:
     """Start the program as a user does; returns its exit code and what it says."""
     ended = run(list(arguments), Path())
     if ended.silent_s >= runs.SILENT_S:
-        raise Silent(f"said nothing for {ended.silent_s:.0f} s: {arguments}")
+        raise SilentError(f"said nothing for {ended.silent_s:.0f} s: {arguments}")
     return ended.code, ended.said
 
 
@@ -89,7 +89,7 @@ def check_option(value: dict[str, Any]) -> str:
     """
     try:
         return _checked(value)
-    except Silent:
+    except SilentError:
         if "started" in value:
             raise
         return _checked(value | {"started": True})

@@ -61,7 +61,7 @@ class Heard(io.StringIO):
         return super().write(text)
 
 
-class Silent(AssertionError):  # noqa: N818 - says what happened
+class SilentError(AssertionError):
     """A command said nothing for too long."""
 
 
@@ -73,7 +73,7 @@ def command(*arguments: str) -> tuple[int, str]:
     text = err.getvalue()
     err.write("")  # its end is heard, too
     if err.silent_s >= SILENT_S:
-        raise Silent(f"said nothing for {err.silent_s:.0f} s: {arguments}")
+        raise SilentError(f"said nothing for {err.silent_s:.0f} s: {arguments}")
     return code, text
 
 
