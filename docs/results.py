@@ -219,7 +219,10 @@ def state(state: str) -> list[str]:
     draws = runs[runs["scene"] == "city"]["reference_ms"]
     return [
         str(len(runs)),
-        *(str(sum(runs["told"] == word)) for word in ("quiet", "disturbed", "not to be trusted")),
+        *(
+            str(sum(runs["machine_state"] == word))
+            for word in ("quiet", "disturbed", "not to be trusted")
+        ),
         f"{min(draws):.2f} to {max(draws):.2f}",
         f"{min(ratios):.3f} to {max(ratios):.3f}",
         str(sum(runs["compare"] == 1)),
@@ -236,21 +239,22 @@ def coverage(interval: str) -> list[str]:
     rows = select("coverage.csv", interval=interval.replace("_", " "))
     lost = rows[rows["covered"] < MIN_COVERAGE]
     covered = rows.drop(lost.index)
-    simpler = f"{covered['before'].min():.3f}" if covered["before"].any() else ""
+    simpler = covered["covered_simpler"]
+    simpler_min = f"{simpler.min():.3f}" if simpler.any() else ""
     exceptions = (f"{row['data']}: {row['covered']:.3f}" for _, row in lost.iterrows())
-    return [str(len(rows)), f"{covered['covered'].min():.3f}", simpler, "; ".join(exceptions)]
+    return [str(len(rows)), f"{covered['covered'].min():.3f}", simpler_min, "; ".join(exceptions)]
 
 
 def _law_coverage() -> list[str]:
     terms, profiles = select("law-coverage.csv"), select("law-coverage-profiles.csv")
-    within = terms.set_index("term")["within"]
-    lost = profiles[profiles["within"] < MIN_COVERAGE]
-    exceptions = [f"`draw` alone: {within['draw']:.3f}"] + [
-        f"for deviations like those of {row['profile']}: {row['within']:.3f}, a false cost in"
-        f" {format_value(1 - row['nothing_shown'], '%')} % of devices"
+    covered = terms.set_index("term")["covered"]
+    lost = profiles[profiles["covered"] < MIN_COVERAGE]
+    exceptions = [f"`draw` alone: {covered['draw']:.3f}"] + [
+        f"for deviations like those of {row['profile']}: {row['covered']:.3f}, a false cost in"
+        f" {format_value(1 - row['no_false_cost'], '%')} % of devices"
         for _, row in lost.iterrows()
     ]
-    least = min([within["all"], *profiles["within"].drop(lost.index)])
+    least = min([covered["all"], *profiles["covered"].drop(lost.index)])
     return [str(1 + len(profiles)), f"{least:.3f}", "", "; ".join(exceptions)]
 
 
@@ -273,7 +277,7 @@ def judged(profile: str, scene: str) -> list[str]:
     regrets = {name: f"{format_value(rows['regret'][name], '.1%')} %" for name in names}
     above = Interval(*advised[["above", "above_low", "above_high"]])
     return [
-        *(f"{rows[column].iloc[0]:.3f}" for column in ("law_over", "law_within", "r2_most")),
+        *(f"{rows[column].iloc[0]:.3f}" for column in ("law_over", "law_within", "r2_max")),
         *(f"**{cell}**" if rows["advice"][n] == 1 else cell for n, cell in regrets.items()),
         format_value(above, ".1%"),
     ]

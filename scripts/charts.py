@@ -1,7 +1,7 @@
-"""The charts of docs/findings.md, drawn from the files of results as SVG.
+"""Charts of docs/findings.md, drawn as SVG from the files of results.
 
-One file serves light and dark pages: it has no background, and its text turns light where the
-reader's system prefers dark.
+The same file serves light and dark pages: the background is transparent, and the text turns light
+if the reader's system prefers dark colours.
 """
 
 import io
@@ -24,8 +24,8 @@ INK, SOFT = "#24292f", "#8c959f"
 FAINT: dict[str, Any] = {"color": SOFT, "linewidth": 1, "linestyle": "--", "zorder": 0}
 
 NAMES = LABELS["triangulator"]
-COMPARED = [*(ALIASES[key] for key in ("H", "refined", "Q", "A")), "delaunay"]
-"""Triangulators of the charts of devices."""
+CHARTED = [*(ALIASES[key] for key in ("H", "refined", "Q", "A")), "delaunay"]
+"""Triangulators in the charts of devices."""
 
 _DARK = (
     "<style>@media (prefers-color-scheme: dark) {"
@@ -35,32 +35,32 @@ _DARK = (
 )
 
 
-def _labels(names: Iterable[str]) -> list[str]:
+def _short_labels(names: Iterable[str]) -> list[str]:
     return [NAMES[name].strip("`") for name in names]
 
 
-def _scenes(*names: str) -> dict[str, str]:
+def _scene_labels(*names: str) -> dict[str, str]:
     return {name: LABELS["scene"][name] for name in names}
 
 
-def choice() -> Figure:
-    """Draw times relative to ear clipping, with their intervals."""
-    names = [*COMPARED, "greedy"]
-    figure, panels = _panels(_scenes(*SCENES), "draw time, ear clipping = 1")
+def plot_choice() -> Figure:
+    """Plot draw times relative to ear clipping, with confidence intervals."""
+    names = [*CHARTED, "greedy"]
+    figure, panels = _make_panels(_scene_labels(*SCENES), "draw time, ear clipping = 1")
     for scene, ax in panels.items():
         rows = select(f"llvmpipe/gains-{scene}/summary.csv", resolution=1024)
         rows = rows.set_index("triangulator")
         points = [(i, *time_ratio(rows.loc[n]), i) for i, n in enumerate(names) if n in rows.index]
-        _dots(ax, _labels(names), points)
+        _plot_dots(ax, _short_labels(names), points)
     return figure
 
 
-def predicted() -> Figure:
-    """Draw predicted and counted helper lanes, in one unit."""
+def plot_predicted() -> Figure:
+    """Plot counted helper lanes against predicted ones, both relative to ear clipping."""
     figure = Figure(figsize=(6.4, 4.6))
     ax = figure.subplots()
     lanes = predicted_lanes()
-    for scene, label in _scenes(*SCENES).items():
+    for scene, label in _scene_labels(*SCENES).items():
         rows = lanes[lanes["scene"] == scene]
         ax.plot(rows["by_quads"], rows["counted"], linestyle="none", alpha=0.8, label=label)
     ends = [lanes["by_quads"].min() * 0.97, lanes["by_quads"].max() * 1.03]
@@ -71,10 +71,10 @@ def predicted() -> Figure:
     return figure
 
 
-def regret() -> Figure:
-    """Draw helper lanes above the minimum, by criterion."""
+def plot_regret() -> Figure:
+    """Plot helper lanes above the minimum, by criterion."""
     title = "helper lanes above the minimum, 1024 px"
-    figure, panels = _panels(_scenes(*SCENES), title, one_scale=False)
+    figure, panels = _make_panels(_scene_labels(*SCENES), title, one_scale=False)
     names = {
         "Q": "expected-quads",
         "H": "half-perimeter",
@@ -84,58 +84,58 @@ def regret() -> Figure:
     }
     for scene, ax in panels.items():
         columns = "mean/ci_low/ci_high"
-        where = {"resolution": 1024, "measure": "helper_lanes", "scene": scene}
+        filters = {"resolution": 1024, "measure": "helper_lanes", "scene": scene}
         points = []
         for row, name in enumerate(names.values()):
-            (found,) = csv("cpu/regret-{scene}/regret.csv", columns, name=name, **where)
-            ends = (found.value if np.isnan(end) else end for end in found)
+            (interval,) = csv("cpu/regret-{scene}/regret.csv", columns, name=name, **filters)
+            ends = (interval.value if np.isnan(end) else end for end in interval)
             points.append((row, *(100 * end for end in ends), row))
-        _dots(ax, list(names), points, one=None)
+        _plot_dots(ax, list(names), points, reference=None)
         ax.xaxis.set_major_formatter(lambda value, _: f"{value:g} %")
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
     return figure
 
 
-def devices() -> Figure:
-    """Draw times on four rasterisers."""
+def plot_devices() -> Figure:
+    """Plot draw times on four rasterisers."""
     title = "draw time, ear clipping = 1; in each row city above, Helsinki below"
-    figure, panels = _panels(LABELS["summary"], title)
+    figure, panels = _make_panels(LABELS["summary"], title)
     for device, ax in panels.items():
         points = []
         for shift, scene in ((-0.14, "city"), (0.14, "helsinki")):
-            times = _views(device, scene)
-            points += [(i + shift, *times[n]["time"], i) for i, n in enumerate(COMPARED)]
-        _dots(ax, _labels(COMPARED), points)
+            times = _read_triangulators(device, scene)
+            points += [(i + shift, *times[n]["time"], i) for i, n in enumerate(CHARTED)]
+        _plot_dots(ax, _short_labels(CHARTED), points)
     return figure
 
 
-def _views(device: str, scene: str) -> Any:
-    """Return the triangulators of a device's view of a scene at 1024 px."""
+def _read_triangulators(device: str, scene: str) -> Any:
+    """Return the metrics by triangulator of a scene at 1024 px on a device."""
     views = json_values(f"devices/{device}.json", "views.*")
     (view,) = (view for view in views if (view["scene"], view["resolution"]) == (scene, 1024))
     return view["triangulators"]
 
 
-def gpu() -> Figure:
-    """Draw times on a GPU at three sizes."""
+def plot_gpu() -> Figure:
+    """Plot draw times on a GPU at three resolutions."""
     title = (
         "draw time on an H200, ear clipping = 1; in each row 256 px above, then 1024 and 4096 px"
     )
-    figure, panels = _panels(_scenes("city", "glyphs"), title)
+    figure, panels = _make_panels(_scene_labels("city", "glyphs"), title)
     for scene, ax in panels.items():
         points = []
         for _, row in select(f"h200/gains-{scene}/summary.csv").iterrows():
-            if (name := row["triangulator"]) in COMPARED:
-                index = COMPARED.index(name)
+            if (name := row["triangulator"]) in CHARTED:
+                index = CHARTED.index(name)
                 shift = {256: -0.2, 1024: 0.0, 4096: 0.2}[row["resolution"]]
-                ends = row[["time_ratio", "time_ratio_low", "time_ratio_high"]]
-                points.append((index + shift, *ends, index))
-        _dots(ax, _labels(COMPARED), points)
+                interval = row[["time_ratio", "time_ratio_low", "time_ratio_high"]]
+                points.append((index + shift, *interval, index))
+        _plot_dots(ax, _short_labels(CHARTED), points)
     return figure
 
 
-def thin() -> Figure:
-    """Draw thin triangles' times on devices, at equal area."""
+def plot_thin() -> Figure:
+    """Plot the times of sliver triangles of equal area, by device."""
     profiles = {
         label: json_values(f"reference/profiles/{name}.json", "aspects.*")
         for name, label in LABELS["profile"].items()
@@ -143,7 +143,7 @@ def thin() -> Figure:
     }
     first = next(iter(profiles.values()))
     titles = {aspect["area"]: f"triangles of {aspect['area']} px^2" for aspect in first}
-    figure, panels = _panels(titles, "base relative to height")
+    figure, panels = _make_panels(titles, "base relative to height")
     for index, (ax, reference) in enumerate(zip(panels.values(), first, strict=True)):
         for label, aspects in profiles.items():
             ax.plot(aspects[index]["aspects"], aspects[index]["ratios"], label=label)
@@ -160,16 +160,16 @@ def thin() -> Figure:
 
 
 CHARTS: dict[str, Callable[[], Figure]] = {
-    "findings-choice": choice,
-    "findings-predicted": predicted,
-    "findings-regret": regret,
-    "findings-devices": devices,
-    "findings-gpu": gpu,
-    "devices-thin": thin,
+    "findings-choice": plot_choice,
+    "findings-predicted": plot_predicted,
+    "findings-regret": plot_regret,
+    "findings-devices": plot_devices,
+    "findings-gpu": plot_gpu,
+    "devices-thin": plot_thin,
 }
 
 
-def _panels(
+def _make_panels(
     titles: Mapping[K, str], unit: str, one_scale: bool = True
 ) -> tuple[Figure, dict[K, Axes]]:
     figure = Figure(figsize=(9.0, 2.9))
@@ -180,28 +180,31 @@ def _panels(
     return figure, dict(zip(titles, axes, strict=True))
 
 
-def _dots(
+def _plot_dots(
     ax: Axes,
     names: Sequence[str],
     points: Iterable[tuple[float, ...]],
-    one: float | None = 1.0,
+    reference: float | None = 1.0,
 ) -> None:
-    """Draw (row, value, low, high, kind) as marks with intervals."""
+    """Plot points (row, value, low, high, kind) with their intervals.
+
+    reference : position of a dashed vertical line, or None
+    """
     for row, value, low, high, kind in points:
-        look: Any = list(matplotlib.rcParams["axes.prop_cycle"])[int(kind)]
-        ax.errorbar(value, row, xerr=[[value - low], [high - value]], markersize=5, **look)
-    if one is not None:
-        ax.axvline(one, **FAINT)
+        line_style: Any = list(matplotlib.rcParams["axes.prop_cycle"])[int(kind)]
+        ax.errorbar(value, row, xerr=[[value - low], [high - value]], markersize=5, **line_style)
+    if reference is not None:
+        ax.axvline(reference, **FAINT)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.5, -0.5)
 
 
-def svg(draw: Callable[[], Figure]) -> str:
-    """Return a chart as the text of its file."""
+def render_svg(draw: Callable[[], Figure]) -> str:
+    """Return a chart as the text of an SVG file."""
     stream = io.StringIO()
     with style.context(Path(__file__).with_suffix(".mplstyle")):
         draw().savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
-    at = text.index("<defs>")
-    lines = (text[:at] + _DARK + "\n" + text[at:]).splitlines()
+    position = text.index("<defs>")
+    lines = (text[:position] + _DARK + "\n" + text[position:]).splitlines()
     return "\n".join(line.rstrip() for line in lines) + "\n"

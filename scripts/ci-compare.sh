@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Measures HEAD, compares it and writes every report, as action.yml and the GitLab example do. Ends
-# with the exit code of `raster-harness compare`.
+# Measure HEAD, compare it with a baseline and write all reports, for action.yml and the GitLab
+# example. The exit code is that of `raster-harness compare`.
 #
 #   scripts/ci-compare.sh BASELINE OUT [options of compare...] -- [options of run...]
 #
-# BASELINE    a folder that holds a run, or will; OUT  a folder for HEAD's run and the reports
+# BASELINE    folder of the baseline's run; OUT  folder for the run of HEAD and the reports
 # BESIDE=REF  compare with the commit REF of the current repository instead, measured in the same
-#             rounds as HEAD: only so can times be told from the machine's
-# KEEP=yes    afterwards HEAD becomes the baseline, as on the branch that others are compared with
+#             rounds as HEAD: only then is a change in time not due to the machine
+# KEEP=yes    make the run of HEAD the new baseline afterwards, e.g. on the main branch
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 python=${PYTHON:-$root/.venv/bin/python}
@@ -25,7 +25,7 @@ if [ -n "${BESIDE:-}" ]; then base=$out/head/base beside=(--beside "$BESIDE"); f
 
 rm -rf "$out/head"
 mkdir -p "$out"
-# 5: some cases failed, which the comparison names
+# Exit code 5: some cases failed; the comparison lists them.
 "$python" -m harness run --out "$out/head" --quiet "${beside[@]}" "$@" || [ $? = 5 ]
 code=0
 "$python" -m harness compare "$base" "$out/head" --allow-missing-baseline \

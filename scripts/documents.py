@@ -1,4 +1,4 @@
-"""Render the figures, tables, charts and generated parts of the documents; list what changed.
+"""Render the figures, tables, charts and generated parts of the documents; print changed files.
 
 .venv/bin/python scripts/documents.py
 """
@@ -10,12 +10,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from docs.figures import ROOT
 from docs.generate import filled, pages
-from scripts.charts import CHARTS, svg
+from scripts.charts import CHARTS, render_svg
 
 if __name__ == "__main__":
     files = {page: lambda page=page: filled(page.read_text(encoding="utf-8")) for page in pages()}
     images = ROOT / "docs" / "images"
-    files |= {images / f"{name}.svg": lambda draw=draw: svg(draw) for name, draw in CHARTS.items()}
+    files |= {
+        images / f"{name}.svg": lambda draw=draw: render_svg(draw) for name, draw in CHARTS.items()
+    }
     for file, text in files.items():
         try:
             rendered = text()

@@ -1,11 +1,11 @@
-"""Count what flips after ear clipping save: helper lanes and partial quads beside ear clipping's.
+"""Count helper lanes and partial quads of flips, relative to ear clipping.
 
     PYTHONPATH=. python scripts/flips_lanes.py --scenes city,glyphs --pixels 64,512,1024
 
-Each polygon is drawn alone, its larger side two pixels short of the viewport, its vertices snapped
-to 1/256 px, and counted by the exact reference. Prints a line of CSV for each scene, size and
-triangulator: both in ratio to ear clipping's, geometric means over polygons that it leaves a helper
-lane.
+Each polygon fills its own viewport except for two pixels along its larger side; its vertices are
+snapped to 1/256 px, and the exact reference counts. Print a line of CSV for each scene, size and
+triangulator: the geometric means of both ratios over the polygons where ear clipping has helper
+lanes.
 """
 
 import argparse
@@ -17,39 +17,40 @@ from harness.rasterisers.reference import predict
 from scenes import load
 from triangulators import triangulate_many, vertices
 
-USUAL = "ear-clipping"
-OTHERS = (
+BASELINE = "ear-clipping"
+CANDIDATES = (
     *("earcut-refine", "delaunay", "flips:beauty", "flips:l1", "flips:euclidean"),
     *("refined:half-perimeter", "optimal:half-perimeter"),
 )
-COUNTED = ("helper_lanes", "partial_quads")
+COUNTERS = ("helper_lanes", "partial_quads")
 
 
 def main() -> None:
-    """Count and print."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--scenes", default="city,helsinki,glyphs,cad,counties:level=state,counties"
     )
     parser.add_argument("--pixels", default="64,512,1024")
-    given = parser.parse_args()
-    print(f"scene,px,polygons,triangulator,{','.join(COUNTED)}")
-    for scene in given.scenes.split(","):
+    options = parser.parse_args()
+    print(f"scene,px,polygons,triangulator,{','.join(COUNTERS)}")
+    for scene in options.scenes.split(","):
         polygons = load(scene).polygons
-        for pixels in map(int, given.pixels.split(",")):
-            alone = [make_frame([each], View(pixels)).polygons for each in polygons]
-            drawn = [each[0] for each in alone if len(each)]
-            points = [np.rint(vertices(each) * 256.0).astype(np.int32) for each in drawn]
+        for pixels in map(int, options.pixels.split(",")):
+            frames = [make_frame([polygon], View(pixels)).polygons for polygon in polygons]
+            shapes = [frame[0] for frame in frames if len(frame)]
+            points = [np.rint(vertices(shape) * 256.0).astype(np.int32) for shape in shapes]
             counts = {}
-            for name in (USUAL, *OTHERS):
-                ways = zip(points, triangulate_many(drawn, name), strict=True)
-                found = [predict(*way) for way in ways]
-                counts[name] = np.array([[each[c].sum() for c in COUNTED] for each in found], float)
-            some = counts[USUAL][:, 0] > 0
-            for name in OTHERS:
-                ratios = np.maximum(counts[name][some], 1) / counts[USUAL][some]
+            for name in (BASELINE, *CANDIDATES):
+                pairs = zip(points, triangulate_many(shapes, name), strict=True)
+                predictions = [predict(*pair) for pair in pairs]
+                sums = [[counted[c].sum() for c in COUNTERS] for counted in predictions]
+                counts[name] = np.array(sums, float)
+            has_helpers = counts[BASELINE][:, 0] > 0
+            for name in CANDIDATES:
+                ratios = np.maximum(counts[name][has_helpers], 1) / counts[BASELINE][has_helpers]
                 means = ",".join(f"{mean:.6f}" for mean in np.exp(np.log(ratios).mean(axis=0)))
-                print(f"{scene},{pixels},{some.sum()},{name},{means}", flush=True)
+                print(f"{scene},{pixels},{has_helpers.sum()},{name},{means}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Time flips beside the ear clipping that they follow, in Python, JavaScript and C++.
+"""Time flips and the ear clipping before them, in Python, JavaScript and C++.
 
     PYTHONPATH=. python scripts/flips_times.py --earcut-hpp FOLDER
 
-FOLDER holds mapbox/earcut.hpp, which mapbox_earcut's source package brings; without it, C++ is not
-timed. Prints a line of CSV for each scene, language and candidate: the least of several rounds, in
-which a language's candidates follow each other, in ms for all polygons of a scene at 1024 px. What
-JavaScript flips are npm earcut's triangles, what C++ flips earcut.hpp's. Needs a quiet machine, but
-for ratios of C++: its times are the processor's.
+FOLDER holds mapbox/earcut.hpp, from the source package of mapbox_earcut; without FOLDER, C++ is not
+timed. Print a line of CSV for each scene, language and candidate: the minimum over several rounds,
+in ms for all polygons of a scene at 1024 px. In a round the candidates of a language follow each
+other. JavaScript flips the triangles of npm's earcut, C++ those of earcut.hpp. Needs a quiet
+machine, except for ratios of C++, which measures CPU time.
 """
 
 import argparse
@@ -32,33 +32,33 @@ from triangulators.polygon_arrays import PolygonArray
 SCENES = ("city", "glyphs", "counties:level=state", "counties")
 
 
-def in_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) -> None:
-    """Print the rows of Python; rings: (points, ring ends) of each polygon."""
+def time_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) -> None:
+    """Print the rows of Python; rings: (points, ring ends) for each polygon."""
     arrays = PolygonArray.from_shapely(polygons)
     candidates: dict[str, Callable[[], Any]] = {
-        "earcut": lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
-        "with flips": lambda: [triangulate_float64(*each) for each in rings],
+        "earcut": lambda: [mapbox_earcut.triangulate_float64(*polygon) for polygon in rings],
+        "with flips": lambda: [triangulate_float64(*polygon) for polygon in rings],
         "batch with flips": lambda: triangulate_many(arrays, "flips:l1"),
     }
-    best = dict.fromkeys(candidates, float("inf"))
+    minima = dict.fromkeys(candidates, float("inf"))
     for _ in range(rounds):
         for name, candidate in candidates.items():
             start = time.perf_counter()
             candidate()
-            best[name] = min(best[name], (time.perf_counter() - start) * 1e3)
-    show(scene, "Python", best)
+            minima[name] = min(minima[name], (time.perf_counter() - start) * 1e3)
+    print_rows(scene, "Python", minima)
 
 
-def show(scene: str, language: str, times: dict[str, float]) -> None:
+def print_rows(scene: str, language: str, times: dict[str, float]) -> None:
     """Print a row for each candidate."""
     for name, ms in times.items():
         print(f"{scene},{language},{name},{ms:.3f}", flush=True)
 
 
-def in_another(scene: str, language: str, command: list[str]) -> None:
+def time_program(scene: str, language: str, command: list[str]) -> None:
     """Print the rows of a program that prints its times in ms as one JSON object."""
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    show(scene, language, json.loads(done.stdout))
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    print_rows(scene, language, json.loads(process.stdout))
 
 
 def main() -> None:
@@ -68,27 +68,27 @@ def main() -> None:
     parser.add_argument("--scenes", default=",".join(SCENES))
     parser.add_argument("--languages", default="Python,JavaScript,C++")
     parser.add_argument("--rounds", type=int, default=9)
-    given = parser.parse_args()
+    options = parser.parse_args()
     node, compilers, earcut = languages.node(), languages.compilers(), languages.earcut()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         program = folder / "times"
-        if given.earcut_hpp and compilers and "C++" in given.languages:
-            flags = ["-std=c++17", "-O2", f"-I{given.earcut_hpp}"]
+        if options.earcut_hpp and compilers and "C++" in options.languages:
+            flags = ["-std=c++17", "-O2", f"-I{options.earcut_hpp}"]
             source = str(HERE / "times.cpp")
             subprocess.run([*compilers[0], *flags, source, "-o", str(program)], check=True)
         print("scene,language,candidate,ms")
-        for scene in given.scenes.split(","):
+        for scene in options.scenes.split(","):
             polygons = make_frame(load(scene).polygons, View(1024)).polygons
             rings = [earcut_rings(polygon) for polygon in polygons]
-            if "Python" in given.languages:
-                in_python(scene, polygons, rings, given.rounds)
+            if "Python" in options.languages:
+                time_python(scene, polygons, rings, options.rounds)
             Cases.of(rings).write(folder, [ends for _, ends in rings])
-            if node and earcut and "JavaScript" in given.languages:
-                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(given.rounds)]
-                in_another(scene, "JavaScript", script)
+            if node and earcut and "JavaScript" in options.languages:
+                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(options.rounds)]
+                time_program(scene, "JavaScript", script)
             if program.exists():
-                in_another(scene, "C++", [str(program), name, str(given.rounds)])
+                time_program(scene, "C++", [str(program), name, str(options.rounds)])
 
 
 if __name__ == "__main__":

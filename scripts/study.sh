@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# The studies behind docs/findings.md, each into results/reference/<device>/. More than an hour on
-# a quiet machine; a study that is there already is kept, so an interrupted call goes on where it
-# was. `scripts/study.sh gains` makes those alone whose folder has "gains" in its name;
-# `scripts/study.sh "" FOLDER` writes elsewhere, so that the commit stays clean while it measures.
-# What is timed comes first; the last three parts only count, and need no quiet machine.
+# Run the studies behind docs/findings.md into results/reference/<device>/. They take more than an
+# hour on a quiet machine; complete studies are retained, so the same call resumes an interrupted
+# one. `scripts/study.sh gains` runs only the studies with "gains" in the name of their folder.
+# `scripts/study.sh "" FOLDER` writes to FOLDER, so that the working tree stays clean. Timed studies
+# come first; the last three parts only count and do not need a quiet machine.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=(.venv/bin/python)
@@ -11,7 +11,7 @@ harness=("${python[@]}" -m harness)
 only=${1:-}
 to=${2:-results/reference}
 
-once() { # folder, then the command that makes it
+once() { # folder, command that writes it
     [[ "$1" == *"$only"* ]] || return 0
     [ -e "$1/correlations.csv" ] || [ -e "$1/summary.csv" ] || [ -e "$1/pareto.csv" ] && return
     printf "\n== %s %s\n" "$1" "$(date +%T)"
@@ -20,20 +20,20 @@ once() { # folder, then the command that makes it
     [[ "$1" != */regret-* ]] || "${python[@]}" scripts/studies/trim_regret.py "$1"
 }
 
-few() { # scene, polygons: fewer where all have hundreds of vertices
+few() { # scene, polygons: fewer for counties, which have hundreds of vertices
     if [ "$1" = counties ]; then echo 8; else echo "$2"; fi
 }
-many() { # scene: more where one polygon of a few decides
+many() { # scene: more where one of few polygons would dominate
     case "$1" in counties) echo 8 ;; glyphs) echo 24 ;; *) echo 96 ;; esac
 }
 
-# What optimal:calibrated minimises.
+# The profile with the coefficients for optimal:calibrated.
 profile=results/reference/profiles/opengl-llvmpipe.json
 
-# The README's table.
+# Table in the README.
 once $to/llvmpipe/city "${harness[@]}" run --scene city --device llvmpipe
 
-# What does the choice buy? As each triangulator gives its triangles, and all in one kind of order.
+# Gain from the choice of a triangulator, in native order.
 peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:beauty,flips:l1,refined
 peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
@@ -42,7 +42,7 @@ for scene in city helsinki glyphs counties; do
         --budget $([ $scene = counties ] && echo 3 || echo 1) # one draw takes 20 ms and more
 done
 
-# What do flips after ear clipping buy, and when do they pay?
+# Gain and break-even of flips after ear clipping.
 for scene in city helsinki glyphs counties:level=state counties; do
     name=flips-${scene#counties:level=}
     once $to/llvmpipe/$name "${harness[@]}" run --scene $scene \
@@ -53,7 +53,7 @@ for scene in city helsinki glyphs counties:level=state counties; do
         ear-clipping,earcut-refine,flips:beauty,flips:l1,refined
 done
 
-# Does a criterion predict what was measured? Twice: the second study must say the same.
+# Accuracy of criteria, twice, to check that results repeat.
 for name in validate-city validate-city-again; do
     once $to/llvmpipe/$name "${harness[@]}" study validate --scene city --resolution 512 \
         --rasterisers opengl,bounding-box,scanline --device llvmpipe --budget 0.05
@@ -65,7 +65,8 @@ done
 once $to/osmesa/validate-paper "${harness[@]}" study validate --scene paper --resolution 512 \
     --rasterisers osmesa,pyrender --device osmesa
 
-# Rotation, of triangulations made at 0 degrees and anew; arithmetic a fragment and samples a pixel.
+# Rotation, with triangulations made at 0 degrees (@0) or at each angle; fragment arithmetic and
+# samples per pixel.
 once $to/llvmpipe/gains-rotation "${harness[@]}" run --scene city --device llvmpipe \
     --resolution 512 --fit circle --budget 0.4 \
     --rotation 0,5,10,15,20,25,30,35,40,45,50,55,60,65,70,75,80,85,90 --triangulators \
@@ -77,7 +78,7 @@ for scene in helsinki glyphs; do
         --resolution 256,1024 --triangulators $peers --profile $profile --budget 1 --order walk
 done
 
-# What an order gains and what diagonals gain; break-even, too.
+# Gain from the order of triangles and from diagonals, with break-even.
 some=ear-clipping,delaunay,greedy,refined,optimal:overdraw,optimal:expected-quads
 some+=,optimal:half-perimeter
 for scene in city helsinki glyphs counties; do
@@ -92,7 +93,7 @@ fi
 once $to/llvmpipe/gains-glyphs-shuffled "${harness[@]}" run --scene glyphs --device llvmpipe \
     --resolution 256 --triangulators $peers --profile $profile --budget 1 --order shuffled
 
-# What it buys elsewhere.
+# Gain on other devices.
 once $to/llvmpipe/gains-city-boxes "${harness[@]}" run --scene city --device llvmpipe \
     --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --profile $profile --budget 0.5
 once $to/zink/gains-city "${harness[@]}" run --scene city --device zink \
@@ -102,8 +103,8 @@ once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
     --rasterisers osmesa --resolution 256,1024 --triangulators $peers --budget 0.5 \
     --profile $profile
 
-# The same triangulations on every device, and a summary of each run (SwiftShader's is made by the
-# page in Chromium: scripts/in_chromium.py).
+# The same triangulations on every device, with a summary of each run (SwiftShader is measured by
+# the page in Chromium: scripts/in_chromium.py).
 devices() { # rasteriser, device, name of the summary
     [[ devices == *"$only"* ]] && [ ! -e "$to/devices/$3.json" ] || return 0
     mkdir -p "$to/devices"
@@ -134,7 +135,7 @@ for scene in paper city; do
         --rasterisers opengl,bounding-box --device llvmpipe --budget 0.3
 done
 
-# What trusting a criterion costs, timed on two devices.
+# Regret of criteria, timed on two devices.
 for scene in city helsinki glyphs counties; do
     for device in llvmpipe zink; do
         once $to/$device/regret-$scene "${harness[@]}" study validate --scene $scene --work 0 \
@@ -150,19 +151,19 @@ if [[ validate-city-again == *"$only"* ]]; then
     "${python[@]}" -m scripts.repeated_runs $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
 fi
 
-# The same, counted on the CPU reference.
+# Regret of criteria, counted by the CPU reference.
 for scene in city helsinki glyphs counties; do
     once $to/cpu/regret-$scene "${harness[@]}" study validate --scene $scene --work 0 \
         --rasterisers reference --resolution 256,1024 --polygons $(many $scene) --budget 0.004
 done
 
-# H depends on the size at which slivers are drawn; counters of the CPU reference show how.
+# Accuracy of H by resolution, counted by the CPU reference; it depends on the size of slivers.
 for scene in city helsinki; do
     once $to/cpu/validate-$scene-sizes "${harness[@]}" study validate --scene $scene --work 0 \
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done
 
-# Helper lanes that flips save, on every data set.
+# Savings of helper lanes by flips, on all data sets.
 if [[ flips-lanes == *"$only"* ]] && [ ! -e $to/flips-lanes.csv ]; then
     PYTHONPATH=. "${python[@]}" scripts/flips_lanes.py >$to/flips-lanes.csv
 fi

@@ -1,8 +1,8 @@
-"""Machines on which drawings are timed together, made up so that the truth is known.
+"""Simulated machines on which drawings with known true times are timed together.
 
-Each machine says what it does to the rounds of a run: what all drawings of a round are lengthened
-by, (rounds,), and the seconds that each drawing's sample waited for a core, (drawings, rounds).
-`timed` makes a run's records of it.
+A machine is a function that returns its effect on the rounds of a run: the factors by which all
+drawings of a round are slowed down, (rounds,), and the seconds that the sample of each drawing
+waited for a core, (drawings, rounds). `simulate_records` returns the records of such a run.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,66 +20,69 @@ EPOCHS, ROUNDS = 6, 72
 DRAW_S = 2e-3
 
 
-def quiet(_: np.random.Generator, drawings: int) -> tuple[Values, Values]:
-    """Nothing else runs."""
+def simulate_quiet(_: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+    """Simulate a machine without other programs."""
     return np.ones(ROUNDS), np.zeros((drawings, ROUNDS))
 
 
-def sliced(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
-    """Other programs take the core between a scheduler's slices: a third of all samples waits."""
+def simulate_time_slices(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+    """Simulate other programs that share the core in time slices: a third of all samples waits."""
     waited = np.where(rng.random((drawings, ROUNDS)) < 1 / 3, 4e-3 * rng.integers(1, 4), 0.0)
     return np.ones(ROUNDS), waited
 
 
-def two_speeds(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
-    """A neighbour on the core comes and goes, for some rounds at a time."""
+def simulate_two_speeds(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+    """Simulate a neighbour on the core that is active for some rounds at a time."""
     slower = np.repeat(rng.random(ROUNDS // 4) < 0.5, 4)
     return np.where(slower, 1.4, 1.0), np.zeros((drawings, ROUNDS))
 
 
-def switched(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
-    """Loops are switched on midway: slices, and a slower core."""
-    late = np.arange(ROUNDS) >= rng.integers(ROUNDS // 4, 3 * ROUNDS // 4)
-    waited = np.where(late & (rng.random((drawings, ROUNDS)) < 0.4), 8e-3, 0.0)
-    return np.where(late, 1.2, 1.0), waited
+def simulate_late_load(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+    """Simulate endless loops that start midway: waits, and a slower core."""
+    loaded = np.arange(ROUNDS) >= rng.integers(ROUNDS // 4, 3 * ROUNDS // 4)
+    waited = np.where(loaded & (rng.random((drawings, ROUNDS)) < 0.4), 8e-3, 0.0)
+    return np.where(loaded, 1.2, 1.0), waited
 
 
-def heavy(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
-    """Some rounds take many times as long, for all drawings."""
+def simulate_heavy_tails(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+    """Simulate rounds that take many times as long for all drawings."""
     longer = (rng.random(ROUNDS) < 0.05) * rng.pareto(1.2, ROUNDS)
     return 1 + longer, np.zeros((drawings, ROUNDS))
 
 
 MACHINES: dict[str, Machine] = {
-    "quiet": quiet,
-    "slices": sliced,
-    "two speeds": two_speeds,
-    "loops from midway": switched,
-    "heavy tails": heavy,
+    "quiet": simulate_quiet,
+    "slices": simulate_time_slices,
+    "two speeds": simulate_two_speeds,
+    "loops from midway": simulate_late_load,
+    "heavy tails": simulate_heavy_tails,
 }
 
 
-def timed(
+def simulate_records(
     rng: np.random.Generator, machine: Machine, factors: Sequence[float], tail: bool = False
 ) -> list[Record]:
-    """Return records of drawings that take `factors` times the first one's time, timed together.
+    """Return records of drawings timed together, whose true times are `factors` times `DRAW_S`.
 
-    Where its buffers lie moves a drawing by 0.2 % an epoch, its process by 0.3 % against another,
-    a sample scatters by 1 %; one that waited finds its caches cold, and takes up to a tenth longer.
+    Standard deviations are 0.2 % between epochs (position of the buffers in memory), 0.3 % between
+    processes and 1 % between samples. A sample that waited has cold caches and takes up to 10 %
+    longer.
 
-    tail : some samples of one drawing alone take many times as long, too
+    tail : also let some samples of single drawings take many times as long
     """
     shared, waited = machine(rng, len(factors))
     records = []
-    place = np.exp(0.002 * rng.standard_normal((len(factors), EPOCHS)))
-    process = np.exp(0.003 / np.sqrt(2) * rng.standard_normal(len(factors)))
+    epoch_factors = np.exp(0.002 * rng.standard_normal((len(factors), EPOCHS)))
+    process_factors = np.exp(0.003 / np.sqrt(2) * rng.standard_normal(len(factors)))
     for number, factor in enumerate(factors):
-        own = np.repeat(place[number], ROUNDS // EPOCHS) * process[number]
+        drawing_factors = (
+            np.repeat(epoch_factors[number], ROUNDS // EPOCHS) * process_factors[number]
+        )
         noise = np.exp(0.01 * rng.standard_normal(ROUNDS))
         if tail:
             noise *= 1 + (rng.random(ROUNDS) < 0.05) * rng.pareto(1.5, ROUNDS)
         cold = np.where(waited[number] > 0, 1 + 0.1 * rng.random(ROUNDS), 1.0)
-        samples = DRAW_S * factor * shared * own * noise * cold
+        samples = DRAW_S * factor * shared * drawing_factors * noise * cold
         times = {
             "timer": "cpu",
             "samples_s": samples.tolist(),

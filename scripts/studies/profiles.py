@@ -1,27 +1,28 @@
-"""Is a profile's law right? Polygons that it has not seen, drawn on its device.
+"""Test the law of a profile on its device with polygons that it was not fitted to.
 
     PYTHONPATH=. python scripts/studies/profiles.py PROFILE.json... [--out FOLDER]
         [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--budget 0.1] [--seed 0]
         [--refit]
 
-With `--refit` nothing is drawn: the law of each profile is fitted anew to the times that it holds,
-with today's terms, and its file is written anew.
+With `--refit` nothing is drawn: the law of each profile is fitted again to the stored times with
+the current terms, and the file is rewritten.
 
-Of each scene, 24 polygons are drawn by ten triangulators, by optimal:calibrated with the profile's
-coefficients, and by six random ones, timed together group by group. Writes <profile>-judged.csv
-beside the others: of each scene
+24 polygons of each scene are drawn with ten triangulators, with optimal:calibrated and the
+coefficients of the profile, and with six random triangulations, timed together in groups. Writes
+<profile>-judged.csv to the folder of the profile or to FOLDER. Columns for each scene:
 
-law_over, law_within : R2 of log time as the profile's law and exact counters predict it, over all
-    draws and within polygons, with this session's own draw of nothing (it depends on the viewport),
-    and one factor for how fast the machine was in ratio to the profile's session
-r2_over, r2_within : the same of the profile's coefficients, which optimal:calibrated minimises, and
-    of criteria alone; `speed` is that factor
-r2_most : what r2_within would be if only noise were left, by how the two halves of the rounds agree
+law_over, law_within : R2 of log time predicted by the law of the profile from exact counters, over
+    all draws and within polygons, with the time of an empty draw in this session (it depends on the
+    viewport) and a common factor for the speed of the machine relative to the session of the
+    profile
+r2_over, r2_within : the same for the prediction by criteria with the coefficients of the profile,
+    which optimal:calibrated minimises; `speed` is the common factor
+r2_max : upper bound of r2_within due to noise, from the correlation of the two halves of the rounds
     (C. Spearman and W. Brown, 1910)
-regret, low, high : what a triangulator costs above the best of all but the random ones, mean
-    over polygons, with its 95 % interval; `advice` is the one that the profile names
-above, above_low, above_high : mean over polygons of its time above that of the best of H, Q and A,
-    which is chosen here, after the fact, with its 95 % interval
+regret, low, high : extra time of a triangulator over the fastest except the random ones, mean over
+    polygons with its 95 % interval; `advice` is 1 for the triangulator that the profile recommends
+above, above_low, above_high : extra time over the best of H, Q and A, chosen afterwards, mean over
+    polygons with its 95 % interval
 """
 
 import argparse
@@ -55,39 +56,39 @@ from harness.study.regret import regret_ends, regret_interval
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
 from harness.workers.worker import Worker
-from scripts.studies.laws import drawn
+from scripts.studies.laws import recreate_draws
 
 Draw = tuple[Frame, NDArray[np.int32]]
 
-GROUP = 24
-"""Draws timed together: enough to interleave, few enough for many rounds."""
+MAX_GROUP_DRAWS = 24
+"""Max number of draws timed together: enough to interleave, few enough for many rounds."""
 
 HALVES = ["first", "second"]
 
-OWN = "optimal:calibrated"
-TEN = (
+CALIBRATED = "optimal:calibrated"
+TRIANGULATORS = (
     *("ear-clipping", "earcut-refine", "delaunay", "sweep", "greedy", "refined:half-perimeter"),
     *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw"),
     "optimal:edge-length",
 )
 RANDOM = tuple(f"random#{number}" for number in range(6))
-CHOICES = ("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw")
-"""The best for H, for Q and for A."""
+OPTIMA = ("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw")
+"""The optimal triangulations for H, Q and A."""
 
-ALWAYS = (*CHOICES, "earcut-refine", OWN)
-"""Triangulators whose regret is told: as if always taken."""
+JUDGED = (*OPTIMA, "earcut-refine", CALIBRATED)
+"""Triangulators whose regret is reported."""
 
-ABOVE = ("above", "above_low", "above_high")
+EXCESS_COLUMNS = ("above", "above_low", "above_high")
 
 COLUMNS = (
     *("scene", "resolution", "polygons", "draws", "law_over", "law_within"),
-    *("r2_over", "r2_within", "r2_most", "speed"),
-    *("triangulator", "advice", "regret", "low", "high", *ABOVE),
+    *("r2_over", "r2_within", "r2_max", "speed"),
+    *("triangulator", "advice", "regret", "low", "high", *EXCESS_COLUMNS),
 )
 
 
 def main() -> None:
-    """Judge each profile."""
+    """Test or refit each profile."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("profiles", type=Path, nargs="+")
     parser.add_argument("--out", type=Path)
@@ -96,75 +97,75 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--refit", action="store_true")
-    given = parser.parse_args()
-    for file in given.profiles:
+    options = parser.parse_args()
+    for file in options.profiles:
         profile = json.loads(file.read_text())
-        if given.refit:
+        if options.refit:
             file.unlink()
-            print(
-                profiles.keep(refitted(profile), file.with_name(file.name.replace(".refused", "")))
-            )
+            print(profiles.keep(refit(profile), file.with_name(file.name.replace(".refused", ""))))
             continue
-        out = (given.out or file.parent) / f"{file.stem}-judged.csv"
+        out = (options.out or file.parent) / f"{file.stem}-judged.csv"
         with out.open("w", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
             table.writeheader()
-            for scene in given.scenes.split(","):
-                for row in judged(profile, scene, given):
+            for scene in options.scenes.split(","):
+                for row in judge_scene(profile, scene, options):
                     table.writerow(row)
                     print(",".join(str(value) for value in row.values()), flush=True)
 
 
-def refitted(profile: dict[str, Any]) -> dict[str, Any]:
-    """Return a profile as its times tell it by today's terms; its advice stays as it is."""
-    draws, told = drawn(profile)
-    found = Measured(
-        epochs=np.array([each["epochs"] for each in told]).T,
+def refit(profile: dict[str, Any]) -> dict[str, Any]:
+    """Return a profile fitted to its stored times with the current terms, with the same advice."""
+    draws, stored = recreate_draws(profile)
+    times = Measured(
+        epochs=np.array([row["epochs"] for row in stored]).T,
         drift=profile["drift"],
         empty=profile["empty"],
         control=Ratio(*profile["control"], rounds=0),
         rounds=profile["rounds"],
     )
     counted = [counters(draw) for draw in draws]
-    about = profile["device"], profile["seed"]
-    content = profiles.profile(draws, counted, found, *about)
+    device_and_seed = profile["device"], profile["seed"]
+    content = profiles.profile(draws, counted, times, *device_and_seed)
     content["advice"] = profile.get("advice")
-    content["refused"] = content["refused"] or bool(found.trouble)
+    content["refused"] = content["refused"] or bool(times.trouble)
     return {name: content[name] for name in profile}
 
 
-def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> Iterator[Any]:
-    """Yield a row of `COLUMNS` for each of `ALWAYS`."""
+def judge_scene(profile: dict[str, Any], scene: str, options: argparse.Namespace) -> Iterator[Any]:
+    """Yield a row of `COLUMNS` for each of `JUDGED`."""
     device = profile["device"]
     kind = device["rasteriser"]
     backend = Backend(kind, rasterisers.find_device(kind, device["name"]))
     pool = MeasuringPool(Worker, timeout_s=600)
     try:
-        draws, polygons, ways = held_out(pool, scene, given, profile["coefficients"])
-        table, empty = timed(backend, pool, given.budget, draws, polygons)
+        draws, polygons, triangulators = triangulate_polygons(
+            pool, scene, options, profile["coefficients"]
+        )
+        table, empty = time_draws(backend, pool, options.budget, draws, polygons)
     finally:
         pool.close()
-    table = table.assign(polygon=polygons, triangulator=ways)
+    table = table.assign(polygon=polygons, triangulator=triangulators)
     seconds = table["seconds"].to_numpy()
     cost = costs_of(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
-    by_law, _ = as_predicted(seconds, empty, law_of(profile, draws))
-    predicted, speed = as_predicted(seconds, empty, cost)
+    by_law, _ = scale_prediction(seconds, empty, predict_by_law(profile, draws))
+    predicted, speed = scale_prediction(seconds, empty, cost)
     common = {
         "scene": scene,
-        "resolution": given.resolution,
+        "resolution": options.resolution,
         "polygons": table["polygon"].nunique(),
         "draws": len(draws),
-        **explained("law", seconds, by_law, polygons),
-        **explained("r2", seconds, predicted, polygons),
-        "r2_most": f"{reliability(table):.4f}",
+        **format_r_squared("law", seconds, by_law, polygons),
+        **format_r_squared("r2", seconds, predicted, polygons),
+        "r2_max": f"{reliability(table):.4f}",
         "speed": f"{speed:.3f}",
     }
     advice = profile["advice"]["triangulator"] if profile.get("advice") else ""
-    each = table.assign(log=np.log(table[HALVES]).mean(axis=1))
-    logs = each.pivot(index="polygon", columns="triangulator", values="log")
-    best = logs[list(CHOICES)].mean().idxmin()
+    with_logs = table.assign(log=np.log(table[HALVES]).mean(axis=1))
+    logs = with_logs.pivot(index="polygon", columns="triangulator", values="log")
+    best = logs[list(OPTIMA)].mean().idxmin()
     rivals = table[~table["triangulator"].str.startswith("random")].groupby("polygon")
-    for name in ALWAYS:
+    for name in JUDGED:
         ends = [
             regret_ends(rows[HALVES].to_numpy(), rows["triangulator"].tolist().index(name))
             for _, rows in rivals
@@ -173,11 +174,11 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
         below, above = np.array(ends).T
         low, high = regret_interval(below, above)
         mean = max(0.0, float((below + above).mean() / 2))
-        apart = (logs[name] - logs[best]).to_numpy()
-        # None is apart from itself.
-        interval = mean_interval(apart) if apart.any() else (0.0, 0.0)
+        differences = (logs[name] - logs[best]).to_numpy()
+        # The interval of a triangulator compared with itself has no width.
+        interval = mean_interval(differences) if differences.any() else (0.0, 0.0)
         shares = {"regret": mean, "low": low, "high": high}
-        shares |= dict(zip(ABOVE, np.expm1([apart.mean(), *interval]), strict=True))
+        shares |= dict(zip(EXCESS_COLUMNS, np.expm1([differences.mean(), *interval]), strict=True))
         yield {
             **common,
             "triangulator": name,
@@ -186,38 +187,38 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
         }
 
 
-def held_out(
-    pool: MeasuringPool, scene: str, given: argparse.Namespace, coefficients: Mapping[str, float]
+def triangulate_polygons(
+    pool: MeasuringPool, scene: str, options: argparse.Namespace, coefficients: Mapping[str, float]
 ) -> tuple[list[Draw], list[str], list[str]]:
-    """Return draws of polygons by several triangulators, and each draw's polygon and triangulator.
+    """Return draws of polygons by several triangulators, and the polygon and triangulator of each.
 
     coefficients : the costs that optimal:calibrated minimises
     """
     draws: list[Draw] = []
     polygons: list[str] = []
-    ways: list[str] = []
-    loaded = load_scene(scene, given.seed, Reporter(quiet=True))
-    for number, alone in choose_polygons(loaded, StudySize(polygons=24)):
-        frame = make_frame(alone.polygons, View(given.resolution))
-        for name in (*TEN, OWN, *RANDOM):
-            recipe = parse(name, seed=given.seed, calibration=coefficients)
+    triangulators: list[str] = []
+    loaded = load_scene(scene, options.seed, Reporter(quiet=True))
+    for number, subject in choose_polygons(loaded, StudySize(polygons=24)):
+        frame = make_frame(subject.polygons, View(options.resolution))
+        for name in (*TRIANGULATORS, CALIBRATED, *RANDOM):
+            recipe = parse(name, seed=options.seed, calibration=coefficients)
             parts = pool.triangulate(recipe, frame.polygons).parts
             if all(part is not None for part in parts):
                 draws.append((frame, frame.join(parts)))
                 polygons.append(str(number))
-                ways.append(name)
-    return draws, polygons, ways
+                triangulators.append(name)
+    return draws, polygons, triangulators
 
 
-def timed(
+def time_draws(
     backend: Backend, pool: MeasuringPool, budget_s: float, draws: list[Draw], polygons: list[str]
 ) -> tuple[pd.DataFrame, float]:
-    """Time draws in groups, each together with the reference draw; return those of an empty one.
+    """Time draws in groups with the reference draw; return a row per draw and the empty time.
 
-    The ratio to it removes the machine's speed, which may change from minute to minute, but not
-    what a machine's state does to one drawing more than to another. So those of one polygon, which
-    will be compared, are drawn in the same rounds. A row a draw: seconds, and the ratios of
-    `HALVES`, either half of the rounds. Raises `NothingMeasuredError` if the device fails.
+    The ratio to the reference draw removes the speed of the machine, which may change from minute
+    to minute, but not effects that differ between drawings. So the draws of a polygon, which are
+    compared, are timed in the same rounds. Columns: seconds, and the ratios in either half of the
+    rounds (`HALVES`). Raises `NothingMeasuredError` if the device fails.
     """
     options = Options(order="walk")
     settings = TimingSettings(
@@ -244,52 +245,52 @@ def timed(
 
 
 def _groups(names: Sequence[str]) -> Iterator[list[int]]:
-    """Yield places of draws, those of one name together: as many as are timed at once.
+    """Yield groups of indices of draws to time together, where equal names share a group.
 
-    Names come in any order. Small and large draws share a group, so that a slow minute touches all
+    Names are in any order. Groups mix small and large draws, so that a slow minute affects all
     kinds alike.
     """
     labels = np.unique(np.asarray(names), return_inverse=True)[1]
     members: list[int] = []
     for label in np.random.default_rng(0).permutation(labels.max(initial=-1) + 1):
-        own = np.flatnonzero(labels == label).tolist()
-        if members and len(members) + len(own) > GROUP:
+        indices = np.flatnonzero(labels == label).tolist()
+        if members and len(members) + len(indices) > MAX_GROUP_DRAWS:
             yield members
             members = []
-        members += own
+        members += indices
     if members:
         yield members
 
 
 def _halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
-    """Return the medians of either half of the rounds.
+    """Return the medians of the two halves of the rounds.
 
-    Every other epoch, if there are several: drawings lie elsewhere in memory in each, which no
-    number of rounds averages out.
+    With several epochs, the halves are the even and the odd epochs: positions in memory change
+    between epochs, an effect that more rounds do not average out.
     """
-    several = len(epochs) > 1 and sum(epochs) == len(rounds)
-    numbers = np.repeat(np.arange(len(epochs)), epochs) if several else np.arange(len(rounds))
+    has_epochs = len(epochs) > 1 and sum(epochs) == len(rounds)
+    numbers = np.repeat(np.arange(len(epochs)), epochs) if has_epochs else np.arange(len(rounds))
     return [float(np.median(rounds[numbers % 2 == half])) for half in range(2)]
 
 
-def law_of(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
-    """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
-    each = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
+def predict_by_law(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
+    """Return the seconds of draws by the law of a profile from exact counters, without `draw`."""
+    costs = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
-    moved = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
-    rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in moved])
-    return np.asarray(rows @ np.array([each[name] for name in TERMS]))
+    snapped = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
+    rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in snapped])
+    return np.asarray(rows @ np.array([costs[name] for name in TERMS]))
 
 
-def as_predicted(
+def scale_prediction(
     seconds: NDArray[np.float64], empty: float, cost: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Return what this session's draws should take, and its speed in ratio to the profile's."""
+    """Return the predicted times in this session, and its speed relative to the profile's."""
     speed = float(np.median((seconds - empty) / cost))
     return empty + speed * cost, speed
 
 
-def explained(
+def format_r_squared(
     name: str, seconds: NDArray[np.float64], predicted: NDArray[np.float64], polygons: list[str]
 ) -> dict[str, str]:
     """Return R2 of log time over all draws and within polygons, as columns."""
@@ -299,11 +300,11 @@ def explained(
 
 
 def reliability(table: pd.DataFrame) -> float:
-    """Return which share of the variance within polygons is not noise."""
+    """Return the share of the variance within polygons that is not noise."""
     logs = np.log(table[HALVES])
     centred = logs - logs.groupby(table["polygon"]).transform("mean")
-    agree = float(np.corrcoef(centred.T)[0, 1])
-    return 2.0 * agree / (1.0 + agree)
+    correlation = float(np.corrcoef(centred.T)[0, 1])
+    return 2.0 * correlation / (1.0 + correlation)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from docs.figures import INLINE, ROOT, format_value, render, without_comments
 from docs.generate import filled, pages
 from docs.results import csv, gain, select
 from harness.study import replication
-from scripts.charts import CHARTS, svg
+from scripts.charts import CHARTS, render_svg
 
 TABLE = """<!-- table
 rows triangulator=delaunay,H
@@ -83,7 +83,7 @@ def test_a_figure_that_cannot_be_computed_is_named(text, message):
 
 @pytest.mark.parametrize("name", sorted(CHARTS))
 def test_charts_are_up_to_date(name):
-    assert (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8") == svg(
+    assert (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8") == render_svg(
         CHARTS[name]
     )
 

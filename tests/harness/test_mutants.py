@@ -1,8 +1,8 @@
-"""Which changes of code are tried, and which no result can tell."""
+"""Changes of code that mutation testing tries, and equivalent changes that it skips."""
 
 import pytest
 
-from scripts.mutate import EQUIVALENT, ROOT, changes, equivalent, files
+from scripts.mutate import EQUIVALENT_CHANGES, ROOT, find_changes, find_reason, list_files
 
 CODE = '''
 MOST = 3
@@ -15,33 +15,34 @@ def least(values: list[int], most: int = 4) -> int:
 '''
 
 
-def test_tokens_of_statements_are_changed_one_at_a_time():
-    found = [str(change) for change in changes("a.py", CODE)]
-    assert found == [
-        "a.py:6: not becomes (nothing)",
-        "a.py:8: min becomes max",
-        "a.py:8: True becomes False",
-        "a.py:8: <= becomes <",
-        "a.py:8: - becomes +",
-        "a.py:8: 1 becomes (1 + 1)",
+def test_only_tokens_of_statements_are_changed():
+    descriptions = [str(change) for change in find_changes("a.py", CODE)]
+    assert descriptions == [
+        "a.py:6: not -> (nothing)",
+        "a.py:8: min -> max",
+        "a.py:8: True -> False",
+        "a.py:8: <= -> <",
+        "a.py:8: - -> +",
+        "a.py:8: 1 -> (1 + 1)",
     ]
 
 
-def test_what_no_result_can_tell_is_named_by_its_place():
-    named = [change for change in changes("a.py", CODE) if equivalent(change, CODE)]
-    assert [change.before for change in named] == ["True"]
-    elsewhere = CODE.replace("strict=True", "strict=any([True])")
-    assert not any(equivalent(change, elsewhere) for change in changes("a.py", elsewhere))
+def test_equivalent_changes_are_matched_by_their_code():
+    skipped = [change for change in find_changes("a.py", CODE) if find_reason(change, CODE)]
+    assert [change.before for change in skipped] == ["True"]
+    other_code = CODE.replace("strict=True", "strict=any([True])")
+    assert not any(find_reason(change, other_code) for change in find_changes("a.py", other_code))
 
 
-@pytest.mark.parametrize("key", EQUIVALENT, ids=" ".join)
-def test_what_is_named_is_there(key):
-    """Code that was changed since may not hide behind it."""
+@pytest.mark.parametrize("key", EQUIVALENT_CHANGES, ids=" ".join)
+def test_equivalent_changes_match_the_current_code(key):
+    """An entry for code that has since been edited could hide a surviving change."""
     file, _, tokens = key
-    own = {key: EQUIVALENT[key]}
-    found = set()
-    for name in files():
+    reasons = {key: EQUIVALENT_CHANGES[key]}
+    tokens_in_code = set()
+    for name in list_files():
         text = (ROOT / name).read_text(encoding="utf-8")
         if name.startswith(file):
-            found |= {c.before for c in changes(name, text) if equivalent(c, text, own)}
-    assert found == set(tokens.split())
+            equivalent = (c for c in find_changes(name, text) if find_reason(c, text, reasons))
+            tokens_in_code |= {change.before for change in equivalent}
+    assert tokens_in_code == set(tokens.split())

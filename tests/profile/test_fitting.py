@@ -15,8 +15,7 @@ from harness.profile.law import COSTS, costs_of
 from harness.profile.measured import CONTROL
 from harness.profile.profile import fitted_of, read_coefficients, write_profile
 from harness.stats.intervals import Ratio
-from scripts.studies.laws import Design, go
-from scripts.studies.laws import designed as designed_for_laws
+from scripts.studies.laws import Design, fit_device, make_design
 from tests.paths import ROOT
 
 TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
@@ -131,14 +130,14 @@ def test_what_is_no_profile_is_refused(tmp_path, content):
 
 @pytest.fixture(scope="module")
 def of() -> Design:
-    return designed_for_laws()
+    return make_design()
 
 
 def test_costs_are_within_their_intervals_and_what_costs_nothing_is_nothing(of):
     """The long simulation is kept in results/reference/law-coverage.csv."""
     held, nothing, costs, none = 0, 0, 0, 0
     for seed in range(4):
-        truth, found = go(of, seed, budget_s=0.15)
+        truth, found = fit_device(of, seed, budget_s=0.15)
         inside = (found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1])
         held, costs = held + int(inside[truth > 0].sum()), costs + int((truth > 0).sum())
         nothing += int((~found.shown)[truth == 0].sum())
