@@ -1,4 +1,4 @@
-// Builds the examples into the folder that data.py has filled. Each is one HTML file, with all that it needs.
+// Build the examples into the folder that data.py has filled, each as a self-contained HTML file.
 
 import {build} from "esbuild";
 import {readdirSync, readFileSync, writeFileSync} from "node:fs";
@@ -6,11 +6,11 @@ import {dirname, join} from "node:path";
 import {fileURLToPath} from "node:url";
 
 const folder = process.argv[2];
-const here = dirname(fileURLToPath(import.meta.url));
-const inside = (...parts) => join(here, ...parts);
+const sources = dirname(fileURLToPath(import.meta.url));
+const inside = (...parts) => join(sources, ...parts);
 const counter = readFileSync(inside("..", "harness", "report", "static", "spans.js"), "utf8");
 
-/** Whoever imports "earcut" gets earcut with flips; but for the file that adds the flips. */
+/** Replace imports of "earcut" by earcut with flips, except in the file that adds the flips. */
 const flipped = {
     name: "flipped-earcut",
     setup({onResolve}) {
@@ -19,12 +19,12 @@ const flipped = {
     },
 };
 
-/** The text of one script, with all that it imports. */
+/** The text of a script bundled with its imports. */
 async function bundle(entry, plugins = []) {
     const {outputFiles: [file]} = await build({
         entryPoints: [inside(entry)], bundle: true, minify: true, write: false, plugins, format: "esm",
         target: "es2022", define: {"import.meta.url": '""'}, legalComments: "inline",
-        tsconfigRaw: {compilerOptions: {useDefineForClassFields: false}}, // MapLibre's base classes set fields that others declare
+        tsconfigRaw: {compilerOptions: {useDefineForClassFields: false}}, // in MapLibre base classes set fields that subclasses declare
     });
     return file.text;
 }
@@ -37,15 +37,15 @@ function writePage(name, values, scripts) {
     console.log(join(folder, `${name}.html`));
 }
 
-function tiles() {
-    const found = {};
+function readTiles() {
+    const tiles = {};
     for (const file of readdirSync(join(folder, "tiles"), {recursive: true})) {
         if (file.endsWith(".pbf")) {
-            const place = file.replaceAll("\\", "/").slice(0, -".pbf".length);
-            found[place] = readFileSync(join(folder, "tiles", file), "base64");
+            const address = file.replaceAll("\\", "/").slice(0, -".pbf".length);
+            tiles[address] = readFileSync(join(folder, "tiles", file), "base64");
         }
     }
-    return found;
+    return tiles;
 }
 
 writePage("three", {
@@ -62,4 +62,4 @@ writePage("maplibre", {
     text: "Four vector tiles of zoom 15. Between the pictures, the package earcut in MapLibre's workers was replaced by earcut with flips.",
     window: "300 300 240",
     credit: "Map: © OpenStreetMap contributors, ODbL 1.0.",
-}, [counter, `const WORKERS = ${JSON.stringify(workers)}, TILES = ${JSON.stringify(tiles())};`, await bundle("maplibre.js")]);
+}, [counter, `const WORKERS = ${JSON.stringify(workers)}, TILES = ${JSON.stringify(readTiles())};`, await bundle("maplibre.js")]);

@@ -1,18 +1,18 @@
-// What flips change of a picture: shown, and counted by the counter of the harness (spans.js).
+// Show two pictures and count the cost of their triangles with the counter of the harness (spans.js).
 
 /* global countTriangle */
 
 const $ = (id) => document.getElementById(id);
 const number = new Intl.NumberFormat("en");
 
-/** Triangles, half of the sum of the L1 perimeters in px, and what a GPU shades for them. */
+/** Number of triangles, sum of half-perimeters in px, and the pixels, quads and helper lanes of a GPU. */
 function measure({points, triangles}) {
-    const corner = (index) => [points[2 * index], points[2 * index + 1]];
+    const vertexAt = (index) => [points[2 * index], points[2 * index + 1]];
     const total = {triangles: triangles.length / 3, halfPerimeters: 0, fragments: 0, quads: 0, helperLanes: 0};
     for (let t = 0; t < triangles.length; t += 3) {
-        const corners = [0, 1, 2].map((k) => corner(triangles[t + k]));
+        const corners = [0, 1, 2].map((k) => vertexAt(triangles[t + k]));
         for (const axis of [0, 1]) {
-            const values = corners.map((each) => each[axis]);
+            const values = corners.map((vertex) => vertex[axis]);
             total.halfPerimeters += (Math.max(...values) - Math.min(...values)) / 256;
         }
         const [fragments, quads] = countTriangle(...corners);
@@ -23,18 +23,18 @@ function measure({points, triangles}) {
     return total;
 }
 
-/** Draw the picture with the edges of its triangles; magnified where the page says so. */
-function show(canvas, {size: [width, height], pixels, points, triangles}) {
+/** Draw the part of the picture in the page's data-window, magnified, with the edges of triangles. */
+function drawPicture(canvas, {size: [width, height], pixels, points, triangles}) {
     const picture = new ImageData(width, height);
     const row = 4 * width;
     for (let y = 0; y < height; y++) picture.data.set(pixels.subarray(y * row, (y + 1) * row), (height - 1 - y) * row);
     const [left, top, side] = canvas.dataset.window.split(" ").map(Number);
     const scale = canvas.width / side, context = canvas.getContext("2d");
-    const whole = Object.assign(document.createElement("canvas"), {width, height});
-    whole.getContext("2d").putImageData(picture, 0, 0);
+    const unscaled = Object.assign(document.createElement("canvas"), {width, height});
+    unscaled.getContext("2d").putImageData(picture, 0, 0);
     context.imageSmoothingEnabled = false;
     context.setTransform(scale, 0, 0, scale, -left * scale, -top * scale);
-    context.drawImage(whole, 0, 0);
+    context.drawImage(unscaled, 0, 0);
     context.lineWidth = 0.7 / scale;
     context.beginPath();
     for (let t = 0; t < triangles.length; t += 3) {
@@ -47,11 +47,11 @@ function show(canvas, {size: [width, height], pixels, points, triangles}) {
     context.stroke();
 }
 
-/** Show both, and what they cost; `results` has the figures, for tests. */
+/** Show both pictures and the table of costs; tests read the global `results`. */
 export function compare(before, after) {
-    show($("before"), before);
-    show($("after"), after);
-    const was = measure(before), is = measure(after);
+    drawPicture($("before"), before);
+    drawPicture($("after"), after);
+    const totalBefore = measure(before), totalAfter = measure(after);
     let differing = 0;
     for (let i = 0; i < before.pixels.length; i += 4) {
         differing += [0, 1, 2, 3].some((k) => before.pixels[i + k] !== after.pixels[i + k]);
@@ -61,12 +61,12 @@ export function compare(before, after) {
         fragments: "covered pixels", quads: "shaded quads of 2x2 pixels", helperLanes: "helper lanes",
     };
     for (const [key, label] of Object.entries(rows)) {
-        const cells = [label, ...[was[key], is[key]].map((value) => number.format(Math.round(value))), (is[key] / was[key]).toFixed(3)];
+        const cells = [label, ...[totalBefore[key], totalAfter[key]].map((value) => number.format(Math.round(value))), (totalAfter[key] / totalBefore[key]).toFixed(3)];
         $("figures").insertRow().append(...cells.map((text) => Object.assign(document.createElement("td"), {textContent: text})));
     }
-    $("result").textContent = `Flips save ${number.format(was.helperLanes - is.helperLanes)} helper lanes. `
+    $("result").textContent = `Flips save ${number.format(totalBefore.helperLanes - totalAfter.helperLanes)} helper lanes. `
         + `${number.format(differing)} of ${number.format(before.pixels.length / 4)} pixels differ.`;
     const result = ({points, triangles}, counted) => ({points, triangles, counted});
-    globalThis.results = {before: result(before, was), after: result(after, is), differing};
+    globalThis.results = {before: result(before, totalBefore), after: result(after, totalAfter), differing};
     document.documentElement.dataset.ready = "";
 }

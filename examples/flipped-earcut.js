@@ -1,4 +1,4 @@
-// earcut, then flips: built into a program in place of the package "earcut", see build.mjs.
+// earcut with flips; build.mjs replaces the package "earcut" by this module.
 
 import earcut from "earcut";
 import flip from "flip-triangles";

@@ -1,12 +1,12 @@
-// MapLibre GL JS: vector tiles of Helsinki, triangulated in its workers by earcut, and by earcut with flips.
+// MapLibre GL JS: vector tiles of Helsinki, triangulated in workers by earcut and by earcut with flips.
 
 import * as maplibre from "maplibre-gl";
-import {drawn} from "./drawn.js";
+import {recordDraw} from "./record-draw.js";
 import {compare} from "./compare.js";
 
 /* global WORKERS, TILES -- from build.mjs: MapLibre's worker with either earcut; tiles by "z/x/y" */
 
-const bytes = (text) => Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer;
+const bytes = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0)).buffer;
 maplibre.addProtocol("inside", async ({url}) => ({data: bytes(TILES[url.slice("inside://".length)] ?? "")}));
 
 const style = {
@@ -22,11 +22,11 @@ const style = {
         paint: {"fill-color": kind === "area" ? "#b9d3b0" : "#8a6f5c", "fill-antialias": false},
     })),
 };
-/** Where four tiles meet, so that they fill the canvas: x and y in tiles of zoom 15. */
+/** The common vertex of four tiles that fill the canvas: x and y in tiles of zoom 15. */
 const CENTRE = [18655, 9485];
-const turn = 2 ** 15;
-const center = [CENTRE[0] / turn * 360 - 180,
-    Math.atan(Math.sinh(Math.PI * (1 - 2 * CENTRE[1] / turn))) * 180 / Math.PI];
+const tilesAround = 2 ** 15;
+const center = [CENTRE[0] / tilesAround * 360 - 180,
+    Math.atan(Math.sinh(Math.PI * (1 - 2 * CENTRE[1] / tilesAround))) * 180 / Math.PI];
 
 async function draw(worker) {
     maplibre.setWorkerUrl(URL.createObjectURL(new Blob([worker], {type: "text/javascript"})));
@@ -36,8 +36,8 @@ async function draw(worker) {
     await map.once("idle");
     const gl = map.getCanvas().getContext("webgl2");
     const fill = {attribute: "a_pos", matrices: ["u_projection_matrix"], only: "u_fill_translate"};
-    const result = drawn(gl, fill, () => map.redraw());
-    map.remove(); // and with the last map its workers
+    const result = recordDraw(gl, fill, () => map.redraw());
+    map.remove(); // removing the last map ends the workers
     return result;
 }
 

@@ -1,11 +1,11 @@
-// three.js: the outlines of U.S. states as one ShapeGeometry, as it is and with flips.
+// three.js: outlines of U.S. states as one ShapeGeometry, without and with flips.
 
 import * as THREE from "three";
 import flip from "flip-triangles";
-import {drawn} from "./drawn.js";
+import {recordDraw} from "./record-draw.js";
 import {compare} from "./compare.js";
 
-/* global OUTLINES -- from build.mjs: a list of rings for each outline, the outer one first */
+/* global OUTLINES -- from build.mjs: a list of rings for each outline, the outer ring first */
 
 const SIZE = 1024;
 
@@ -32,7 +32,7 @@ function draw(withFlips) {
     scene.background = new THREE.Color(0xf4f1ea);
     scene.add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({color: 0x4f7f6b, side: THREE.DoubleSide})));
     const matrices = ["projectionMatrix", "modelViewMatrix"];
-    return drawn(renderer.getContext(), {attribute: "position", matrices, only: "modelViewMatrix"},
+    return recordDraw(renderer.getContext(), {attribute: "position", matrices, only: "modelViewMatrix"},
         () => renderer.render(scene, camera));
 }
 

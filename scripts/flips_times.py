@@ -23,7 +23,7 @@ import mapbox_earcut
 from harness.frame import View, make_frame
 from scenes import load
 from tests.ports import languages
-from tests.ports.languages import HERE, Cases
+from tests.ports.languages import FOLDER, Cases
 from tests.ports.polygons import earcut_rings
 from triangulators import triangulate_many
 from triangulators.dropin import triangulate_float64
@@ -69,13 +69,14 @@ def main() -> None:
     parser.add_argument("--languages", default="Python,JavaScript,C++")
     parser.add_argument("--rounds", type=int, default=9)
     options = parser.parse_args()
-    node, compilers, earcut = languages.node(), languages.compilers(), languages.earcut()
+    node, compilers = languages.find_node(), languages.find_compilers()
+    earcut = languages.find_earcut()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         program = folder / "times"
         if options.earcut_hpp and compilers and "C++" in options.languages:
             flags = ["-std=c++17", "-O2", f"-I{options.earcut_hpp}"]
-            source = str(HERE / "times.cpp")
+            source = str(FOLDER / "times.cpp")
             subprocess.run([*compilers[0], *flags, source, "-o", str(program)], check=True)
         print("scene,language,candidate,ms")
         for scene in options.scenes.split(","):
@@ -85,7 +86,7 @@ def main() -> None:
                 time_python(scene, polygons, rings, options.rounds)
             Cases.of(rings).write(folder, [ends for _, ends in rings])
             if node and earcut and "JavaScript" in options.languages:
-                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(options.rounds)]
+                script = [node, str(FOLDER / "times.mjs"), name, str(earcut), str(options.rounds)]
                 time_program(scene, "JavaScript", script)
             if program.exists():
                 time_program(scene, "C++", [str(program), name, str(options.rounds)])

@@ -1,4 +1,4 @@
-// What flips give and what they refuse: `cmake -B build && cmake --build build && ctest --test-dir build`.
+// Test of flip_triangles.hpp: `cmake -B build && cmake --build build && ctest --test-dir build`.
 
 #include <array>
 #include <cstdint>
@@ -17,19 +17,19 @@ namespace {
 
 int failures = 0;
 
-void expect(bool holds, const std::string& what) {
+void expect(bool holds, const std::string& message) {
     if (holds) return;
     failures++;
-    std::fprintf(stderr, "not so: %s\n", what.c_str());
+    std::fprintf(stderr, "failed: %s\n", message.c_str());
 }
 
 template <class Number>
-std::vector<Number> numbers(const std::string& line) {
-    std::istringstream words(line);
-    std::vector<Number> found;
-    // std::stod reads what Python writes, to the last bit.
-    for (std::string word; words >> word;) found.push_back(static_cast<Number>(std::stod(word)));
-    return found;
+std::vector<Number> parse(const std::string& line) {
+    std::istringstream stream(line);
+    std::vector<Number> values;
+    // std::stod reads the numbers written by Python exactly.
+    for (std::string token; stream >> token;) values.push_back(static_cast<Number>(std::stod(token)));
+    return values;
 }
 
 template <class Index>
@@ -44,21 +44,21 @@ bool throws(std::vector<Index> triangles) {
     return false;
 }
 
-// The triangles that Python gives; four lines a polygon, as tests/ports/vectors.py writes them.
+// Compare with the triangles from Python in vectors.txt, written by tests/ports/vectors.py.
 int compare(std::istream& file) {
     int polygons = 0;
     flip_triangles::Flipper flipper;
     for (std::string points, triangles, name, result; std::getline(file, points); polygons++) {
         std::getline(file, triangles);
-        const auto xy = numbers<double>(points);
+        const auto xy = parse<double>(points);
         for (int test = 0; test < 3; test++) {
             std::getline(file, name);
             std::getline(file, result);
             const auto by = static_cast<flip_triangles::By>(test);
-            auto indices = numbers<std::uint32_t>(triangles);
+            auto indices = parse<std::uint32_t>(triangles);
             const auto flips = flipper(indices.data(), indices.size(), xy.data(), xy.size() / 2, by);
             const std::string label = "polygon " + std::to_string(polygons) + ", " + name;
-            expect(indices == numbers<std::uint32_t>(result), label);
+            expect(indices == parse<std::uint32_t>(result), label);
             expect(name.substr(name.find(' ') + 1) == std::to_string(flips), label + ": number of flips");
         }
     }
@@ -68,7 +68,7 @@ int compare(std::istream& file) {
 }  // namespace
 
 int main(int count, char** arguments) {
-    if (count != 2) return std::fprintf(stderr, "give vectors.txt\n"), 2;
+    if (count != 2) return std::fprintf(stderr, "usage: flip_triangles_test vectors.txt\n"), 2;
     std::ifstream file(arguments[1]);
     expect(compare(file) > 30, "vectors are read");
 
@@ -76,25 +76,25 @@ int main(int count, char** arguments) {
     expect(throws<std::uint32_t>({0, 1, 2, 0, 2, 4}), "an index beyond the points is refused");
     expect(throws<std::int64_t>({0, 1, std::int64_t(1) << 32}), "an index beyond 32 bits is refused");
 
-    std::vector<std::uint16_t> none;
-    expect(flip_triangles::flip(none, std::vector<std::vector<std::pair<float, float>>>{}) == 0, "nothing may be given");
+    std::vector<std::uint16_t> empty;
+    expect(flip_triangles::flip(empty, std::vector<std::vector<std::pair<float, float>>>{}) == 0, "empty input is accepted");
 
-    // The only triangle that turns has a NaN, and the whole points beside it lie on a line.
+    // The only triangle that is not degenerate has a NaN; the integer points are collinear.
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const std::vector<double> line = {0, 0, 33554432, 0, -33554432, 0, 1, 0, nan, 0, 0, 1};
     for (auto by : {flip_triangles::By::l1, flip_triangles::By::euclidean, flip_triangles::By::delaunay}) {
         std::vector<int> triangles = {0, 1, 2, 0, 2, 3, 3, 4, 5};
         expect(flip_triangles::flip(triangles.data(), triangles.size(), line.data(), std::size_t(6), by) == 0,
-               "nothing beside a NaN is flipped");
+               "no diagonal at a NaN is flipped");
     }
 
-    // Equal edges cost the same each: quadratic, this takes a minute.
+    // Many equal edges take linear time; quadratic time would be a minute.
     std::vector<std::uint32_t> zeros(180000, 0), equal;
     for (std::uint32_t i = 0; i < 180000; i++) equal.push_back(i % 3);
     const std::vector<double> points(6, 1.0);
     expect(flip_triangles::flip(zeros.data(), zeros.size(), points.data(), std::size_t(3)) == 0, "zeros");
     expect(flip_triangles::flip(equal.data(), equal.size(), points.data(), std::size_t(3)) == 0, "equal triangles");
 
-    if (failures == 0) std::puts("all as wanted");
+    if (failures == 0) std::puts("all tests passed");
     return failures != 0;
 }

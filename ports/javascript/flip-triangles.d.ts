@@ -1,16 +1,16 @@
 export interface Options {
-    /** Numbers a vertex in `vertices`, of which the first two are used; 2 where it is left out. */
+    /** Coordinates per vertex in `vertices`, of which the first two are used; default 2. */
     dimensions?: number;
     /**
-     * What a flip must lessen: the diagonal's length, |dx| + |dy| ("l1", where it is left out) or
-     * Euclidean, or, with "delaunay", whether a corner lies in the other triangle's circle.
+     * The test of a flip: "l1" (default) and "euclidean" require a shorter diagonal, by |dx| + |dy|
+     * or Euclidean length; "delaunay" requires a vertex inside the circumcircle of the other triangle.
      */
     by?: "l1" | "euclidean" | "delaunay";
 }
 
-/** Three indices a triangle, all wound alike, as earcut returns them. */
+/** Three indices per triangle, in the same orientation, as from earcut. */
 export type Triangles = number[] | Int8Array | Uint8Array | Uint8ClampedArray | Int16Array | Uint16Array
     | Int32Array | Uint32Array | Float32Array | Float64Array;
 
-/** Flip diagonals in place while a flip gains; return how many flips were made. */
+/** Flip diagonals in place until no flip is an improvement; return the number of flips. */
 export default function flip(triangles: Triangles, vertices: ArrayLike<number>, options?: Options): number;

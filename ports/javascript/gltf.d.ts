@@ -1,7 +1,7 @@
 import type {Options} from "./flip-triangles.js";
 
 /**
- * A transform for glTF-Transform's document.transform: flat faces get shorter diagonals, on the same
- * vertices; by "euclidean" where it is left out.
+ * Return a transform for glTF-Transform's document.transform that flips diagonals of flat faces, on
+ * the same vertices; the default of `by` is "euclidean".
  */
 export default function retriangulate(options?: Pick<Options, "by">): (document: any) => void;

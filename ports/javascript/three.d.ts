@@ -1,12 +1,12 @@
 import type {Options} from "./flip-triangles.js";
 
-/** What is needed of three.js's ShapeUtils. */
+/** The required part of three.js's ShapeUtils. */
 export interface Triangulates {
     triangulateShape(contour: any, holes: any): number[][];
 }
 
 /**
- * Let ShapeUtils.triangulateShape, which ShapeGeometry and ExtrudeGeometry call, flip what it returns;
- * by "euclidean" where it is left out. Returns what puts the original back.
+ * Replace ShapeUtils.triangulateShape, which ShapeGeometry and ExtrudeGeometry call, by a version that
+ * flips diagonals; the default of `by` is "euclidean". Returns a function that restores the original.
  */
 export default function flipShapes(ShapeUtils: Triangulates, options?: Pick<Options, "by">): () => void;

@@ -1,19 +1,20 @@
-// Flips for three.js: its shapes and extrusions are then triangulated with fewer helper lanes.
+// Flips for three.js: shapes and extrusions with fewer helper invocations.
 
 import flip from "./flip-triangles.js";
 
 /**
- * Let ShapeUtils.triangulateShape, which ShapeGeometry and ExtrudeGeometry call, flip what it returns.
+ * Replace ShapeUtils.triangulateShape, which ShapeGeometry and ExtrudeGeometry call, by a version that
+ * flips diagonals.
  *
- * @param {{triangulateShape: Function}} ShapeUtils three.js's, changed in place
- * @param {{by?: "l1" | "euclidean" | "delaunay"}} [options] what a flip must lessen: "euclidean"
- *     where it is left out, since what three.js draws is turned
- * @returns {() => void} puts the function back that was there
+ * @param {{triangulateShape: Function}} ShapeUtils of three.js, changed in place
+ * @param {{by?: "l1" | "euclidean" | "delaunay"}} [options] the value that a flip must reduce;
+ *     "euclidean" by default, because three.js scenes rotate
+ * @returns {() => void} a function that restores the original
  */
 export default function flipShapes(ShapeUtils, {by = "euclidean"} = {}) {
     const original = ShapeUtils.triangulateShape;
     ShapeUtils.triangulateShape = (contour, holes) => {
-        // It takes away a last point that repeats the first, so points are counted afterwards.
+        // triangulateShape removes a last point that repeats the first, so read the points afterwards.
         const faces = original.call(ShapeUtils, contour, holes);
         const triangles = faces.flat(), vertices = [contour, ...holes].flat().flatMap(({x, y}) => [x, y]);
         flip(triangles, vertices, {by});

@@ -15,7 +15,7 @@ from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers.reference import predict
 from scenes import load
-from tests.conftest import geojson
+from tests.conftest import make_geojson
 from tests.paths import ROOT
 from tests.ports import languages
 from tests.ports.polygons import random_polygons
@@ -55,8 +55,8 @@ RUN = """
 
 def in_node(code: str, given: Any) -> Any:
     """Return what a function's body returns that uses `given` and what needs no page."""
-    node = languages.node()
-    if node is None or languages.earcut() is None:
+    node = languages.find_node()
+    if node is None or languages.find_earcut() is None:
         pytest.skip("needs Node.js and npm's earcut; make setup-test installs them")
     told = json.dumps({"files": list(map(str, build.GEOMETRY)), "code": code, "given": given})
     script = [node, "--input-type=module", "-e", RUN]
@@ -186,7 +186,7 @@ def test_texts_are_read(text, expected):
 def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
     """At 60 degrees north two degrees of longitude are as long as one of latitude."""
     boxes = [box(0, 0, 0.1, 0.1), box(20, 59.5, 22, 60.5)]
-    found = in_node("return readPolygon(given);", geojson(boxes))
+    found = in_node("return readPolygon(given);", make_geojson(boxes))
     low_x, low_y, high_x, high_y = Polygon(found["rings"][0]).bounds
     assert high_x - low_x == pytest.approx(high_y - low_y, rel=1e-5)
     assert found["note"] == "The largest of 2 polygons."

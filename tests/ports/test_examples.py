@@ -1,4 +1,4 @@
-"""The examples, built and opened: what three.js and MapLibre draw with flips, what it saves."""
+"""Build and open the examples: pictures and savings of three.js and MapLibre with flips."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ from triangulators import flip
 
 EXAMPLES = ROOT / "examples"
 SUBPIXEL = 256
-FIGURES = {
+EXPECTED = {
     "three": {
         "triangles": 9289,
         "half_perimeters": (44_369_109, 34_221_325),
@@ -28,17 +28,17 @@ FIGURES = {
         "helper_lanes": (272_576, 196_528),
     },
 }
-"""Before and after; half-perimeters in 1/256 px."""
+"""Sums before and after flips; half-perimeters in 1/256 px."""
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Return the folder of the pages, built as `make examples` does."""
-    node = languages.node()
+    """Return the folder of the pages, built like `make examples`."""
+    node = languages.find_node()
     if node is None or not (EXAMPLES / "node_modules" / "esbuild").exists():
-        pytest.skip("the clients are not here; with network: make setup-test")
+        pytest.skip("three.js and MapLibre are not installed; run with a network: make setup-test")
     folder = tmp_path_factory.mktemp("examples")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # a clone's packages are not installed
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # packages of a clone are not installed
     for program, script in ((sys.executable, "data.py"), (node, "build.mjs")):
         command = [program, str(EXAMPLES / script), str(folder)]
         subprocess.run(command, cwd=ROOT, env=environment, check=True)
@@ -47,72 +47,73 @@ def pages(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def chromium():
-    """A browser with WebGL 2 on the CPU."""
-    opened = Chromium(WEBGPU_FLAGS)
-    yield opened
-    opened.close()
+    """Yield a browser with WebGL 2 on the CPU."""
+    browser = Chromium(WEBGPU_FLAGS)
+    yield browser
+    browser.close()
 
 
-@pytest.fixture(scope="module", params=FIGURES)
-def drawn(request, pages, chromium):
-    """Return a page's name, what it says, and what was drawn before and after, with its figures."""
+@pytest.fixture(scope="module", params=EXPECTED)
+def page_results(request, pages, chromium):
+    """Return the name, text and global `results` of a page."""
     chromium.open(pages / f"{request.param}.html", REPORT_READY)
     assert chromium.errors == []
     addresses = {address.split(":")[0] for address in chromium.requests}
     assert addresses <= {"file", "blob", "data"}
-    said = chromium.evaluate("document.body.innerText")
-    return request.param, said, chromium.evaluate("results")
+    text = chromium.evaluate("document.body.innerText")
+    return request.param, text, chromium.evaluate("results")
 
 
-def arrays(state):
+def read_arrays(state):
     points = np.array(state["points"], np.int32).reshape(-1, 2)
     return points, np.array(state["triangles"], np.int32).reshape(-1, 3)
 
 
-def doubled_areas(points, triangles):
+def double_areas(points, triangles):
     a, b, c = (points[triangles[:, k]].astype(np.int64) for k in range(3))
     return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
 
 
-def half_perimeters(points, triangles):
+def sum_half_perimeters(points, triangles):
     corners = points[triangles].astype(np.int64)
     return int((corners.max(axis=1) - corners.min(axis=1)).sum())
 
 
-def test_flips_keep_the_picture(drawn):
-    name, _, results = drawn
-    (points, before), (same, after) = arrays(results["before"]), arrays(results["after"])
-    assert np.array_equal(points, same)
+def test_flips_do_not_change_the_picture(page_results):
+    name, _, results = page_results
+    points, before = read_arrays(results["before"])
+    points_after, after = read_arrays(results["after"])
+    assert np.array_equal(points, points_after)
     assert np.array_equal(np.unique(before), np.unique(after))
     assert (np.sort(before, axis=1) != np.sort(after, axis=1)).any(axis=1).mean() > 0.4
-    areas = [doubled_areas(points, each) for each in (before, after)]
-    winding = np.sign(areas[0][0])
-    assert all((each * winding > 0).all() for each in areas)
+    areas = [double_areas(points, triangles) for triangles in (before, after)]
+    orientation = np.sign(areas[0][0])
+    assert all((triangles * orientation > 0).all() for triangles in areas)
     assert areas[0].sum() == areas[1].sum()
-    # SwiftShader rounds vertices to 1/16 px; where that folds a sliver, a pixel may differ.
+    # SwiftShader rounds vertices to 1/16 px; if that folds a sliver triangle, a pixel may differ.
     assert results["differing"] <= 3
-    if name == "three":  # MapLibre turns triangles round and renumbers them after earcut
+    if name == "three":  # MapLibre reverses and renumbers triangles after earcut
         assert np.array_equal(flip(points / SUBPIXEL, before), after)
 
 
-def test_flips_save_what_the_page_says(drawn):
-    name, said, results = drawn
-    expected = FIGURES[name]
-    found = []
+def test_page_reports_the_savings_of_flips(page_results):
+    name, text, results = page_results
+    expected = EXPECTED[name]
+    costs = []
     for key in ("before", "after"):
-        points, triangles = arrays(results[key])
+        points, triangles = read_arrays(results[key])
         counts = count_triangles(points, triangles, UNBOUNDED).sum(axis=0)
         helper_lanes = int(4 * counts[QUADS] - counts[FRAGMENTS])
         assert len(triangles) == expected["triangles"]
-        found.append((half_perimeters(points, triangles), helper_lanes))
+        costs.append((sum_half_perimeters(points, triangles), helper_lanes))
         assert results[key]["counted"] == {
             "triangles": len(triangles),
-            "halfPerimeters": found[-1][0] / SUBPIXEL,
+            "halfPerimeters": costs[-1][0] / SUBPIXEL,
             "fragments": counts[FRAGMENTS],
             "quads": counts[QUADS],
             "helperLanes": helper_lanes,
         }
-    halves, lanes = zip(*found, strict=True)
+    halves, lanes = zip(*costs, strict=True)
     assert (halves, lanes) == (expected["half_perimeters"], expected["helper_lanes"])
     assert results["before"]["counted"]["fragments"] == results["after"]["counted"]["fragments"]
-    assert f"Flips save {lanes[0] - lanes[1]:,} helper lanes." in said
+    assert f"Flips save {lanes[0] - lanes[1]:,} helper lanes." in text

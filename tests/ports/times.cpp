@@ -1,4 +1,4 @@
-// Time flips beside earcut.hpp; see scripts/flips_times.py.
+// Time flips and earcut.hpp; see scripts/flips_times.py.
 
 #include <algorithm>
 #include <array>
@@ -21,13 +21,13 @@ using Indices = std::vector<std::uint32_t>;
 template <class T>
 std::vector<T> read(const std::string& path) {
     std::ifstream file(path, std::ios::binary | std::ios::ate);
-    std::vector<T> found(static_cast<std::size_t>(file.tellg()) / sizeof(T));
+    std::vector<T> values(static_cast<std::size_t>(file.tellg()) / sizeof(T));
     file.seekg(0);
-    file.read(reinterpret_cast<char*>(found.data()), static_cast<std::streamsize>(found.size() * sizeof(T)));
-    return found;
+    file.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(T)));
+    return values;
 }
 
-// Of the processor, not of the wall: other programs do not count.
+// CPU time, so that other programs do not count.
 template <class Work>
 double milliseconds(Work work) {
     const auto start = std::clock();
@@ -57,21 +57,21 @@ int main(int, char** arguments) {
         polygons.push_back(polygon);
     }
     std::vector<Indices> raw(polygons.size());
-    std::vector<std::vector<std::array<double, 2>>> vertices;  // of all rings in one list, as refine takes them
+    std::vector<std::vector<std::array<double, 2>>> vertices;  // all rings in one list, for refine
     for (const auto& polygon : polygons) {
         vertices.emplace_back();
         for (const auto& ring : polygon) vertices.back().insert(vertices.back().end(), ring.begin(), ring.end());
     }
-    std::array<double, 5> best;
-    best.fill(1e300);
+    std::array<double, 5> minima;
+    minima.fill(1e300);
     flip_triangles::Flipper flipper;
     for (int round = 0; round < rounds; round++) {
-        best[0] = std::min(best[0], milliseconds([&] {
+        minima[0] = std::min(minima[0], milliseconds([&] {
             for (std::size_t i = 0; i < raw.size(); i++) raw[i] = mapbox::earcut<std::uint32_t>(polygons[i]);
         }));
         for (std::size_t test = 0; test < 4; test++) {
             auto copies = raw;
-            best[test + 1] = std::min(best[test + 1], milliseconds([&] {
+            minima[test + 1] = std::min(minima[test + 1], milliseconds([&] {
                 for (std::size_t i = 0; i < raw.size(); i++)
                     if (test < 3)
                         flipper(copies[i], polygons[i], static_cast<By>(test));
@@ -81,5 +81,5 @@ int main(int, char** arguments) {
         }
     }
     std::printf("{\"earcut\": %.4f, \"l1\": %.4f, \"euclidean\": %.4f, \"delaunay\": %.4f, \"refine\": %.4f}\n",
-                best[0], best[1], best[2], best[3], best[4]);
+                minima[0], minima[1], minima[2], minima[3], minima[4]);
 }

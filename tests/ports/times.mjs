@@ -1,4 +1,4 @@
-// Time flips beside npm's earcut and its refine; see scripts/flips_times.py.
+// Time flips, npm's earcut and its refine; see scripts/flips_times.py.
 
 import {readFileSync} from "node:fs";
 import {pathToFileURL} from "node:url";
@@ -28,13 +28,13 @@ const candidates = {
     euclidean: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "euclidean"})),
     delaunay: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "delaunay"})),
 };
-const best = {};
+const minima = {};
 for (let round = 0; round < 3 * rounds; round++) {
     for (const [name, run] of Object.entries(candidates)) {
         const copies = raw.map((indices) => indices.slice());
         const start = performance.now();
         run(copies);
-        best[name] = Math.min(best[name] ?? Infinity, performance.now() - start);
+        minima[name] = Math.min(minima[name] ?? Infinity, performance.now() - start);
     }
 }
-console.log(JSON.stringify(best));
+console.log(JSON.stringify(minima));

@@ -1,39 +1,39 @@
-"""Polygons with their triangles before and after flips, for the tests that lie beside each port.
+"""Polygons with their triangles before and after flips, for the tests of the ports.
 
     PYTHONPATH=. python -m tests.ports.vectors
 
-writes ports/vectors.txt anew. Four lines a polygon: coordinates, triangles of ear clipping, and two
-lines for each test: its name with the number of flips, and the triangles that come out.
+writes ports/vectors.txt again. Each polygon has a line of coordinates, a line with the triangles of
+ear clipping, and two lines for each test: name and number of flips, and the resulting triangles.
 """
 
 import numpy as np
 
 from tests.paths import ROOT
-from tests.ports.languages import Cases, in_python
+from tests.ports.languages import Cases, flip_in_python
 from tests.ports.polygons import random_polygons
 from triangulators.criteria import FLIP_TESTS
 
 FILE = ROOT / "ports" / "vectors.txt"
-SMALL = 30  # vertices of a polygon at most
+MAX_VERTICES = 30
 
 
-def text() -> str:
-    """Return the file's text: 40 random polygons, and triangles that lie on each other."""
-    polygons = [each for each in random_polygons(3, 400) if 4 <= len(each[0]) <= SMALL][:40]
-    cases = _with_heap(Cases.of(polygons))
-    results = {by: in_python(cases, by) for by in FLIP_TESTS}
+def render() -> str:
+    """Return the text of the file: 40 random polygons, and overlapping triangles."""
+    small = [rings for rings in random_polygons(3, 400) if 4 <= len(rings[0]) <= MAX_VERTICES]
+    cases = _add_random_triangles(Cases.of(small[:40]))
+    results = {by: flip_in_python(cases, by) for by in FLIP_TESTS}
     lines = []
     for index in range(len(cases.bounds) - 1):
         points, corners = cases.polygon(index)
         begin, end = cases.bounds[index : index + 2, 1]
-        lines += [" ".join(map(repr, points.ravel().tolist())), _row(corners)]
+        lines += [" ".join(map(repr, points.ravel().tolist())), _join(corners)]
         for by, (after, counts) in results.items():
-            lines += [f"{by} {counts[index]}", _row(after[begin:end])]
+            lines += [f"{by} {counts[index]}", _join(after[begin:end])]
     return "\n".join(lines) + "\n"
 
 
-def _with_heap(cases: Cases) -> Cases:
-    """Add points of a square with the same triangles again and again, in both directions."""
+def _add_random_triangles(cases: Cases) -> Cases:
+    """Add random, overlapping triangles of four points in both orientations."""
     rng = np.random.default_rng(1)
     points = np.array([(0.0, 0.0), (4.0, 0.0), (5.0, 3.0), (0.0, 2.0)])
     corners = rng.integers(0, 4, 3 * 40).astype(np.int32)
@@ -45,9 +45,9 @@ def _with_heap(cases: Cases) -> Cases:
     )
 
 
-def _row(numbers: np.ndarray) -> str:
+def _join(numbers: np.ndarray) -> str:
     return " ".join(map(str, numbers.tolist()))
 
 
 if __name__ == "__main__":
-    FILE.write_text(text())
+    FILE.write_text(render())

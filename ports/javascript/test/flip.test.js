@@ -1,4 +1,4 @@
-// What flips give, what they refuse, and that any number of equal edges costs the same each.
+// Tests of flip: results equal to Python's, rejection of bad input, and linear time for equal edges.
 
 import assert from "node:assert/strict";
 import {readFileSync} from "node:fs";
@@ -8,15 +8,15 @@ import earcut from "earcut";
 import flip from "flip-triangles";
 
 const lines = readFileSync(new URL("../../vectors.txt", import.meta.url), "utf8").trimEnd().split("\n");
-const numbers = (line) => line.split(" ").map(Number);
+const parse = (line) => line.split(" ").map(Number);
 const square = [0, 0, 9, 0, 9, 1, 0, 1];
 
-describe("the triangles that Python gives", () => {
-    for (let at = 0; at < lines.length; at += 8) {
-        const vertices = numbers(lines[at]), before = numbers(lines[at + 1]);
-        for (let row = at + 2; row < at + 8; row += 2) {
-            const [by, count] = lines[row].split(" "), after = numbers(lines[row + 1]);
-            it(`polygon ${at / 8}, ${by}`, () => {
+describe("triangles equal to Python's", () => {
+    for (let start = 0; start < lines.length; start += 8) {
+        const vertices = parse(lines[start]), before = parse(lines[start + 1]);
+        for (let row = start + 2; row < start + 8; row += 2) {
+            const [by, count] = lines[row].split(" "), after = parse(lines[row + 1]);
+            it(`polygon ${start / 8}, ${by}`, () => {
                 const triangles = before.slice();
                 assert.equal(flip(triangles, vertices, {by}), Number(count));
                 assert.deepEqual(triangles, after);
@@ -29,7 +29,7 @@ describe("the triangles that Python gives", () => {
 });
 
 describe("input", () => {
-    it("is three coordinates a vertex, if they are said", () => {
+    it("may have three coordinates per vertex with dimensions: 3", () => {
         const vertices = [0, 0, NaN, 4, -1, NaN, 9, 0, NaN, 4, 1, NaN], triangles = [0, 1, 2, 0, 2, 3];
         assert.equal(flip(triangles, vertices, {dimensions: 3}), 1);
         const flat = [0, 1, 2, 0, 2, 3];
@@ -37,16 +37,16 @@ describe("input", () => {
         assert.deepEqual(triangles, flat);
         assert.notDeepEqual(triangles, [0, 1, 2, 0, 2, 3]);
     });
-    it("is never changed where it is refused", () => {
+    it("is not changed if an index is out of range", () => {
         for (const bad of [-1, 4, 1.5, NaN, undefined, "1", 2147483648, 4294967296, Infinity]) {
-            for (const place of [3, 4, 5]) {
-                const triangles = [0, 1, 2, 0, 2, 3].map((index, at) => at === place ? bad : index), before = triangles.slice();
+            for (const position of [3, 4, 5]) {
+                const triangles = [0, 1, 2, 0, 2, 3].map((index, k) => k === position ? bad : index), before = triangles.slice();
                 assert.throws(() => flip(triangles, square), {name: "RangeError", message: /triangle 1 is .*0 to 3/});
                 assert.deepEqual(triangles, before);
             }
         }
     });
-    it("has dimensions, a test and lists that there are", () => {
+    it("is refused with bad dimensions, an unknown test or no flat arrays", () => {
         for (const dimensions of [0, 1, -2, 2.5, NaN, "2", null]) {
             assert.throws(() => flip([0, 1, 2], square, {dimensions}), {name: "RangeError", message: /dimensions/});
         }
@@ -56,44 +56,44 @@ describe("input", () => {
             assert.throws(() => flip(bad, square), {name: "TypeError", message: /flat arrays/});
         }
     });
-    it("may be empty, or end within a triangle", () => {
+    it("may be empty or end within a triangle", () => {
         assert.equal(flip([], []), 0);
         assert.equal(flip([0, 1, 2, 0], square), 0);
     });
-    it("may have points that are no numbers: nothing beside them is flipped", () => {
-        // The only triangle that turns has a NaN, and the whole points beside it lie on a line.
+    it("may have NaN coordinates; no diagonal there is flipped", () => {
+        // The only triangle that is not degenerate has a NaN; the integer points are collinear.
         const line = [0, 0, 33554432, 0, -33554432, 0, 1, 0, NaN, 0, 0, 1];
         for (const by of ["l1", "euclidean", "delaunay"]) {
             assert.equal(flip([0, 1, 2, 0, 2, 3, 3, 4, 5], line, {by}), 0);
         }
     });
-    it("may have all edges equal, in a time that grows with their number", () => {
+    it("may have many equal edges, in linear time", () => {
         const time = (triangles) => {
             const start = process.cpuUsage().user;
             flip(triangles, square);
             return process.cpuUsage().user - start;
         };
-        // 15 s of processor time where it was quadratic, some hundredths where it is not.
-        for (const three of [[0, 0, 0], [0, 1, 2]]) {
-            const triangles = Uint32Array.from({length: 180000}, (_, i) => three[i % 3]);
+        // Quadratic time would be 15 s of CPU time, linear time some hundredths.
+        for (const triangle of [[0, 0, 0], [0, 1, 2]]) {
+            const triangles = Uint32Array.from({length: 180000}, (_, i) => triangle[i % 3]);
             assert.ok(time(triangles) < 5e6);
         }
     });
 });
 
-it("lessens what earcut leaves", () => {
+it("shortens the edges of earcut's triangles", () => {
     const star = Array.from({length: 200}, (_, i) => [Math.cos(i / 100 * Math.PI), Math.sin(i / 100 * Math.PI)]
         .map((v) => v * (i % 2 ? 1 : 0.4))).flat();
-    const triangles = earcut(star), length = (list) => list.reduce((sum, from, e) => {
-        const to = list[e % 3 < 2 ? e + 1 : e - 2];
-        return sum + Math.abs(star[2 * from] - star[2 * to]) + Math.abs(star[2 * from + 1] - star[2 * to + 1]);
+    const triangles = earcut(star), length = (list) => list.reduce((sum, tail, e) => {
+        const head = list[e % 3 < 2 ? e + 1 : e - 2];
+        return sum + Math.abs(star[2 * tail] - star[2 * head]) + Math.abs(star[2 * tail + 1] - star[2 * head + 1]);
     }, 0);
     const before = length(triangles);
     assert.ok(flip(triangles, star) > 0);
     assert.ok(length(triangles) < 0.9 * before);
 });
 
-it("is the same for require and for a script tag", () => {
+it("is the same for require and a script tag", () => {
     const required = createRequire(import.meta.url)("flip-triangles");
     const triangles = [0, 1, 2, 0, 2, 3];
     assert.equal(required(triangles, [0, 0, 4, -1, 9, 0, 4, 1]), 1);

@@ -1,4 +1,4 @@
-// Shapes and extrusions of three.js with flips: the same vertices and the same area.
+// Test of flipShapes: the same vertices and the same area.
 
 import assert from "node:assert/strict";
 import {it} from "node:test";
@@ -23,15 +23,15 @@ const area = ({index, attributes: {position}}) => {
     return sum;
 };
 
-it("flips shapes and extrusions, until it is taken back", () => {
+it("flips shapes and extrusions until the original is restored", () => {
     const plain = new ShapeGeometry(outline()), solid = new ExtrudeGeometry(outline(), {depth: 1, bevelEnabled: false});
-    const takeBack = flipShapes(ShapeUtils, {by: "l1"});
-    const flipped = new ShapeGeometry(outline()), other = new ExtrudeGeometry(outline(), {depth: 1, bevelEnabled: false});
-    takeBack();
+    const restore = flipShapes(ShapeUtils, {by: "l1"});
+    const flipped = new ShapeGeometry(outline()), flippedSolid = new ExtrudeGeometry(outline(), {depth: 1, bevelEnabled: false});
+    restore();
     assert.deepEqual(flipped.attributes.position.array, plain.attributes.position.array);
     assert.notDeepEqual(flipped.index.array, plain.index.array);
     assert.ok(Math.abs(area(flipped) - area(plain)) < 1e-3);
-    assert.equal(other.attributes.position.count, solid.attributes.position.count);
-    assert.notDeepEqual(other.attributes.position.array, solid.attributes.position.array);
+    assert.equal(flippedSolid.attributes.position.count, solid.attributes.position.count);
+    assert.notDeepEqual(flippedSolid.attributes.position.array, solid.attributes.position.array);
     assert.deepEqual(new ShapeGeometry(outline()).index.array, plain.index.array);
 });

@@ -1,7 +1,7 @@
-// CommonJS: the function itself is what is required.
+// CommonJS: require returns the function.
 
 import flip = require("flip-triangles");
 
 const count: number = flip(new Uint16Array([0, 1, 2]), [0, 0, 1, 0, 0, 1], {by: "l1"});
-// @ts-expect-error: there is no such option
+// @ts-expect-error: unknown option
 flip([0, 1, 2], [0, 0, 1, 0, 0, 1], {dimension: count});

@@ -1,4 +1,4 @@
-// What a TypeScript program may write and, where an error is expected, what it may not.
+// Types of the interface: valid calls, and invalid calls that must be errors.
 
 import flip, {type Options, type Triangles} from "flip-triangles";
 import retriangulate from "flip-triangles/gltf";
@@ -10,7 +10,7 @@ const count: number = flip([0, 1, 2, 0, 2, 3], vertices, options);
 flip(new Uint16Array([0, 1, 2]), [0, 0, 1, 0, 0, 1] as const);
 flip(new Uint32Array(3), vertices, {dimensions: 3});
 
-// The type that three.js gives a BufferAttribute's array.
+// The type of BufferAttribute.array in three.js.
 type Attribute = Int8Array | Uint8Array | Uint8ClampedArray | Int16Array | Uint16Array | Int32Array | Uint32Array
     | Float32Array | Float64Array;
 export function refine(index: {array: Attribute}, position: {array: Attribute}): number {
@@ -21,21 +21,21 @@ export function refine(index: {array: Attribute}, position: {array: Attribute}):
 const transform: (document: object) => void = retriangulate({by: "l1"});
 transform({});
 
-// @ts-expect-error: there is no such length
+// @ts-expect-error: unknown test
 flip([0, 1, 2], vertices, {by: "L1"});
 const fixed: readonly number[] = [0, 1, 2];
 // @ts-expect-error: triangles are changed in place
 flip(fixed, vertices);
-// @ts-expect-error: vertices are needed
+// @ts-expect-error: vertices are required
 flip([0, 1, 2]);
-// @ts-expect-error: it is the number of flips, not the triangles
+// @ts-expect-error: the result is the number of flips, not the triangles
 const triangles: number[] = flip([0, 1, 2], vertices);
 
-// three.js's class, as far as it is used.
+// The required part of the class in three.js.
 class ShapeUtils {
     static triangulateShape(contour: {x: number; y: number}[], holes: {x: number; y: number}[][]): number[][] {
         return holes.map(() => [contour.length]);
     }
 }
-const takeBack: () => void = flipShapes(ShapeUtils, {by: "l1"});
-takeBack();
+const restore: () => void = flipShapes(ShapeUtils, {by: "l1"});
+restore();

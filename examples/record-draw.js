@@ -1,25 +1,25 @@
-// What a program draws with WebGL: the triangles of its draw calls, read back from the GPU's buffers.
+// Record what a program draws with WebGL: the triangles of draw calls, read back from GPU buffers.
 
-const UNIT = 256; // of a pixel
+const SUBPIXEL = 256; // units per pixel
 
 /**
- * Draw; return the picture, and the triangles that were drawn.
+ * Draw once; return the picture and the drawn triangles.
  *
  * @param {WebGL2RenderingContext} gl
- * @param {{attribute: string, matrices: string[], only: string}} shader in the vertex shader, the
- *     positions' name, and those of the matrices whose product takes positions to the clip space; and
- *     a uniform that no other program has than those whose triangles are wanted
- * @param {() => void} draw draws once, before it returns
+ * @param {{attribute: string, matrices: string[], only: string}} shader names in the vertex shader:
+ *     the attribute with positions, the matrices whose product maps positions to clip space, and a
+ *     uniform that only the programs to record have
+ * @param {() => void} draw draws once, synchronously
  * @returns {{size: number[], pixels: Uint8Array, points: number[], triangles: number[]}} width and
- *     height; RGBA, the lowest row first; x, y in 1/256 px, y up; three indices a triangle
+ *     height; RGBA, bottom row first; x, y in 1/256 px, y up; three indices per triangle
  */
-export function drawn(gl, shader, draw) {
+export function recordDraw(gl, shader, draw) {
     const points = [], triangles = [];
     gl.drawElements = (...call) => {
         Object.getPrototypeOf(gl).drawElements.apply(gl, call);
         const program = gl.getParameter(gl.CURRENT_PROGRAM);
-        const wanted = call[0] === gl.TRIANGLES && gl.getUniformLocation(program, shader.only);
-        if (wanted) readCall(gl, program, shader, call, points, triangles);
+        const isSelected = call[0] === gl.TRIANGLES && gl.getUniformLocation(program, shader.only);
+        if (isSelected) readCall(gl, program, shader, call, points, triangles);
     };
     try {
         draw();
@@ -38,14 +38,14 @@ function readCall(gl, program, {attribute, matrices}, [, count, type, start], po
     const first = points.length / 2;
     for (const position of readPositions(gl, gl.getAttribLocation(program, attribute))) {
         const [x, y, , w] = uniforms.reduceRight(multiply, [...position, 0, 1]);
-        points.push(Math.round((x / w + 1) / 2 * width * UNIT), Math.round((y / w + 1) / 2 * height * UNIT));
+        points.push(Math.round((x / w + 1) / 2 * width * SUBPIXEL), Math.round((y / w + 1) / 2 * height * SUBPIXEL));
     }
     const Kind = {[gl.UNSIGNED_SHORT]: Uint16Array, [gl.UNSIGNED_INT]: Uint32Array}[type];
     const indices = new Kind(read(gl, gl.getParameter(gl.ELEMENT_ARRAY_BUFFER_BINDING)), start, count);
     for (const index of indices) triangles.push(first + index);
 }
 
-/** A matrix that is a uniform, or that lies in a buffer of uniforms. */
+/** A matrix from a uniform or from a uniform buffer. */
 function readMatrix(gl, program, name) {
     const location = gl.getUniformLocation(program, name);
     if (location) return gl.getUniform(program, location);
@@ -59,13 +59,13 @@ function readMatrix(gl, program, name) {
 }
 
 function* readPositions(gl, location) {
-    const tell = (what) => gl.getVertexAttrib(location, what);
-    const Kind = {[gl.SHORT]: Int16Array, [gl.FLOAT]: Float32Array}[tell(gl.VERTEX_ATTRIB_ARRAY_TYPE)];
-    const buffer = read(gl, tell(gl.VERTEX_ATTRIB_ARRAY_BUFFER_BINDING));
-    const size = tell(gl.VERTEX_ATTRIB_ARRAY_SIZE);
-    const stride = tell(gl.VERTEX_ATTRIB_ARRAY_STRIDE) || size * Kind.BYTES_PER_ELEMENT;
-    const begin = gl.getVertexAttribOffset(location, gl.VERTEX_ATTRIB_ARRAY_POINTER);
-    for (let at = begin; at + stride <= buffer.byteLength; at += stride) yield new Kind(buffer, at, 2);
+    const getParameter = (parameter) => gl.getVertexAttrib(location, parameter);
+    const Kind = {[gl.SHORT]: Int16Array, [gl.FLOAT]: Float32Array}[getParameter(gl.VERTEX_ATTRIB_ARRAY_TYPE)];
+    const buffer = read(gl, getParameter(gl.VERTEX_ATTRIB_ARRAY_BUFFER_BINDING));
+    const size = getParameter(gl.VERTEX_ATTRIB_ARRAY_SIZE);
+    const stride = getParameter(gl.VERTEX_ATTRIB_ARRAY_STRIDE) || size * Kind.BYTES_PER_ELEMENT;
+    const firstOffset = gl.getVertexAttribOffset(location, gl.VERTEX_ATTRIB_ARRAY_POINTER);
+    for (let offset = firstOffset; offset + stride <= buffer.byteLength; offset += stride) yield new Kind(buffer, offset, 2);
 }
 
 function read(gl, buffer) {
@@ -77,5 +77,5 @@ function read(gl, buffer) {
     return content.buffer;
 }
 
-/** The product of a vector and a matrix of four columns. */
+/** The product of a vector and a matrix in column-major order. */
 const multiply = (v, m) => [0, 1, 2, 3].map((row) => v.reduce((sum, value, column) => sum + m[4 * column + row] * value, 0));
