@@ -10,7 +10,7 @@ import argparse
 import time
 from pathlib import Path
 
-from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, WEBGPU_FLAGS, Chromium
 
 POLL_INTERVAL_S = 5.0
 
@@ -26,7 +26,7 @@ def main() -> None:
     try:
         browser.open(options.page, REPORT_READY, "wait")
         browser.evaluate(f"$('pace').value = '{options.pace}'; start(); null")
-        while not browser.evaluate(MEASURED):
+        while not browser.evaluate(MEASUREMENT_ENDED):
             time.sleep(POLL_INTERVAL_S)
         options.saved.write_text(browser.evaluate("savedText()"), encoding="utf-8")
     finally:

@@ -1,4 +1,4 @@
-"""Headless Chromium over its DevTools pipe: no driver program and no library needed."""
+"""Headless Chromium, controlled through its DevTools pipe without a driver or a library."""
 
 import base64
 import json
@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-INSTALL = "Chromium is not installed; run: apt-get install -y chromium"
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+INSTALL_HINT = "Chromium is not installed; run: apt-get install -y chromium"
+PROGRAM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -35,25 +35,25 @@ WEBGPU_FLAGS = (
 )
 """WebGPU on SwiftShader, a rasteriser on the CPU that shares no code with Mesa."""
 
-PATIENCE_S = 180.0
-"""Much longer than anything takes, for machines that do other things too."""
+TIMEOUT_S = 180.0
+"""Time limit for a reply or a condition, generous for machines under load."""
 
 REPORT_READY = "document.documentElement?.dataset.ready !== undefined"
-"""A report says so itself, once its scripts have drawn it."""
+"""Condition that holds when the scripts of a report have drawn it."""
 
-MEASURED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
-"""A measuring page says so, too."""
+MEASUREMENT_ENDED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
+"""Condition that holds when a measuring page has ended."""
 
 LOADED = "document.readyState === 'complete'"
-"""What the page names has been asked for, and its scripts have run."""
+"""Condition that holds when all resources were requested and scripts have run."""
 
 
 class Chromium:
-    """One browser with one page; notes what the page logs, throws and asks the network for."""
+    """A browser with one page; records errors, downloads and network requests of the page."""
 
     def __init__(self, flags: Sequence[str] = FLAGS) -> None:
-        program = next((found for name in NAMES if (found := shutil.which(name))), None)
-        assert program, INSTALL
+        program = next((path for name in PROGRAM_NAMES if (path := shutil.which(name))), None)
+        assert program, INSTALL_HINT
         self.errors: list[str] = []
         self.requests: list[str] = []
         self.downloads: list[str] = []
@@ -80,41 +80,41 @@ class Chromium:
             self.send(f"{domain}.enable")
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send one command and wait for its answer."""
+        """Send a command and wait for the reply."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
         os.write(self._out, json.dumps(message).encode() + b"\0")
         while True:
-            answer = self._read()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, f"{method}: {answer.get('error')}"
-                return answer["result"]
+            reply = self._read()
+            if reply.get("id") == self._number:
+                assert "error" not in reply, f"{method}: {reply.get('error')}"
+                return reply["result"]
 
     def _read(self) -> dict[str, Any]:
-        end = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TIMEOUT_S
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._in], [], [], max(0.0, end - time.monotonic()))
-            assert ready, f"Chromium gave no answer in {PATIENCE_S:g} s"
-            piece = os.read(self._in, 1 << 20)
-            assert piece, "Chromium ended"
-            self._buffer += piece
+            ready, _, _ = select.select([self._in], [], [], max(0.0, deadline - time.monotonic()))
+            assert ready, f"Chromium did not reply within {TIMEOUT_S:g} s"
+            chunk = os.read(self._in, 1 << 20)
+            assert chunk, "Chromium exited"
+            self._buffer += chunk
         line, _, self._buffer = self._buffer.partition(b"\0")
         message = json.loads(line)
         self._note(message.get("method", ""), message.get("params", {}))
         return message
 
-    def _note(self, event: str, values: dict[str, Any]) -> None:
+    def _note(self, event: str, parameters: dict[str, Any]) -> None:
         if event == "Runtime.exceptionThrown":
-            details = values["exceptionDetails"]
+            details = parameters["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
-        elif event == "Runtime.consoleAPICalled" and values["type"] in ("error", "warning"):
-            self.errors.append(str([each.get("value") for each in values["args"]]))
-        elif event == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
-            self.errors.append(values["entry"]["text"])
+        elif event == "Runtime.consoleAPICalled" and parameters["type"] in ("error", "warning"):
+            self.errors.append(str([argument.get("value") for argument in parameters["args"]]))
+        elif event == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
+            self.errors.append(parameters["entry"]["text"])
         elif event == "Network.requestWillBeSent":
-            self.requests.append(values["request"]["url"])
+            self.requests.append(parameters["request"]["url"])
 
     def open(self, file: Path, ready: str = REPORT_READY, fragment: str = "") -> None:
         """Open a file and wait until the JavaScript condition `ready` holds in it."""
@@ -127,16 +127,16 @@ class Chromium:
 
     def wait(self, condition: str) -> None:
         """Wait until a JavaScript condition holds."""
-        end = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TIMEOUT_S
         while not self.evaluate(condition):
             assert not self.errors, self.errors
-            if time.monotonic() > end:
-                shown = self.evaluate("document.body?.innerText.slice(0, 500)")
-                raise AssertionError(f"never became true: {condition}; the page shows: {shown}")
+            if time.monotonic() > deadline:
+                page_text = self.evaluate("document.body?.innerText.slice(0, 500)")
+                raise AssertionError(f"timeout waiting for {condition}; page text: {page_text}")
             time.sleep(0.02)
 
     def evaluate(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression; promises are awaited."""
+        """Return the value of a JavaScript expression, after awaiting a promise."""
         result = self.send(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -144,7 +144,7 @@ class Chromium:
         return result["result"].get("value")
 
     def resize(self, width: int, height: int) -> None:
-        """Give the page a viewport of this size, in CSS pixels."""
+        """Set the size of the viewport in CSS pixels."""
         self.send(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -154,7 +154,7 @@ class Chromium:
         )
 
     def prefer(self, scheme: str) -> None:
-        """Let the system prefer "light" or "dark" colours."""
+        """Set the system's colour preference, "light" or "dark"."""
         feature = {"name": "prefers-color-scheme", "value": scheme}
         self.send("Emulation.setEmulatedMedia", features=[feature])
 
@@ -165,7 +165,7 @@ class Chromium:
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def press(self, key: str, code: int = 0, modifiers: int = 0) -> None:
-        """Press and release a key, e.g. press("Tab", 9); modifiers 2 hold Ctrl."""
+        """Press and release a key, for example press("Tab", 9); modifiers=2 holds Ctrl."""
         text = {"Enter": "\r"}.get(key, "")
         for kind in ("keyDown", "keyUp"):
             self.send(
@@ -178,20 +178,20 @@ class Chromium:
                 modifiers=modifiers,
             )
 
-    def screenshot(self, file: Path, *, whole: bool = True) -> Path:
-        """Save what is seen, or the whole page, as PNG."""
-        shot = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
-        file.write_bytes(base64.b64decode(shot["data"]))
+    def screenshot(self, file: Path, *, full_page: bool = True) -> Path:
+        """Save the full page or only the viewport as PNG."""
+        image = self.send("Page.captureScreenshot", captureBeyondViewport=full_page)
+        file.write_bytes(base64.b64decode(image["data"]))
         return file
 
     def print(self, file: Path) -> Path:
         """Print the page to PDF."""
-        printed = self.send("Page.printToPDF", printBackground=True)
-        file.write_bytes(base64.b64decode(printed["data"]))
+        document = self.send("Page.printToPDF", printBackground=True)
+        file.write_bytes(base64.b64decode(document["data"]))
         return file
 
     def close(self) -> None:
-        """End the browser."""
+        """Close the browser."""
         self._session = None
         try:
             self.send("Browser.close")

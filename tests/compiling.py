@@ -1,6 +1,6 @@
-"""Compiles every kernel once, before the processes that run the tests start.
+"""Compile every kernel once before the test processes start.
 
-Otherwise each would compile them. Where nothing is compiled yet, two processes do half each.
+Otherwise each process would compile them. If the cache is empty, two processes compile half each.
 """
 
 import subprocess
@@ -23,45 +23,45 @@ from triangulators import certify, names, triangulate, triangulate_many
 from triangulators.compute.compiled_files import is_kept
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
-"""Small ones whose polygons go every way through the kernels: holes, many holes, none."""
+"""Small scenes that cover all kernels: polygons with holes, with many holes, without holes."""
 
-LISTING = ("exhaustive", "listed", "pareto")
+SLOW = ("exhaustive", "listed", "pareto")
 
-BESIDE = ("max-area", "greedy", "random", "pareto", "refined")
-"""What the second process compiles: about half of all, and little that the others need, too."""
+SECOND_HALF = ("max-area", "greedy", "random", "pareto", "refined")
+"""Triangulators compiled by the second process: about half, with little overlap."""
 
 
 def compile_everything() -> None:
-    """Call each kernel as the product calls it; next to no time where all are compiled."""
-    known = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
+    """Call each kernel as the product does; fast if all are compiled."""
+    names_to_compile = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
     if not is_kept(COMPILED_LATE):
-        # A third reads the tests, so that three workers need not rewrite what they assert.
-        reading = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
+        # A third process imports the tests, so that pytest rewrites their assertions only once.
+        collect = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
         with (
             subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT),
-            subprocess.Popen(reading, cwd=ROOT, stdout=subprocess.DEVNULL),
+            subprocess.Popen(collect, cwd=ROOT, stdout=subprocess.DEVNULL),
         ):
-            warm_up(*(parse(name) for name in known if name not in BESIDE))
-            _scenes(known)
-    warm_up(*map(parse, known))
-    _scenes(known)
+            warm_up(*(parse(name) for name in names_to_compile if name not in SECOND_HALF))
+            _compile_scenes(names_to_compile)
+    warm_up(*map(parse, names_to_compile))
+    _compile_scenes(names_to_compile)
 
 
-def _scenes(known: list[str], order: int = 1) -> None:
-    """Go through the scenes from the first, 1, or from the last, -1.
+def _compile_scenes(candidates: list[str], order: int = 1) -> None:
+    """Compile the kernels for the scenes, from the first (order 1) or the last (order -1).
 
-    Two processes that come from both ends meet: what one compiles, the other loads.
+    Two processes that start from both ends load each other's results once they meet.
     """
-    known = [name for name in known if name not in LISTING]  # which take long for more than that
+    candidates = [name for name in candidates if name not in SLOW]  # slow for these scenes
     for scene in SCENES[::order]:
         polygons = load(scene).polygons
         triangulate_many(polygons)
         frame = make_frame(polygons, View(64))
         triangulate_many(frame.polygons, device="llvmpipe")
-        for name in known[::order]:
-            found = triangulate_polygons(parse(name), frame.polygons)
-        _rasterise(frame, frame.join(found.parts))
-        outlines(frame, found.parts)
+        for name in candidates[::order]:
+            triangulation = triangulate_polygons(parse(name), frame.polygons)
+        _rasterise(frame, frame.join(triangulation.parts))
+        outlines(frame, triangulation.parts)
         fewest(frame, None)
 
 
@@ -74,18 +74,18 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
     lane_maps(frame, triangles)
 
 
-def _half() -> None:
-    """Do the second process's half."""
-    warm_up(*map(parse, BESIDE))
+def _compile_second_half() -> None:
+    """Compile the half of the second process."""
+    warm_up(*map(parse, SECOND_HALF))
     polygons = load(SCENES[0]).polygons
     triangulate_many(polygons, "refined")
     frame = make_frame(polygons, View(64))
-    found = triangulate_polygons(parse("ear-clipping"), frame.polygons)
-    _rasterise(frame, frame.join(found.parts))
-    for polygon in [each for scene in SCENES for each in load(scene).polygons[:3]]:
+    triangulation = triangulate_polygons(parse("ear-clipping"), frame.polygons)
+    _rasterise(frame, frame.join(triangulation.parts))
+    for polygon in [shape for scene in SCENES for shape in load(scene).polygons[:3]]:
         certify(polygon, triangulate(polygon, "ear-clipping", repair=True), "overdraw")
-    _scenes(names(available_only=True), -1)
+    _compile_scenes(names(available_only=True), -1)
 
 
 if __name__ == "__main__":
-    _half()
+    _compile_second_half()

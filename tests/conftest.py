@@ -1,4 +1,4 @@
-"""Fixtures that all tests share."""
+"""Fixtures and helpers of all tests."""
 
 import gc
 import json
@@ -27,49 +27,49 @@ from harness.rasterisers.reference import _Filling
 from harness.stats.run_quality import QUIET, RunState
 from harness.workers import serving
 from tests.chromium import Chromium
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from triangulators.gpu import engine
 
-# The same inputs every time, whatever the machine; tests/fuzz searches at random.
+# Reproducible inputs on all machines; tests/fuzz searches at random.
 settings.load_profile("ci")
 
 serving.PRELOADED = "tests.preloaded"
 
 system.stolen_s = system.other_processes_s = lambda: 0.0
-"""What the host or another program takes of a test's few milliseconds is not what it asks about."""
+"""Ignore steal time and other programs, which would disturb the milliseconds of a test's run."""
 
-BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
-"""In place of what `run --quick` takes."""
+BRIEF_TIMING = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
+"""Replaces the settings of `run --quick`."""
 
 
 PRINTED_DPI = style.STYLE["savefig.dpi"]
 style.STYLE["savefig.dpi"] = 50
-"""Most tests ask only whether a picture is written; a paper's has sixteen times the pixels."""
+"""Most tests only check that a picture is written; printed pictures have 16 times the pixels."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Hear Ctrl-C, which tests send; compile before the workers of pytest-xdist start."""
-    # A shell's background job, and what it starts, would ignore it.
+    """Enable Ctrl-C, which tests send; compile before the workers of pytest-xdist start."""
+    # Background jobs of a shell and their children ignore SIGINT.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         from tests.compiling import compile_everything
 
         compile_everything()
-    # What imports and collecting the tests make stays until the end: a tenth of a worker's time
-    # would go into walking over it.
+    # Objects from imports and test collection live until the end; scanning them would take 10 % of
+    # a worker's time.
     gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """Collect garbage again, but only what the tests themselves make."""
+    """Enable garbage collection, but only of objects that tests create."""
     gc.collect()
     gc.freeze()
     gc.enable()
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than there are cores: many tests wait for a process that they started."""
+    """Return the number of cores plus one, because many tests wait for a child process."""
     return min(len(os.sched_getaffinity(0)) + 1, 9)
 
 
@@ -82,12 +82,15 @@ BLOCK = [
 """Three footprints: an L, a courtyard, a square."""
 
 
-def geojson(geometries: Iterable[Any], **members: Any) -> str:
-    """A collection of features, numbered: shapes, geometries as JSON has them, or None."""
+def make_geojson(geometries: Iterable[Any], **members: Any) -> str:
+    """Return a GeoJSON FeatureCollection with numbered features.
+
+    geometries : shapes, GeoJSON geometries or None
+    """
     features = [
         {"type": "Feature", "properties": {"id": number}, "geometry": shape}
         for number, shape in enumerate(
-            getattr(each, "__geo_interface__", each) for each in geometries
+            getattr(geometry, "__geo_interface__", geometry) for geometry in geometries
         )
     ]
     return json.dumps({"type": "FeatureCollection", **members, "features": features})
@@ -95,12 +98,12 @@ def geojson(geometries: Iterable[Any], **members: Any) -> str:
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     """Write polygons in metres to a GeoJSON file."""
-    path.write_text(geojson(polygons, crs=IN_METRES))
+    path.write_text(make_geojson(polygons, crs=IN_METRES))
     return path
 
 
-def exit_code(*arguments: str) -> int:
-    """Run the command line in this process; returns its exit code."""
+def run_command(*arguments: str) -> int:
+    """Run the command line in this process; return the exit code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["harness", *arguments])
         for variable in (DEBUG_VARIABLE, LOG_VARIABLE):
@@ -114,29 +117,32 @@ def exit_code(*arguments: str) -> int:
 def harness(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Callable[..., tuple[int, str, str]]:
-    """Run the command line in this process, in an empty folder; returns (exit code, out, err)."""
+    """Return a function that runs the command line in this process: (exit code, out, err).
+
+    The current folder is empty.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
-    monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
+    monkeypatch.setattr("harness.commands.run.QUICK", BRIEF_TIMING)
 
     def call(*arguments: str) -> tuple[int, str, str]:
-        code = exit_code(*arguments)
+        code = run_command(*arguments)
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 
     return call
 
 
-def ends_well(answer: tuple[int, str, str]) -> tuple[str, str]:
-    """Require of a command's (exit code, out, err) that it did what it was to do: (out, err)."""
-    code, out, err = answer
+def require_ok(result: tuple[int, str, str]) -> tuple[str, str]:
+    """Require exit code 0 of a command's (exit code, out, err); return (out, err)."""
+    code, out, err = result
     assert code == 0, err
     return out, err
 
 
 def assert_one_line(err: str, *parts: str) -> None:
-    """Require one line of an error, with these parts, and no traceback."""
+    """Require a single error line that contains the parts, and no traceback."""
     lines = [line for line in err.strip().splitlines() if line.startswith("error:")]
     assert len(lines) == 1, err
     assert "Traceback" not in err
@@ -144,83 +150,83 @@ def assert_one_line(err: str, *parts: str) -> None:
         assert part in lines[0]
 
 
-def assert_refused(answer: tuple[int, str, str], *parts: str, code: int = 2) -> str:
-    """Require of a command's answer that it is one line of an error, with these parts; err."""
-    found, _, err = answer
-    assert found == code, err
+def assert_refused(result: tuple[int, str, str], *parts: str, code: int = 2) -> str:
+    """Require an exit code and a single error line that contains the parts; return err."""
+    exit_code, _, err = result
+    assert exit_code == code, err
     assert_one_line(err, *parts)
     return err
 
 
 @pytest.fixture
 def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out plots of runs and studies, which are looked at in tests of their own."""
+    """Skip plots of runs and studies, which have separate tests."""
     monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     monkeypatch.setattr("harness.study.correlations.plot_study", lambda *_: [])
 
 
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run a run's tasks in this process, for tests of what comes after."""
-    briefly(monkeypatch)
+    """Execute the tasks of runs in this process, for tests of later steps."""
+    shorten_runs(monkeypatch)
 
 
-_timer_tested_once = cache(tasks.choose_timer)
+_choose_timer_once = cache(tasks.choose_timer)
 
 
-def briefly(patch: pytest.MonkeyPatch) -> None:
-    """Run a run's tasks in this process, in few rounds; the reference draws once for a batch.
+def shorten_runs(patch: pytest.MonkeyPatch) -> None:
+    """Execute the tasks of runs in this process, in few rounds, with one reference draw per batch.
 
-    The run is quiet whatever else the machine does, so that what follows from its times is there.
+    The run counts as quiet whatever else runs on the machine, so that its times are evaluated.
     """
     sample = _Filling.sample
 
-    def once(drawing: _Filling, repeats: int) -> Sample:
+    def sample_once(drawing: _Filling, repeats: int) -> Sample:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
-    patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+    patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
     patch.setattr("harness.measuring.run.judge_records", lambda *_: RunState(QUIET))
-    patch.setattr("harness.measuring.tasks.choose_timer", _timer_tested_once)
+    patch.setattr("harness.measuring.tasks.choose_timer", _choose_timer_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
-    patch.setattr(_Filling, "sample", once)
+    patch.setattr(_Filling, "sample", sample_once)
 
 
 @pytest.fixture
-def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many polygons compute shaders did, batch by batch; the CPU did the others."""
+def device_counts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of polygons solved by compute shaders, per batch."""
     counts: list[int] = []
-    attempt = engine.attempt
+    original = engine.attempt
 
-    def counted(name: str, batch: engine.Batch, *how: Any) -> None:
-        attempt(name, batch, *how)
+    def record_counts(name: str, batch: engine.Batch, *arguments: Any) -> None:
+        original(name, batch, *arguments)
         counts.append(int(batch.done.sum()))
 
-    monkeypatch.setattr(engine, "attempt", counted)
+    monkeypatch.setattr(engine, "attempt", record_counts)
     return counts
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Chromium]:
-    """One browser for all tests that look at a page; without one they fail, and say why."""
+    """Yield a browser for all tests of pages; they fail with a hint if it is not installed."""
     chromium = Chromium()
     yield chromium
     chromium.close()
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _signals_as_in_a_terminal() -> None:
-    """Let signals do what they usually do, however the tests were started: nohup ignores SIGHUP."""
+def _restore_default_signals() -> None:
+    """Restore the default effect of signals; nohup, for example, ignores SIGHUP."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep tests, and the programs they start, away from the user's model database."""
+def _use_temporary_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Use a temporary triangulation cache in tests and their child processes."""
     with pytest.MonkeyPatch.context() as patch:
-        place = tmp_path_factory.mktemp("cache") / "triangulations.sqlite"
-        patch.setenv("RASTER_HARNESS_CACHE", str(place))
+        path = tmp_path_factory.mktemp("cache") / "triangulations.sqlite"
+        patch.setenv("RASTER_HARNESS_CACHE", str(path))
         yield
 
 
@@ -238,5 +244,5 @@ def _user_modules_of_one_test() -> Iterator[None]:
 
 @pytest.fixture
 def block(tmp_path: Path) -> Path:
-    """A GeoJSON file of three footprints: an L, a courtyard, a square."""
+    """Return a GeoJSON file of three footprints: an L, a courtyard, a square."""
     return write_geojson(tmp_path / "block.geojson", BLOCK)

@@ -1,4 +1,4 @@
-"""Tasks in this very process."""
+"""A worker that executes tasks in this process."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,8 +7,8 @@ from harness.errors import HarnessError
 from harness.workers.serving import failure
 
 
-class Inline:
-    """In place of a `Worker`: nothing is started, and nothing interrupts a task."""
+class InlineWorker:
+    """Replaces a `Worker`, without a child process or time limits."""
 
     def call(self, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
         """Return `function(*arguments)`; errors other than HarnessError become TaskError."""
@@ -20,4 +20,4 @@ class Inline:
             raise failure(error) from error
 
     def close(self, *, at_once: bool = False) -> None:
-        """Nothing to end."""
+        """Do nothing."""

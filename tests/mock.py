@@ -1,6 +1,6 @@
-"""A rasteriser with scripted costs, so that scheduling is tested without waiting.
+"""A rasteriser with scripted costs, to test scheduling without waiting.
 
-Its time is a clock of its own, which drawing alone moves; its counters follow from the triangles.
+Only drawing advances its clock; its counters follow from the triangles.
 """
 
 import os
@@ -25,7 +25,7 @@ from harness.rasterisers.base import (
 
 @dataclass
 class Clock:
-    """Seconds that pass only when something is drawn; `speed` may change on the way."""
+    """A clock that only drawing advances; `speed` is a factor that depends on the time."""
 
     now: float = 0.0
     speed: Callable[[float], float] = lambda now: 1.0
@@ -34,14 +34,14 @@ class Clock:
         return self.now
 
     def spend(self, seconds: float) -> float:
-        taken = seconds * self.speed(self.now)
-        self.now += taken
-        return taken
+        duration = seconds * self.speed(self.now)
+        self.now += duration
+        return duration
 
 
 @dataclass
 class ScriptedDrawing:
-    """Takes `cost` seconds a draw, give or take `noise` of it; notes every call in `log`."""
+    """Takes `cost` seconds per draw with relative `noise`; appends every call to `log`."""
 
     name: str
     cost: float
@@ -60,7 +60,7 @@ class ScriptedDrawing:
 
 
 class MockDrawing(Drawing):
-    """Costs a microsecond a triangle, and waits so long, or there would be a million rounds."""
+    """Takes and waits a microsecond per triangle; without the wait there would be 10^6 rounds."""
 
     def __init__(self, triangles: Triangles, speed: float) -> None:
         self._cost = 1e-6 * (1 + len(triangles)) * speed
@@ -74,20 +74,20 @@ class MockDrawing(Drawing):
 
 
 class MockRasteriser(Rasteriser):
-    """Counts twice a triangle's area as fragments, so any full triangulation gives the same.
+    """Counts twice the area of triangles as fragments, equal for all complete triangulations.
 
-    What it does wrong is chosen by the environment variable MOCK_FAULT.
+    The environment variable MOCK_FAULT selects a fault.
     """
 
     name = "mock"
     known = ("scripted",)
     runs = 0
-    """Of this process, as `begin_run` is told of them."""
+    """Number of runs in this process, counted by `begin_run`."""
     counters = ("fragments", "quads", "helper_lanes")
 
     @classmethod
     def begin_run(cls) -> None:
-        """Let what is measured from now on differ a little from what was: no two runs are equal."""
+        """Make the times of this run differ slightly from those of earlier runs."""
         cls.runs += 1
 
     @classmethod
@@ -98,27 +98,27 @@ class MockRasteriser(Rasteriser):
         self.device = device
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        _fault("count", len(triangles))
+        _raise_fault("count", len(triangles))
         corners = frame.points[triangles].astype(np.int64)
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        double_areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         polygons = len(frame.grid)
         owner = frame.owner(triangles)
         fragments = np.zeros(polygons, np.int64)
-        np.add.at(fragments, owner, doubled)
+        np.add.at(fragments, owner, double_areas)
         quads = fragments + np.bincount(owner, minlength=polygons)
         return {"fragments": fragments, "quads": quads, "helper_lanes": 4 * quads - fragments}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        _fault("time", len(triangles))
+        _raise_fault("time", len(triangles))
         number = (7919 * os.getpid() + 613 * self.runs) % 9973
         return MockDrawing(triangles, 1.0 + 5e-7 * number)
 
 
-def _fault(stage: str, triangles: int) -> None:
-    """Fail as told: MOCK_FAULT is "<stage>:<kind>", for an odd number of triangles (but one)."""
-    wanted, _, kind = os.environ.get("MOCK_FAULT", "").partition(":")
-    if wanted != stage or triangles % 2 == 0 or triangles == 1:
+def _raise_fault(stage: str, triangles: int) -> None:
+    """Fail if MOCK_FAULT is "<stage>:<kind>" and the number of triangles is odd, but not 1."""
+    fault_stage, _, kind = os.environ.get("MOCK_FAULT", "").partition(":")
+    if fault_stage != stage or triangles % 2 == 0 or triangles == 1:
         return
     if kind == "crash":
         os.abort()

@@ -1,4 +1,4 @@
-"""Where the repository is, and data of other people, which may not be part of it."""
+"""The path of the repository and of third-party data, which the repository must not contain."""
 
 import os
 import subprocess
@@ -11,16 +11,16 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def shared_data(name: str) -> Path:
-    """Return a file of the folder beside the repository; skips the test where it is absent."""
+def find_shared_data(name: str) -> Path:
+    """Return the path of a file of third-party data; skip the test if it is missing."""
     path = ROOT.parent / "shared" / "data" / name
     if not path.exists():
         pytest.skip(f"{name} is not in {path.parent}")
     return path
 
 
-def python(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run Python, which finds the repository, in a process of its own; what it says is text."""
+def run_python(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python in a child process with the repository on its path; the output is text."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
     options = {"cwd": ROOT, "capture_output": True, "text": True, "env": environment} | options
     return subprocess.run([sys.executable, *map(str, arguments)], **options)

@@ -1,7 +1,7 @@
-"""What the server of workers loads for tests, which start some two hundred workers.
+"""Imports of the worker server in tests, which start about two hundred workers.
 
-Beside what a run's server loads, that is what a run leaves to its second process, and what its
-workers import late: each would load it anew.
+They include the modules that a run loads in its second process and those that its workers import
+late, because otherwise each worker would load them again.
 """
 
 import gc

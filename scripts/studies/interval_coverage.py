@@ -44,7 +44,7 @@ from harness.stats.intervals import (
 )
 from harness.study.correlations import median_estimate
 from harness.study.regret import regret_ends, regret_interval
-from scripts.studies.machines import EPOCHS, MACHINES, Machine, simulate_quiet, simulate_records
+from scripts.studies.machines import EPOCHS, MACHINES, Machine, quiet, simulate_run
 
 REGRETS = Path("results/reference/cpu/regret-city/regret_by_polygon.csv")
 DOMINATED = "of which one polygon has a quarter"
@@ -317,7 +317,7 @@ def _simulate_any_run(epochs: int, rng: np.random.Generator) -> Trial:
 def _simulate_machine_in_use(machine: Machine, tail: bool, rng: np.random.Generator) -> Trial:
     """Time two drawings with a true ratio of 0.9 on a machine in use."""
 
-    base, head = simulate_records(rng, machine, (1.0, 0.9), tail)
+    base, head = simulate_run(rng, machine, (1.0, 0.9), tail)
     assert base.time is not None
     assert head.time is not None
     interval = time_ratio(head, base)
@@ -329,7 +329,7 @@ def _simulate_machine_in_use(machine: Machine, tail: bool, rng: np.random.Genera
 def _simulate_winner(rng: np.random.Generator) -> Trial:
     """Choose the fastest of six drawings that take 0.9 to 0.903 of the baseline's time."""
     factors = (1.0, *(0.9 * np.exp(rng.uniform(0, 0.003, 6))))
-    (group,) = group_records(simulate_records(rng, simulate_quiet, factors))
+    (group,) = group_records(simulate_run(rng, quiet, factors))
     records, decision = group.records, decide(group)
     if decision is None or decision.saving is None:
         return Trial(UNKNOWN, None, 1.0)

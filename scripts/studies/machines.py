@@ -2,7 +2,7 @@
 
 A machine is a function that returns its effect on the rounds of a run: the factors by which all
 drawings of a round are slowed down, (rounds,), and the seconds that the sample of each drawing
-waited for a core, (drawings, rounds). `simulate_records` returns the records of such a run.
+waited for a core, (drawings, rounds). `simulate_run` returns the records of such a run.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,46 +20,46 @@ EPOCHS, ROUNDS = 6, 72
 DRAW_S = 2e-3
 
 
-def simulate_quiet(_: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+def quiet(_: np.random.Generator, drawings: int) -> tuple[Values, Values]:
     """Simulate a machine without other programs."""
     return np.ones(ROUNDS), np.zeros((drawings, ROUNDS))
 
 
-def simulate_time_slices(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+def time_slices(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
     """Simulate other programs that share the core in time slices: a third of all samples waits."""
     waited = np.where(rng.random((drawings, ROUNDS)) < 1 / 3, 4e-3 * rng.integers(1, 4), 0.0)
     return np.ones(ROUNDS), waited
 
 
-def simulate_two_speeds(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+def two_speeds(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
     """Simulate a neighbour on the core that is active for some rounds at a time."""
     slower = np.repeat(rng.random(ROUNDS // 4) < 0.5, 4)
     return np.where(slower, 1.4, 1.0), np.zeros((drawings, ROUNDS))
 
 
-def simulate_late_load(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+def late_load(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
     """Simulate endless loops that start midway: waits, and a slower core."""
     loaded = np.arange(ROUNDS) >= rng.integers(ROUNDS // 4, 3 * ROUNDS // 4)
     waited = np.where(loaded & (rng.random((drawings, ROUNDS)) < 0.4), 8e-3, 0.0)
     return np.where(loaded, 1.2, 1.0), waited
 
 
-def simulate_heavy_tails(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
+def heavy_tails(rng: np.random.Generator, drawings: int) -> tuple[Values, Values]:
     """Simulate rounds that take many times as long for all drawings."""
     longer = (rng.random(ROUNDS) < 0.05) * rng.pareto(1.2, ROUNDS)
     return 1 + longer, np.zeros((drawings, ROUNDS))
 
 
 MACHINES: dict[str, Machine] = {
-    "quiet": simulate_quiet,
-    "slices": simulate_time_slices,
-    "two speeds": simulate_two_speeds,
-    "loops from midway": simulate_late_load,
-    "heavy tails": simulate_heavy_tails,
+    "quiet": quiet,
+    "slices": time_slices,
+    "two speeds": two_speeds,
+    "loops from midway": late_load,
+    "heavy tails": heavy_tails,
 }
 
 
-def simulate_records(
+def simulate_run(
     rng: np.random.Generator, machine: Machine, factors: Sequence[float], tail: bool = False
 ) -> list[Record]:
     """Return records of drawings timed together, whose true times are `factors` times `DRAW_S`.
@@ -75,14 +75,12 @@ def simulate_records(
     epoch_factors = np.exp(0.002 * rng.standard_normal((len(factors), EPOCHS)))
     process_factors = np.exp(0.003 / np.sqrt(2) * rng.standard_normal(len(factors)))
     for number, factor in enumerate(factors):
-        drawing_factors = (
-            np.repeat(epoch_factors[number], ROUNDS // EPOCHS) * process_factors[number]
-        )
+        own_factors = np.repeat(epoch_factors[number], ROUNDS // EPOCHS) * process_factors[number]
         noise = np.exp(0.01 * rng.standard_normal(ROUNDS))
         if tail:
             noise *= 1 + (rng.random(ROUNDS) < 0.05) * rng.pareto(1.5, ROUNDS)
         cold = np.where(waited[number] > 0, 1 + 0.1 * rng.random(ROUNDS), 1.0)
-        samples = DRAW_S * factor * shared * drawing_factors * noise * cold
+        samples = DRAW_S * factor * shared * own_factors * noise * cold
         times = {
             "timer": "cpu",
             "samples_s": samples.tolist(),

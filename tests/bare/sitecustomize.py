@@ -1,6 +1,6 @@
-"""Hides from each Python process that has this folder in PYTHONPATH what other systems lack.
+"""Hide Linux features from Python processes with this folder in PYTHONPATH.
 
-Windows has none of these modules and calls, and neither it nor macOS has these libraries.
+Windows lacks these modules and functions; Windows and macOS lack these libraries.
 """
 
 import ctypes
@@ -9,7 +9,7 @@ import signal
 import sys
 from types import ModuleType
 
-import psutil  # noqa: F401 - on Linux it needs some of them itself
+import psutil  # noqa: F401 - on Linux, psutil needs some of them
 
 for _module in ("fcntl", "resource", "termios"):
     sys.modules[_module] = None  # type: ignore[assignment]
@@ -18,7 +18,7 @@ for _call in ("setpgid", "killpg", "getpgid", "sched_getaffinity", "fork"):
     delattr(os, _call)
 del signal.SIGHUP
 
-# What Windows has instead of fcntl; here it locks nothing.
+# The replacement of fcntl on Windows; this one does not lock.
 _msvcrt = ModuleType("msvcrt")
 _msvcrt.LK_LOCK, _msvcrt.LK_NBLCK = 1, 2  # type: ignore[attr-defined]
 _msvcrt.locking = lambda descriptor, mode, size: None  # type: ignore[attr-defined]
@@ -30,7 +30,7 @@ _open = ctypes.CDLL.__init__
 
 def _refuse(self, name, *arguments, **options):  # type: ignore[no-untyped-def]  # noqa: ANN
     if name is not None and any(word in str(name) for word in _LIBRARIES):
-        raise OSError(f"{name}: there is no such library on this system")
+        raise OSError(f"{name}: library not found on this system")
     _open(self, name, *arguments, **options)
 
 

@@ -1,3 +1,3 @@
-"""Fixtures of the tests, for the benchmarks too."""
+"""Fixtures of tests/rasterisers for the benchmarks."""
 
 from tests.rasterisers.conftest import _open_rasterisers, llvmpipe, opened, reference  # noqa: F401

@@ -1,8 +1,7 @@
-"""Can the gate be left switched on? It must be quiet on equal runs and loud on slower ones.
+"""Error rates of the gate: it must pass equal runs and fail slower ones.
 
-A hundred quick runs of the city, about a quarter of an hour; counters cannot see the slower
-drawing, so that times alone must tell. Inconclusive ones are counted apart: exit code 5 says that
-the machine was too busy, which neither blames a change nor lets it pass for good.
+A hundred quick runs of the city take about 15 minutes. Counters do not show the slower drawing, so
+that only times can. Inconclusive comparisons (exit code 5, a busy machine) are counted separately.
 """
 
 import os
@@ -19,37 +18,37 @@ from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
 
 PAIRS, SLOWER = 40, 20
-THIRD = "2"
-"""Which drawing of a run is the slower one; any will do, but fan, which leaves polygons out."""
+SLOWED_INDEX = "2"
+"""Index of the slower drawing of a run; any except fan, which skips polygons."""
 
 
 def measure(out: Path, **variables: str) -> Path:
-    """Measure the city, in a process of its own as a user's runs are."""
+    """Measure the city in a new process."""
     command = [sys.executable, "-m", "harness", "run", "--scene", "city", "--quick", "--quiet"]
     command += ["--rasterisers", "tests.compare.heavy:HeavyOpenGL", "--out", str(out)]
     environment = {**os.environ, **variables}
-    done = subprocess.run(
+    process = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     return out
 
 
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory) -> dict[str, Counter[int]]:
-    """Exit codes of comparing equal runs, and of runs with 10 % more work in one drawing."""
+    """Count exit codes for equal runs, and for runs with 10 % more work in one drawing."""
     folder = tmp_path_factory.mktemp("gate")
-    found: dict[str, Counter[int]] = {"equal": Counter(), "slower": Counter()}
+    counts: dict[str, Counter[int]] = {"equal": Counter(), "slower": Counter()}
     for number in range(PAIRS):
         base = read_run(measure(folder / f"base-{number}"))
         head = read_run(measure(folder / f"head-{number}"))
-        found["equal"][compare_runs(base, head).exit_code] += 1
+        counts["equal"][compare_runs(base, head).exit_code] += 1
         if number < SLOWER:
-            more = measure(folder / f"slower-{number}", **{WHICH: THIRD, EXTRA: "0.1"})
-            found["slower"][compare_runs(base, read_run(more)).exit_code] += 1
-    for name, counter in found.items():
+            slower = measure(folder / f"slower-{number}", **{WHICH: SLOWED_INDEX, EXTRA: "0.1"})
+            counts["slower"][compare_runs(base, read_run(slower)).exit_code] += 1
+    for name, counter in counts.items():
         print(f"\n{name}: exit codes {dict(sorted(counter.items()))}")
-    return found
+    return counts
 
 
 def test_equal_runs_pass(codes):

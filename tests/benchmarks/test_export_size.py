@@ -1,4 +1,4 @@
-"""A million footprints to GeoParquet: memory, and the rate beside that of earcut alone."""
+"""Export of a million footprints to GeoParquet: memory, and speed compared with earcut."""
 
 import json
 import time
@@ -12,7 +12,7 @@ from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
 from scenes import load
-from tests.paths import python
+from tests.paths import run_python
 from triangulators.polygon_arrays import PolygonArray
 
 MEMORY_MIB = 2048
@@ -34,7 +34,7 @@ def hundred_thousand():
 
 @pytest.fixture(scope="module")
 def million(hundred_thousand, tmp_path_factory) -> Path:
-    """Ten cities of 100,000 footprints side by side, with two attributes."""
+    """Return a file of ten adjacent cities of 100,000 footprints with two attributes."""
     path = tmp_path_factory.mktemp("million") / "in.parquet"
     column = {"encoding": "WKB", "geometry_types": ["Polygon"], "crs": None}
     geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
@@ -51,26 +51,26 @@ def million(hundred_thousand, tmp_path_factory) -> Path:
     return path
 
 
-def earcut_alone(polygons: np.ndarray) -> float:
-    """Seconds of mapbox_earcut in a loop, over arrays that are ready for it."""
+def time_earcut(polygons: np.ndarray) -> float:
+    """Return the seconds of mapbox_earcut in a loop over prepared arrays."""
     arrays = PolygonArray.from_shapely(polygons)
     rings = (arrays.rings_of(index) for index in range(len(arrays)))
-    pieces = [(points, offsets[1:].astype(np.uint32)) for points, offsets in rings]
-    begun = time.perf_counter()
-    for coordinates, ends in pieces:
+    polygons_and_ends = [(points, offsets[1:].astype(np.uint32)) for points, offsets in rings]
+    start = time.perf_counter()
+    for coordinates, ends in polygons_and_ends:
         triangulate_float64(coordinates, ends)
-    return time.perf_counter() - begun
+    return time.perf_counter() - start
 
 
 def test_a_million_footprints_in_two_gibibytes(million, hundred_thousand):
     out = million.with_name("out.parquet")
-    earcut_s = earcut_alone(hundred_thousand) * TILES
-    done = python("-c", EXPORT, million, out, check=True)
-    polygons, seconds, triangulate_s, peak = json.loads(done.stdout)
+    earcut_s = time_earcut(hundred_thousand) * TILES
+    process = run_python("-c", EXPORT, million, out, check=True)
+    polygons, seconds, triangulate_s, peak = json.loads(process.stdout)
     print(
-        f"\n{polygons} footprints: {seconds:.1f} s in all ({polygons / seconds:.0f}/s), "
-        f"{triangulate_s:.1f} s of it for the optimum by half-perimeter "
-        f"({polygons / triangulate_s:.0f}/s); mapbox_earcut alone {earcut_s:.1f} s "
+        f"\n{polygons} footprints: total {seconds:.1f} s ({polygons / seconds:.0f}/s), "
+        f"H-optimal triangulation {triangulate_s:.1f} s "
+        f"({polygons / triangulate_s:.0f}/s); mapbox_earcut {earcut_s:.1f} s "
         f"({polygons / earcut_s:.0f}/s); peak {peak:.0f} MiB"
     )
     assert polygons == 1_000_000

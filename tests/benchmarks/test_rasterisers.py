@@ -1,7 +1,7 @@
-"""Speed of the reference, and exactness of every device on every scene: `make bench`.
+"""Speed of the reference, and exact counters of all devices on all scenes: `make bench`.
 
-The sweep draws city, Helsinki, glyphs and 1,000 random polygons with vertices on pixel centres at
-256, 1024 and 4096 px; a device that differs from the reference is reported with the polygon.
+The scenes are city, Helsinki, glyphs and 1,000 random polygons with vertices on pixel centres, at
+256, 1024 and 4096 px. Differences from the reference are reported with the polygon.
 """
 
 from functools import cache
@@ -26,7 +26,7 @@ TRIANGULATORS = ("delaunay", "ear-clipping")
 RANDOM_POLYGONS = 1000
 REFERENCE = get("reference")(find_device("reference"))
 SIDE = 32
-"""Random polygons stand in SIDE x SIDE cells."""
+"""Random polygons fill a grid of SIDE x SIDE cells."""
 
 
 @pytest.mark.parametrize("side", [20, 100, 1000])
@@ -46,8 +46,8 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     assert tests / seconds >= 100e6
 
 
-def on_pixel_centres(size: int) -> Frame:
-    """Random simple polygons whose vertices are pixel centres; edges run through more of them."""
+def make_pixel_centre_frame(size: int) -> Frame:
+    """Return random simple polygons with vertices, and often edges, on pixel centres."""
     rng = np.random.default_rng(size)
     cell = size // SIDE
     polygons: list[Polygon] = []
@@ -76,26 +76,26 @@ DEVICES = [
         for name in ("llvmpipe", "zink")
         for size in SIZES
     ),
-    ("opengl", "softpipe", 256),  # slow, and known to differ
+    ("opengl", "softpipe", 256),  # slow, with known differences
 ]
 
 
 @cache
-def drawn(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
+def make_case(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
     if scene == "pixel centres":
-        frame = on_pixel_centres(size)
+        frame = make_pixel_centre_frame(size)
     else:
         frame = make_frame(scenes.load(scene).polygons, View(size))
-    cut = {
+    triangulations = {
         name: frame.join([triangulate(polygon, name) for polygon in frame.polygons])
         for name in TRIANGULATORS
     }
-    return frame, cut
+    return frame, triangulations
 
 
 @pytest.fixture(scope="module")
 def workers():
-    """Workers by device, each started when it is first asked for."""
+    """Yield a function that returns the worker of a device, started on first use."""
     started: dict[str, Worker] = {}
 
     def worker(device: Device) -> Worker:
@@ -104,27 +104,29 @@ def workers():
         return started[device.name]
 
     yield worker
-    for each in started.values():
-        each.close()
+    for started_worker in started.values():
+        started_worker.close()
 
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("rasteriser", "name", "size"), DEVICES)
-def test_counters_equal_the_reference_polygon_by_polygon(workers, rasteriser, name, size, scene):
+def test_counters_equal_the_reference_for_every_polygon(workers, rasteriser, name, size, scene):
     device = find_device(rasteriser, name)
-    frame, cut = drawn(scene, size)
+    frame, triangulations = make_case(scene, size)
     report = []
-    for triangulator, triangles in cut.items():
+    for triangulator, triangles in triangulations.items():
         exact = REFERENCE.count(frame, triangles, Options())
         exact["hits"] = exact["fragments"]
         counted = workers(device).call(tasks.count, rasteriser, device, frame, triangles, Options())
-        own = {counter: exact[counter] for counter in get(rasteriser).counters if counter in exact}
-        assert own
-        assert counted.keys() >= own.keys()
-        report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, own)]
-    totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in own.items())
+        expected = {
+            counter: exact[counter] for counter in get(rasteriser).counters if counter in exact
+        }
+        assert expected
+        assert counted.keys() >= expected.keys()
+        report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, expected)]
+    totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in expected.items())
     print(f"\n{rasteriser}, {name}, {scene}, {size} px, {len(frame.polygons)} polygons: {totals}")
     for line in report:
         print(f"  {name} differs: {line}")
-    # Softpipe decides in floating point what lies on an edge: it is reported, not condemned.
+    # Softpipe tests edges in floating point; its differences are reported, but are no failure.
     assert name == "softpipe" or report == []

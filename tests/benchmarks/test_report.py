@@ -1,4 +1,4 @@
-"""How long a browser takes to open a large report."""
+"""Time that a browser takes to open a large report."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from tests.report.conftest import write_many
 
 
 def test_ten_thousand_cases_load_in_two_seconds(browser: Chromium, tmp_path: Path):
-    big = write_many(tmp_path / "big", devices=10)
+    folder = write_many(tmp_path / "big", devices=10)
     times = []
     for _ in range(3):
-        browser.open(big / "report.html")
+        browser.open(folder / "report.html")
         times.append(int(browser.evaluate("document.documentElement.dataset.ready")))
     assert browser.evaluate("state.report.cases.length") == 10_000
     print(f"\nready after {times} ms")

@@ -1,6 +1,6 @@
-"""Every scene by every triangulator through `run --quick`, on llvmpipe: what each record says.
+"""Records of every scene and triangulator from `run --quick` on llvmpipe.
 
-Scenes of other people's data are measured where those data are installed (`make setup` does).
+Scenes with third-party data are measured if the data are installed (`make setup`).
 """
 
 import subprocess
@@ -19,7 +19,7 @@ from triangulators import names as triangulators
 from triangulators.registry import BUILTIN
 
 SCENES = [name for name in names() if entry(name).available() is None]
-BY_DESIGN = (
+EXPECTED_REASONS = (
     "holes",
     "no vertex sees the whole polygon",
     "no zigzag stays inside the polygon",
@@ -27,10 +27,10 @@ BY_DESIGN = (
     "vertices",
     "took more than",
 )
-"""What a triangulator may say of a polygon that it does not do."""
+"""Parts of valid reasons to skip a polygon."""
 
 LIBRARIES = ("ear-clipping", "sweep", "manifold", "delaunay")
-"""They may leave T-junctions; ours may not."""
+"""Triangulators that may leave T-junctions."""
 
 MODEL = """o hexagon
 v 0 0 0
@@ -50,12 +50,12 @@ f 7 8 9 10 11
 """
 
 
-def measured(scene: str, out: Path) -> list[Record]:
-    chosen = ",".join(name for name in triangulators(available_only=True) if name in BUILTIN)
+def measure(scene: str, out: Path) -> list[Record]:
+    methods = ",".join(name for name in triangulators(available_only=True) if name in BUILTIN)
     command = [sys.executable, "-m", "harness", "run", "--scene", scene, "--quick", "--quiet"]
-    command += ["--device", "llvmpipe", "--triangulators", chosen, "--out", str(out)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    command += ["--device", "llvmpipe", "--triangulators", methods, "--out", str(out)]
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
     run = read_run(out)
     assert run.problems == []
     seconds = run.facts["seconds"]
@@ -67,12 +67,12 @@ def measured(scene: str, out: Path) -> list[Record]:
 
 
 def check(record: Record) -> None:
-    """A case was drawn and is right, or was skipped for a reason that is known."""
+    """Check that a case is correct, or skipped for an expected reason."""
     name, reason = record["triangulator"], record["reason"] or ""
-    known = any(part in reason for part in BY_DESIGN)
+    is_expected = any(part in reason for part in EXPECTED_REASONS)
     if record["status"] == "skipped":
         print(f"  {name:24} skipped: {reason}")
-        assert known, (name, reason)
+        assert is_expected, (name, reason)
         return
     print(
         f"  {name:24} {record['polygons']:6} drawn {record['polygons_skipped']:6} skipped "
@@ -80,9 +80,9 @@ def check(record: Record) -> None:
         f"{record['coverage_error']} px wrong"
     )
     assert record["status"] == "ok", (name, reason)
-    # what the verifier refuses is a failed polygon
+    # polygons that the verifier refuses count as failed
     assert record["polygons_failed"] == 0, (name, reason)
-    assert record["polygons_skipped"] == 0 or known, (name, reason)
+    assert record["polygons_skipped"] == 0 or is_expected, (name, reason)
     assert record["conforming"] or name in LIBRARIES, name
     if record["conforming"]:
         assert record["coverage_error"] == 0, name
@@ -92,8 +92,8 @@ def check(record: Record) -> None:
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_a_scene_by_all(scene, tmp_path):
-    records = measured(scene, tmp_path / "out")
+def test_scene_by_all_triangulators(scene, tmp_path):
+    records = measure(scene, tmp_path / "out")
     assert len(records) == len([n for n in triangulators(available_only=True) if n in BUILTIN])
     for record in records:
         check(record)
@@ -102,23 +102,23 @@ def test_a_scene_by_all(scene, tmp_path):
     }
 
 
-def test_all_scenes_of_the_list_were_there():
+def test_all_scenes_are_available():
     missing = [name for name in names() if name not in SCENES]
     assert missing == [], "install what requirements-data.lock pins: make setup"
 
 
-def test_a_model_of_a_users(tmp_path):
+def test_user_model(tmp_path):
     (tmp_path / "faces.obj").write_text(MODEL)
-    records = measured(f"meshes:model={tmp_path / 'faces.obj'}", tmp_path / "out")
+    records = measure(f"meshes:model={tmp_path / 'faces.obj'}", tmp_path / "out")
     for record in records:
         check(record)
-    done = {record["triangulator"]: record for record in records}
-    assert done["optimal:overdraw"]["triangles"] == 4 + 3
+    records_by_name = {record["triangulator"]: record for record in records}
+    assert records_by_name["optimal:overdraw"]["triangles"] == 4 + 3
 
 
-def test_the_largest_stress_scene_ends(tmp_path):
-    """100,000 vertices in a polygon: what cannot be done in a minute says so."""
-    for record in measured("stress:vertices=100000,family=koch", tmp_path / "out"):
+def test_largest_stress_scene_completes(tmp_path):
+    """For a polygon of 100,000 vertices, triangulators that take over a minute are skipped."""
+    for record in measure("stress:vertices=100000,family=koch", tmp_path / "out"):
         if record["status"] == "ok":
             print(f"  {record['triangulator']:24} {record['triangulate_s']:.1f} s")
         else:

@@ -1,6 +1,6 @@
-"""How often the timing is wrong, on llvmpipe: it must not see what is not there, nor miss what is.
+"""Error rates of the timing on llvmpipe: false differences, and missed real ones.
 
-Long, and worth nothing on a busy machine: `make bench`.
+Slow, and needs a quiet machine: `make bench`.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ COMPARISONS_SLOWER = 100
 
 DEFAULT = TimingSettings()
 SHORT = TimingSettings(budget_s=0.25)
-"""An error rate does not depend on the budget; 200 comparisons should not take half an hour."""
+"""Error rates do not depend on the budget; with the default, 200 comparisons take half an hour."""
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def compare(
     return paired_ratio(group["first"].samples_s, group["second"].samples_s)
 
 
-def test_a_triangulation_does_not_differ_from_itself(llvmpipe, city):
+def test_equal_triangulations_rarely_differ_significantly(llvmpipe, city):
     frame, triangles = city
     ratios = [
         compare(llvmpipe, frame, triangles, triangles, Options(), seed, SHORT)
@@ -70,23 +70,24 @@ def test_a_triangulation_does_not_differ_from_itself(llvmpipe, city):
     assert len(flagged) <= 0.08 * COMPARISONS_SAME
 
 
-def test_three_percent_more_fragment_work_is_found(llvmpipe):
+def test_three_percent_more_fragment_work_is_detected(llvmpipe):
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0.119], [1, 0.119]]) * 480 * 256 + 4096
     frame = bare_frame(512, square.astype(np.int32))
-    plain = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
-    more = np.vstack([plain, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
+    base = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
+    extended = np.vstack([base, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
     device, worker = llvmpipe
     options = Options(work=8)
     fragments = [
         int(worker.call(tasks.count, "opengl", device, frame, part, options)["fragments"].sum())
-        for part in (plain, more)
+        for part in (base, extended)
     ]
     extra = fragments[1] / fragments[0] - 1
     assert extra <= 0.0301
     ratios = [
-        compare(llvmpipe, frame, more, plain, options, seed) for seed in range(COMPARISONS_SLOWER)
+        compare(llvmpipe, frame, extended, base, options, seed)
+        for seed in range(COMPARISONS_SLOWER)
     ]
-    found = sum(ratio.verdict == "slower" for ratio in ratios)
+    detected = sum(ratio.verdict == "slower" for ratio in ratios)
     typical = np.median([ratio.value for ratio in ratios])
-    print(f"\n{extra:.1%} more fragments: {found} of {COMPARISONS_SLOWER} found, {typical:.3f}")
-    assert found >= 0.9 * COMPARISONS_SLOWER
+    print(f"\n{extra:.1%} more fragments: {detected} of {COMPARISONS_SLOWER} found, {typical:.3f}")
+    assert detected >= 0.9 * COMPARISONS_SLOWER

@@ -1,4 +1,4 @@
-"""Speed of the triangulators: ratios of two things timed in turn in one process.
+"""Speed of triangulators, as ratios of two functions timed alternately in one process.
 
 Run with `python -m pytest tests/benchmarks/test_triangulators.py --benchmark-enable -s`.
 """
@@ -15,7 +15,7 @@ import pytest
 import shapely
 
 from scenes import load
-from tests.paths import python
+from tests.paths import run_python
 from tests.triangulators.cases import convex, glyphs, shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import PolygonArray, triangulate, triangulate_many, vertices
@@ -23,25 +23,26 @@ from triangulators.criteria import predict
 
 
 def compare(
-    benchmark: Any, ours: Callable[[], Any], theirs: Callable[[], Any], rounds: int
+    benchmark: Any, tested: Callable[[], Any], baseline: Callable[[], Any], rounds: int
 ) -> float:
-    """Return the ratio of the least times of two functions, called in turn; print and record it."""
-    ours(), theirs()
+    """Return the ratio of the minimum times of two functions called alternately; print it."""
+    tested(), baseline()
     times = np.empty((rounds, 2))
     for row in times:
-        for column, function in enumerate((ours, theirs)):
+        for column, function in enumerate((tested, baseline)):
             start = time.perf_counter()
             function()
             row[column] = time.perf_counter() - start
-    mine, other = times.min(axis=0)
-    benchmark.extra_info.update(ratio=mine / other, ours_s=mine, theirs_s=other)
-    benchmark.pedantic(ours, rounds=1)
-    print(f"\n{benchmark.name}: {mine * 1e3:.2f} ms / {other * 1e3:.2f} ms = {mine / other:.2f}")
-    return mine / other
+    tested_s, baseline_s = times.min(axis=0)
+    ratio = tested_s / baseline_s
+    benchmark.extra_info.update(ratio=tested_s / baseline_s, ours_s=tested_s, theirs_s=baseline_s)
+    benchmark.pedantic(tested, rounds=1)
+    print(f"\n{benchmark.name}: {tested_s * 1e3:.2f} ms / {baseline_s * 1e3:.2f} ms = {ratio:.2f}")
+    return ratio
 
 
 @numba.njit
-def textbook_min_plus(n: int) -> np.ndarray:
+def run_min_plus(n: int) -> np.ndarray:
     cost = np.zeros((n, n))
     for span in range(2, n):
         for i in range(n - span):
@@ -57,14 +58,14 @@ def test_convex_1024_against_the_bare_min_plus_loop(benchmark):
     ratio = compare(
         benchmark,
         lambda: triangulate(polygon, "optimal:overdraw"),
-        lambda: textbook_min_plus(1024),
+        lambda: run_min_plus(1024),
         rounds=3,
     )
     assert ratio <= 1.2
 
 
-@pytest.mark.parametrize(("criterion", "most"), [("overdraw", 8.0), ("half-perimeter", 4.0)])
-def test_noisy_star_1000_against_delaunay(benchmark, criterion, most):
+@pytest.mark.parametrize(("criterion", "max_ratio"), [("overdraw", 8.0), ("half-perimeter", 4.0)])
+def test_noisy_star_1000_against_delaunay(benchmark, criterion, max_ratio):
     polygon = star(1000)
     ratio = compare(
         benchmark,
@@ -72,7 +73,7 @@ def test_noisy_star_1000_against_delaunay(benchmark, criterion, most):
         lambda: shapely.constrained_delaunay_triangles(polygon),
         rounds=60,
     )
-    assert ratio <= most
+    assert ratio <= max_ratio
 
 
 @pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
@@ -87,8 +88,8 @@ def test_smooth_outline_10000_against_delaunay(benchmark, criterion):
     assert ratio <= 30.0
 
 
-def earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
-    """Call mapbox_earcut for one polygon after the other."""
+def run_earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
+    """Call mapbox_earcut for each polygon."""
     result = []
     for index in range(len(polygons)):
         points, ring_offsets = polygons.rings_of(index)
@@ -98,25 +99,27 @@ def earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("name", "most"),
+    ("name", "max_ratio"),
     [("optimal:half-perimeter", 0.7), ("optimal:overdraw", 1.3), ("refined:half-perimeter", 1.3)],
 )
-def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, most):
+def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, max_ratio):
     arrays = PolygonArray.from_shapely(load("city", buildings=100_000).polygons)
     snapped_arrays = replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
     ratio = compare(
         benchmark,
         lambda: triangulate_many(snapped_arrays, name),
-        lambda: earcut_loop(snapped_arrays),
+        lambda: run_earcut_loop(snapped_arrays),
         rounds=9,
     )
-    assert ratio <= most
+    assert ratio <= max_ratio
 
 
 @pytest.mark.parametrize(
-    ("name", "most"), [("ear-clipping", 2.5), ("optimal:half-perimeter", 4.0), ("fan", 2.5)]
+    ("name", "max_ratio"), [("ear-clipping", 2.5), ("optimal:half-perimeter", 4.0), ("fan", 2.5)]
 )
-def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(benchmark, name, most):
+def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(
+    benchmark, name, max_ratio
+):
     polygon = snapped(vertices(star(15, spread=0.1)) / 32)
 
     def earcut() -> np.ndarray:
@@ -124,7 +127,7 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(bench
         return mapbox_earcut.triangulate_float64(points, np.array([len(points)], np.uint32))
 
     ratio = compare(benchmark, lambda: triangulate(polygon, name), earcut, rounds=3000)
-    assert ratio <= most
+    assert ratio <= max_ratio
 
 
 def test_hundred_thousand_vertices_finish(benchmark):
@@ -138,7 +141,7 @@ def test_hundred_thousand_vertices_finish(benchmark):
         name: predict(points, triangulate(polygon, name))["half_perimeter"] / cost
         for name in ("ear-clipping", "delaunay")
     }
-    print(f"\n100,000 vertices: {elapsed:.1f} s; peers cost {others} times as much")
+    print(f"\n100,000 vertices: {elapsed:.1f} s; relative costs of peers: {others}")
     assert min(others.values()) >= 1.0
 
 
@@ -160,15 +163,15 @@ print(imported - start, time.perf_counter() - imported)
 
 def test_first_calls_compile_in_under_20_seconds(tmp_path):
     for label in ("compiling", "from the cache"):
-        done = python("-c", FIRST_CALLS, env={"NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
-        imported, called = map(float, done.stdout.split())
+        process = run_python("-c", FIRST_CALLS, env={"NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
+        imported, called = map(float, process.stdout.split())
         print(f"\nfirst calls, {label}: import {imported:.1f} s, calls {called:.1f} s")
         assert imported + called < 20.0
 
 
 def test_every_fixture_building_and_letter():
-    done = [check(polygon, letter) for letter, polygon in glyphs(LETTERS)]
+    counts = [check(polygon, letter) for letter, polygon in glyphs(LETTERS)]
     for name in ("earcut_fixtures.json", "poly2tri_testbed.json", "helsinki.json"):
-        done += [check(polygon, label) for label, polygon in shared(name)]
-    done += [check(polygon, index) for index, polygon in enumerate(load("city").polygons)]
-    assert sum(count > 0 for count in done) > 2000
+        counts += [check(polygon, label) for label, polygon in shared(name)]
+    counts += [check(polygon, index) for index, polygon in enumerate(load("city").polygons)]
+    assert sum(count > 0 for count in counts) > 2000

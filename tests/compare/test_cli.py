@@ -10,7 +10,7 @@ import pytest
 from harness.compare.matching import changes, machines_differ
 from harness.results.run_folder import Run
 from tests.compare.runs import costlier, failed, plan, slower, write_run
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -32,7 +32,7 @@ def test_a_missing_baseline_is_bad_usage_unless_allowed(harness):
     write_run(Path("head"), seed=1)
     assert_refused(harness("compare", "base", "head"), "no baseline", "--allow-missing-baseline")
     Path("base").mkdir()  # a cache that found nothing may leave an empty folder
-    out, _ = ends_well(harness("compare", "base", "head", "--allow-missing-baseline"))
+    out, _ = require_ok(harness("compare", "base", "head", "--allow-missing-baseline"))
     assert out.startswith("No baseline yet: base holds no run; the 5 cases")
 
 
@@ -69,7 +69,7 @@ def test_other_devices_are_refused_unless_asked_for(runs, harness):
         entry["device"] = "gpu0"
 
     assert_refused(runs(edits={"*": on_gpu}), "llvmpipe", "gpu0", "--across-devices")
-    out, _ = ends_well(harness("compare", "base", "head", "--across-devices"))
+    out, _ = require_ok(harness("compare", "base", "head", "--across-devices"))
     assert "5 cases on gpu0" in out
     assert "no counter differs" in out
 
@@ -77,7 +77,7 @@ def test_other_devices_are_refused_unless_asked_for(runs, harness):
 def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     devices = {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H200/PCIe/SSE2"}}}
     assert_refused(runs(facts={"devices": devices}), "NVIDIA H200", "--across-devices")
-    out, _ = ends_well(harness("compare", "base", "head", "--across-devices", "--format", "json"))
+    out, _ = require_ok(harness("compare", "base", "head", "--across-devices", "--format", "json"))
     assert json.loads(out)["machines_differ"] is True
 
 
@@ -100,7 +100,7 @@ def test_a_package_that_changed_is_reported():
 
 def test_a_driver_update_is_reported_not_refused(runs):
     details = {"renderer": "llvmpipe (LLVM 19.1.0, 256 bits)", "version": "4.5"}
-    out, _ = ends_well(runs(facts={"devices": {"opengl on llvmpipe": {"details": details}}}))
+    out, _ = require_ok(runs(facts={"devices": {"opengl on llvmpipe": {"details": details}}}))
     assert "LLVM 19.1.0" in out
 
 
@@ -114,7 +114,7 @@ def test_thresholds_let_growth_pass(runs, harness):
 
 
 def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
-    out, _ = ends_well(runs("--gate", "counters", edits={"delaunay": slower(0.2)}))
+    out, _ = require_ok(runs("--gate", "counters", edits={"delaunay": slower(0.2)}))
     assert "unchanged (not gated: slower)" in out
     assert "regressed" not in out
     assert harness("compare", "base", "head")[0] == 1
@@ -146,7 +146,7 @@ def test_bad_settings_name_the_file(runs, table, parts):
 
 
 def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness):
-    out, _ = ends_well(runs(leave_out=("fan",)))
+    out, _ = require_ok(runs(leave_out=("fan",)))
     assert "(1 case not in HEAD's plan)" in out
     code, out, _ = harness("compare", "base", "head", "--require-all")
     assert code == 1
@@ -197,7 +197,7 @@ def test_the_time_of_a_cached_triangulation_is_neither_better_nor_worse(runs, se
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": seconds}
 
-    out, _ = ends_well(runs("--json", "found.json", edits={"*": read_back}))
+    out, _ = require_ok(runs("--json", "found.json", edits={"*": read_back}))
     found = json.loads(Path("found.json").read_text())
     judged = {change["metric"] for case in found["cases"] for change in case["counters"]}
     assert "quads" in judged
@@ -213,7 +213,7 @@ def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     code, out, _ = runs(edits={"fan": lost})
     assert code == 1
     assert "500 then, 499 now" in out
-    out, _ = ends_well(harness("compare", "head", "base"))
+    out, _ = require_ok(harness("compare", "head", "base"))
     assert "1 case with more polygons" in out
 
 
@@ -255,7 +255,7 @@ def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, mo
             "from triangulators import triangulate\n\n"
             f"def cut(polygon):\n    return triangulate(polygon, {method!r})\n"
         )
-        ends_well(
+        require_ok(
             harness(
                 *("run", "--scene", "city:buildings=20", "--quick", "--quiet", "--out", name),
                 *("--triangulators", "delaunay,mine:cut", "--rasterisers", "binning"),

@@ -11,7 +11,7 @@ from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
 from tests.compare.runs import TRIANGULATORS, read_back, record, write_run
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 from tests.fuzz.damage import JSON
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -81,7 +81,7 @@ def test_a_damaged_run_json_is_reported(harness, content):
     write_run(Path("base"), seed=1)
     write_run(Path("head"), seed=2)
     Path("head/run.json").write_text(content)
-    out, _ = ends_well(harness("compare", "base", "head"))
+    out, _ = require_ok(harness("compare", "base", "head"))
     assert "run.json" in out
 
 
@@ -104,6 +104,6 @@ def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
     later |= {"key": "0123456789abcdef", "scene_hash": "0" * 16}
     with Path("head/cases.jsonl").open("a") as stream:
         stream.write(json.dumps(later) + "\n")
-    out, _ = ends_well(harness("compare", "base", "head"))
+    out, _ = require_ok(harness("compare", "base", "head"))
     assert "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later counts" in out
     assert "1 case of changed content" in out

@@ -19,7 +19,7 @@ from harness.history import (
     read_series,
 )
 from tests.compare.runs import costlier, slower, write_run
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -91,7 +91,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
 
 
 def test_the_command_draws_and_lists(harness, year):
-    out, _ = ends_well(harness("history", str(year), "--out", "plots", "--all"))
+    out, _ = require_ok(harness("history", str(year), "--out", "plots", "--all"))
     files = {path.name for path in Path("plots").iterdir()}
     metrics = ("quads", "helper_lanes", "time")
     assert files == {"history.csv"} | {f"{m}.{kind}" for m in metrics for kind in ("png", "svg")}
@@ -108,7 +108,7 @@ def test_the_command_draws_and_lists(harness, year):
 
 
 def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
-    out, _ = ends_well(harness("history", str(year), "--out", "plots"))
+    out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     with Path("plots/history.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     series = {(row["metric"], row["triangulator"]) for row in rows}
@@ -119,7 +119,7 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
         ("time", "delaunay"),
     } < series
     assert "16 runs, 12 series: plots; 4 more series: --all, or choose by --scene" in out
-    out, _ = ends_well(
+    out, _ = require_ok(
         harness(
             *(
                 "history",
@@ -146,13 +146,13 @@ def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, yea
     assert (len(runs), studies) == (16, 2)
     assert len(find_runs([year], studies=True)[0]) == 18
     assert len(find_runs([year / "pareto"])[0]) == 1  # named, so wanted
-    out, _ = ends_well(harness("history", str(year), "--out", "plots"))
+    out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     assert out.startswith("left out: 2 studies; see --all")
 
 
 def test_what_one_run_alone_measured_has_no_history(harness):
     write_run(Path("runs/one"), seed=1)
-    out, _ = ends_well(harness("history", "runs", "--out", "plots"))
+    out, _ = require_ok(harness("history", "runs", "--out", "plots"))
     assert "1 run, 0 series: no case was measured by two runs; 16 more series" in out
     assert not Path("plots").exists()
 

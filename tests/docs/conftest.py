@@ -14,7 +14,7 @@ from harness.measuring.run import run
 from harness.workers import serving
 from harness.workers.worker import Limits, Worker
 from scenes.tiles.read import FILE
-from tests.conftest import BLOCK, BRIEF, exit_code, write_geojson
+from tests.conftest import BLOCK, BRIEF_TIMING, run_command, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT
 from triangulators.compute import compiled_files
@@ -97,7 +97,7 @@ class Reader:
         """Run one command; returns its exit code."""
         command = COMMAND.match(line)
         if command and not FULL:
-            return exit_code(*shlex.split(command["arguments"]))
+            return run_command(*shlex.split(command["arguments"]))
         environment = {**os.environ, "PYTHONPATH": f"{self.folder}:{ROOT}"}
         # The reader is in the clone, where the packages are; here they are on the path.
         line = line.removeprefix("PYTHONPATH=. ")
@@ -130,7 +130,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     if not FULL:
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
-        monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
+        monkeypatch.setattr("harness.commands.run.QUICK", BRIEF_TIMING)
         # Drawn by every run and tested in tests/report; here they only take time.
         monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     yield Reader(folder)

@@ -13,7 +13,7 @@ from harness.commands.index import COMMANDS
 from harness.metrics.registry import list_metrics
 from tests.chromium import LOADED
 from tests.docs.blocks import pages
-from tests.paths import ROOT, python
+from tests.paths import ROOT, run_python
 from triangulators import registry
 
 
@@ -21,7 +21,7 @@ from triangulators import registry
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("docs") / "site"
     build = ("-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", out)
-    done = python(*build, env={"NO_MKDOCS_2_WARNING": "1"})
+    done = run_python(*build, env={"NO_MKDOCS_2_WARNING": "1"})
     assert done.returncode == 0, done.stderr
     return out
 
@@ -42,10 +42,10 @@ def test_the_reference_has_every_command_option_and_name(site):
     names = (site / "reference" / "names.html").read_text()
     for name in [*registry.BUILTIN, *list_metrics()]:
         assert f"<code>{name}</code>" in names
-    python = (site / "reference" / "python.html").read_text()
-    assert "Triangulate a polygon" in python
-    assert "paired_ratio" in python
-    assert "javascripts/sort.js" in python
+    run_python = (site / "reference" / "python.html").read_text()
+    assert "Triangulate a polygon" in run_python
+    assert "paired_ratio" in run_python
+    assert "javascripts/sort.js" in run_python
 
 
 def test_pages_load_no_external_files(site):

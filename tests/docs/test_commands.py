@@ -12,8 +12,8 @@ from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, REGRESSION
 from harness.results.run_folder import read_run
 from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
-from tests.page.conftest import result_of, saved_as
-from tests.paths import ROOT, python
+from tests.page.conftest import make_result, write_saved
+from tests.paths import ROOT, run_python
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 COUNTERS = "--gate counters"
@@ -82,7 +82,8 @@ def test_the_examples_of_the_help_work(reader: Reader):
         facts = json.loads(told.read_text())
         facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
         told.write_text(json.dumps(facts))
-    saved_as(result_of(read_run(reader.folder / RUN)), reader.folder / "saved-by-the-page.json")
+    result = make_result(read_run(reader.folder / RUN))
+    write_saved(result, reader.folder / "saved-by-the-page.json")
     for entry in COMMANDS.values():
         for line in entry.examples:
             brief = line
@@ -109,7 +110,7 @@ def complete(words: str) -> list[str]:
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split(" ")) - 1),
     }
-    return python("-c", STARTED, env=environment).stdout.split()
+    return run_python("-c", STARTED, env=environment).stdout.split()
 
 
 @pytest.mark.parametrize(
@@ -126,7 +127,7 @@ def test_the_shell_completes_words(words, expected):
 
 def test_completion_is_printed_and_refused_for_an_unknown_shell():
     named = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    shown = python("-c", STARTED, "--show-completion", "bash", env=named)
+    shown = run_python("-c", STARTED, "--show-completion", "bash", env=named)
     assert (shown.returncode, shown.stderr) == (GOOD, "")
     assert "complete -o default" in shown.stdout
     command = '"$0" -c "$1" --show-completion; exit $?'  # sh stays the parent
@@ -137,6 +138,6 @@ def test_completion_is_printed_and_refused_for_an_unknown_shell():
 
 
 def test_version_names_the_drivers():
-    first, *rest = python("-m", "harness", "--version", check=True).stdout.splitlines()
+    first, *rest = run_python("-m", "harness", "--version", check=True).stdout.splitlines()
     assert first.startswith("raster-harness ")
     assert any("Mesa" in line or "NVIDIA" in line for line in rest)

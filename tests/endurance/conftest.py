@@ -1,6 +1,6 @@
-"""One frame for what runs for long: how much of it, and what it counted.
+"""Fixtures of the endurance tests: the number of inputs, and a summary of counts.
 
-`make endurance` runs everything; ENDURANCE=0.01 makes each count a hundredth.
+`make endurance` runs all tests; ENDURANCE=0.01 reduces the number of inputs to 1 %.
 """
 
 import os
@@ -10,31 +10,31 @@ from typing import Any
 
 import pytest
 
-TIMES = float(os.environ.get("ENDURANCE", "1"))
-_COUNTED = "counted"
+SCALE = float(os.environ.get("ENDURANCE", "1"))
+_COUNTS = "counted"
 
 
 @pytest.fixture
-def times() -> Callable[[int], int]:
-    """Return how often to do what is done so often in a whole run."""
-    return lambda often: max(1, round(often * TIMES))
+def scale_count() -> Callable[[int], int]:
+    """Return a function that scales a number of inputs by ENDURANCE."""
+    return lambda count: max(1, round(count * SCALE))
 
 
 @pytest.fixture
-def tell(record_property: Any) -> Callable[[Mapping[str, Any]], None]:
-    """Return what keeps figures for the summary; those of one test with several seeds add up."""
-    return lambda figures: record_property(_COUNTED, dict(figures))
+def report_counts(record_property: Any) -> Callable[[Mapping[str, Any]], None]:
+    """Return a function that adds counts to the summary of the test, over all seeds."""
+    return lambda counts: record_property(_COUNTS, dict(counts))
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Print what each test counted, all its seeds together."""
+    """Print the counts of each test, summed over its seeds."""
     sums: dict[str, Counter[str]] = {}
     for report in terminalreporter.getreports("passed"):
-        for name, figures in report.user_properties:
-            if name == _COUNTED:
+        for name, counts in report.user_properties:
+            if name == _COUNTS:
                 test = report.nodeid.rpartition("::")[2].partition("[")[0]
-                sums.setdefault(test, Counter()).update(figures)
-    for test, figures in sums.items():
+                sums.setdefault(test, Counter()).update(counts)
+    for test, counts in sums.items():
         terminalreporter.section(test.removeprefix("test_").replace("_", " "))
-        for what, count in figures.items():
-            terminalreporter.line(f"{count:>12,} {what}")
+        for label, count in counts.items():
+            terminalreporter.line(f"{count:>12,} {label}")

@@ -1,9 +1,9 @@
-"""The program, loaded once and forked for each input: a second of loading each would be an hour.
+"""A server that imports the program once and forks for each input, to save a second each.
 
     python -m tests.endurance.forked SOCKET
 
-One that is asked forks, gives its output to the pipe that came with the request, and is the program
-from there on: its folder, its arguments, its exit code.
+For each request the server forks; the child sends its output to the pipe from the request and runs
+the program with the requested folder and arguments.
 """
 
 import json
@@ -16,28 +16,28 @@ from typing import Any
 
 from tests.paths import ROOT
 
-MOST = 1 << 20
-"""Bytes of a request."""
+MAX_REQUEST_BYTES = 1 << 20
+"""Size limit of a request."""
 
 
 class Program:
-    """A loaded program that can be run again and again, one input at a time.
+    """A loaded program that runs repeatedly, one input at a time.
 
-    It ends with the process that has loaded it.
+    It exits with the process that created it.
     """
 
     def __init__(self) -> None:
-        ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket = ours
+        client, server = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket = client
         subprocess.Popen(
-            [sys.executable, "-m", "tests.endurance.forked", str(its.fileno())],
+            [sys.executable, "-m", "tests.endurance.forked", str(server.fileno())],
             cwd=ROOT,
-            pass_fds=[its.fileno()],
+            pass_fds=[server.fileno()],
         )
-        its.close()
+        server.close()
 
     def start(self, arguments: list[str], folder: Path, environment: dict[str, str]) -> Any:
-        """Return the pid of a new one, and the end of the pipe that says what it says."""
+        """Start the program; return its pid and the read end of the pipe with its output."""
         reading, writing = os.pipe()
         request = json.dumps([arguments, str(folder), environment]).encode()
         socket.send_fds(self._socket, [request], [writing])
@@ -45,29 +45,31 @@ class Program:
         return int(self._socket.recv(64)), os.fdopen(reading, "rb", buffering=0)
 
     def wait(self) -> int:
-        """Return its exit code, less than 0 for a signal, once it has ended."""
+        """Wait for the program; return the exit code, negative for a signal."""
         return int(self._socket.recv(64))
 
 
-def serve(number: int) -> None:
-    """Answer requests until nobody can make any."""
+def serve_requests(number: int) -> None:
+    """Serve requests until the client closes the socket."""
 
-    asked = socket.socket(fileno=number)
+    server = socket.socket(fileno=number)
     while True:
-        request, descriptors, _, _ = socket.recv_fds(asked, MOST, 1)
+        request, descriptors, _, _ = socket.recv_fds(server, MAX_REQUEST_BYTES, 1)
         if not request:
             return
         if (pid := os.fork()) == 0:
-            asked.close()
-            _be(*json.loads(request), descriptors[0])
+            server.close()
+            _run_program(*json.loads(request), descriptors[0])
         os.close(descriptors[0])
-        asked.send(str(pid).encode())
-        asked.send(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
+        server.send(str(pid).encode())
+        server.send(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
 
 
-def _be(arguments: list[str], folder: str, environment: dict[str, str], output: int) -> None:
-    """Be the program; does not return."""
-    os.setsid()  # what it kills with its group is its own
+def _run_program(
+    arguments: list[str], folder: str, environment: dict[str, str], output: int
+) -> None:
+    """Run the program in this process and exit."""
+    os.setsid()  # so that killing the process group does not end the tests
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     for descriptor in (1, 2):
         os.dup2(output, descriptor)
@@ -88,4 +90,4 @@ def _be(arguments: list[str], folder: str, environment: dict[str, str], output: 
 
 
 if __name__ == "__main__":
-    serve(int(sys.argv[1]))
+    serve_requests(int(sys.argv[1]))

@@ -1,6 +1,6 @@
-"""Inputs damaged at random, the program given them, and what an end has to be like.
+"""Random damage to inputs, execution of the program with them, and checks of the outcome.
 
-Each input is a process of its own, forked from a program that was loaded once, or started anew.
+Each input has a separate process, forked from a loaded program or newly started.
 """
 
 import contextlib
@@ -23,32 +23,32 @@ import numpy as np
 import psutil
 
 from tests.endurance.forked import Program
-from tests.fuzz.damage import edited
+from tests.fuzz.damage import apply_byte_edits
 from tests.paths import ROOT
 
-ALLOWED = (0, 2, 4, 5)
-"""Done; refused; nothing could be done; a part failed. Never 70 (a defect), 1 or a signal."""
+ALLOWED_CODES = (0, 2, 4, 5)
+"""Success, bad input, nothing measured, partial failure; never 70 (internal error) or a signal."""
 
 SILENT_S = 10.0
-"""Longest without a line, by the wall clock but for what it waits for a core that others have."""
+"""Maximum time without output, by the wall clock minus the time waiting for a core."""
 
-PATIENCE_S = 60.0
-"""Seconds by the wall clock after which a silent program is killed."""
+TIMEOUT_S = 60.0
+"""Wall-clock time without output after which the program is killed."""
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How a program ended, what it said, and its longest silence."""
+class Outcome:
+    """Exit code, output, and longest time without output of a program."""
 
     code: int
-    said: str
+    output: str
     silent_s: float
 
 
-def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Ended:
-    """Run the program, reading what it says as it says it."""
+def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Outcome:
+    """Run the program in a new process, reading its output continuously."""
     command = command or (sys.executable, "-m", "harness")
     process = subprocess.Popen(
         [*command, *arguments],
@@ -60,34 +60,34 @@ def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> En
         bufsize=0,
     )
     assert process.stdout is not None
-    heard = listen(process.stdout, process.pid)
-    return Ended(process.wait(60), *heard)
+    output_and_silence = read_output(process.stdout, process.pid)
+    return Outcome(process.wait(60), *output_and_silence)
 
 
-_own = threading.local()
+_thread = threading.local()
 
 
-def run_forked(arguments: list[str], folder: Path) -> Ended:
-    """Run the program as `run` does, forked from one that each thread has loaded once."""
-    if not hasattr(_own, "program"):
-        _own.program = Program()
+def run_forked(arguments: list[str], folder: Path) -> Outcome:
+    """Run the program like `run`, forked from a program that each thread loads once."""
+    if not hasattr(_thread, "program"):
+        _thread.program = Program()
     environment = {"COLUMNS": "200", "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")}
-    pid, output = _own.program.start(arguments, folder, environment)
-    heard = listen(output, pid)
-    return Ended(_own.program.wait(), *heard)
+    pid, output = _thread.program.start(arguments, folder, environment)
+    output_and_silence = read_output(output, pid)
+    return Outcome(_thread.program.wait(), *output_and_silence)
 
 
-def listen(output: IO[bytes], pid: int) -> tuple[str, float]:
-    """Return what a process says to its end, and its longest silence; kills one that hangs."""
+def read_output(output: IO[bytes], pid: int) -> tuple[str, float]:
+    """Return the output of a process and its longest silence; kill the process if it hangs."""
     said, silent = b"", 0.0
     spoke, waited = time.monotonic(), 0.0
     with output, selectors.DefaultSelector() as selector:
         selector.register(output, selectors.EVENT_READ)
         while True:
             ready = selector.select(0.2)
-            now, waits = time.monotonic(), _waited(pid)
+            now, waits = time.monotonic(), _measure_wait_s(pid)
             silent = max(silent, now - spoke - max(0.0, waits - waited))
-            if now - spoke > PATIENCE_S:
+            if now - spoke > TIMEOUT_S:
                 os.kill(pid, signal.SIGKILL)
                 break
             if ready:
@@ -99,86 +99,86 @@ def listen(output: IO[bytes], pid: int) -> tuple[str, float]:
     return said.decode(errors="replace"), silent
 
 
-def _waited(pid: int) -> float:
-    """Return the seconds that a process, its threads and its children waited for a core so far."""
+def _measure_wait_s(pid: int) -> float:
+    """Return the seconds that a process, with its threads and children, has waited for a core."""
     total = 0
     with contextlib.suppress(psutil.Error, OSError):
         process = psutil.Process(pid)
-        for each in (process, *process.children(recursive=True)):
-            for file in Path(f"/proc/{each.pid}/task").glob("*/schedstat"):
+        for run_each in (process, *process.children(recursive=True)):
+            for file in Path(f"/proc/{run_each.pid}/task").glob("*/schedstat"):
                 with contextlib.suppress(OSError):
                     total += int(file.read_text().split()[1])
     return total / 1e9
 
 
-def problem_of(ended: Ended) -> str:
-    """Return what is wrong with an end, "" if nothing is."""
-    last = ended.said.strip().splitlines()[-1:] or [""]
-    if ended.code not in ALLOWED:
-        return f"exit code {ended.code}: {last[0][:200]}"
-    if "Traceback" in ended.said:
+def find_problem(outcome: Outcome) -> str:
+    """Return the problem of an outcome, or "" if there is none."""
+    last = outcome.output.strip().splitlines()[-1:] or [""]
+    if outcome.code not in ALLOWED_CODES:
+        return f"exit code {outcome.code}: {last[0][:200]}"
+    if "Traceback" in outcome.output:
         return f"a traceback: {last[0][:200]}"
-    if ended.silent_s > SILENT_S:
-        return f"silent for {ended.silent_s:.0f} s"
-    if ended.code and not any(
-        line.startswith("error: ") and len(line) < 2000 for line in ended.said.splitlines()
+    if outcome.silent_s > SILENT_S:
+        return f"silent for {outcome.silent_s:.0f} s"
+    if outcome.code and not any(
+        line.startswith("error: ") and len(line) < 2000 for line in outcome.output.splitlines()
     ):
-        return f"exit code {ended.code} without a word: {last[0][:200]}"
+        return f"exit code {outcome.code} without an error message: {last[0][:200]}"
     return ""
 
 
-def each(count: int, one, tell, tmp_path: Path, at_once: int = 2) -> Counter[int]:
-    """Do `one` for each number, so many `at_once`, and require that none has a problem.
+def run_each(count: int, run_one, report_counts, tmp_path: Path, threads: int = 2) -> Counter[int]:
+    """Call `run_one` for each number and require that there are no problems.
 
-    one : (number, folder) -> (how it ended, problem)
+    run_one : (number, folder) -> (outcome, problem)
 
-    Returns how many ended with which code.
+    Returns the counts of exit codes.
     """
 
-    def apart(number: int) -> tuple[int, int, str]:
+    def run_in_folder(number: int) -> tuple[int, int, str]:
         folder = tmp_path / str(number)
         folder.mkdir()
-        ended, problem = one(number, folder)
+        outcome, problem = run_one(number, folder)
         if not problem:
             shutil.rmtree(folder, ignore_errors=True)
-        return number, ended.code, problem
+        return number, outcome.code, problem
 
-    with ThreadPoolExecutor(at_once) as pool:
-        found = list(pool.map(apart, range(count)))
-    codes = Counter(code for _, code, _ in found)
-    problems = [f"{number}: {problem}" for number, _, problem in found if problem]
-    tell({"inputs": count, **{f"ended with {code}": n for code, n in codes.items()}})
+    with ThreadPoolExecutor(threads) as pool:
+        outcomes = list(pool.map(run_in_folder, range(count)))
+    codes = Counter(code for _, code, _ in outcomes)
+    problems = [f"{number}: {problem}" for number, _, problem in outcomes if problem]
+    report_counts({"inputs": count, **{f"exit code {code}": n for code, n in codes.items()}})
     assert problems == [], problems
     return codes
 
 
-HOSTILE: tuple[Any, ...] = (
+HOSTILE_VALUES: tuple[Any, ...] = (
     *(-1, 0, 1, 2**31, 2**63, 10**30, -0.5, 1e308, True, None),
     *("", "x", "../x", "\0", [], {}, [-1], [[]], {"a": 1}, "SCALAR", "VEC2"),
 )
 
 
-def spoilt(data: bytes, chance: np.random.Generator) -> bytes:
-    """Bits turned, bytes set, pieces dropped or said twice, or the end cut off."""
-    ways = ("flip", "set", "drop", "double", "end")
+def damage_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return the bytes with flipped bits, set bytes, dropped or duplicated chunks, or truncated."""
+    actions = ("flip", "set", "drop", "double", "end")
     edits = [
-        {"do": chance.choice(ways), "place": place, "length": int(chance.integers(1, 64))}
-        for place in chance.integers(0, 10**9, chance.integers(1, 5)).tolist()
+        {"action": rng.choice(actions), "position": place, "length": int(rng.integers(1, 64))}
+        for place in rng.integers(0, 10**9, rng.integers(1, 5)).tolist()
     ]
-    return edited(data, edits) or b"\0"
+    return apply_byte_edits(data, edits) or b"\0"
 
 
-def spoilt_json(told: Any, chance: np.random.Generator) -> Any:
-    """A value somewhere in it is another one."""
-    made = copy.deepcopy(told)
-    for _ in range(chance.integers(1, 4)):
-        at = made
+def damage_json(document: Any, rng: np.random.Generator) -> Any:
+    """Return a copy of a JSON document with one to three values replaced."""
+    changed = copy.deepcopy(document)
+    for _ in range(rng.integers(1, 4)):
+        parent = changed
         while True:
-            keys = list(at) if isinstance(at, dict) else range(len(at))
-            key = keys[int(chance.integers(0, len(keys)))]
-            if isinstance(at[key], (dict, list)) and at[key] and chance.random() < 0.9:
-                at = at[key]
+            keys = list(parent) if isinstance(parent, dict) else range(len(parent))
+            key = keys[int(rng.integers(0, len(keys)))]
+            if isinstance(parent[key], (dict, list)) and parent[key] and rng.random() < 0.9:
+                parent = parent[key]
                 continue
-            at[key] = HOSTILE[int(chance.integers(0, len(HOSTILE)))]
+            parent[key] = HOSTILE_VALUES[int(rng.integers(0, len(HOSTILE_VALUES)))]
             break
-    return made
+    return changed

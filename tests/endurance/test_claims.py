@@ -1,4 +1,4 @@
-"""False claims of optimality are accepted by neither checker; brute force finds nothing less."""
+"""Both checkers reject false claims of optimality, and brute force confirms certificates."""
 
 import json
 from collections import Counter
@@ -7,46 +7,52 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.endurance.brute_force import Small
-from tests.endurance.forgeries import JUDGES, NAMES, forgery, genuine_claims, polygons, truth
+from tests.endurance.brute_force import SmallPolygon
+from tests.endurance.forgeries import (
+    CHECKERS,
+    NAMES,
+    decide_truth,
+    forge,
+    make_genuine_claims,
+    random_polygons,
+)
 from triangulators import TriangulationError, certify, triangulate
 
-EACH = 60  # forgeries of a polygon
+FORGERIES_PER_POLYGON = 60
 
 
-def judged(rng: np.random.Generator, wanted: int) -> Counter[str]:
-    """Make forgeries until as many are false as wanted; count what each checker accepts."""
+def count_accepted(rng: np.random.Generator, false_count: int) -> Counter[str]:
+    """Make forgeries until `false_count` are false; count those that a checker accepts."""
     counts: Counter[str] = Counter()
-    for number, polygon in enumerate(polygons(rng)):
-        if counts["no claim"] + counts["false"] >= wanted:
+    for number, polygon in enumerate(random_polygons(rng)):
+        if counts["no claim"] + counts["false"] >= false_count:
             break
-        claims = [
-            c for c in genuine_claims(polygon, NAMES[number % 3]) if c["potentials"] is not None
-        ]
+        genuine = make_genuine_claims(polygon, NAMES[number % 3])
+        claims = [claim for claim in genuine if claim["potentials"] is not None]
         for claim in claims:
             line = json.dumps(claim)
-            assert truth(line) == "true", line
+            assert decide_truth(line) == "true", line
             counts["genuine"] += 1
-            for judge, accepts in JUDGES.items():
-                assert accepts(line), (judge, line)
-        for _ in range(EACH if claims else 0):
-            line = forgery(rng, claims)
-            what = truth(line)
-            counts[what] += 1
-            accepting = [judge for judge, accepts in JUDGES.items() if accepts(line)]
-            assert what == "true" or not accepting, (what, accepting, line)
-            counts["true, though changed, and accepted by both"] += len(accepting) == len(JUDGES)
+            for checker, accepts in CHECKERS.items():
+                assert accepts(line), (checker, line)
+        for _ in range(FORGERIES_PER_POLYGON if claims else 0):
+            line = forge(rng, claims)
+            verdict = decide_truth(line)
+            counts[verdict] += 1
+            accepting = [checker for checker, accepts in CHECKERS.items() if accepts(line)]
+            assert verdict == "true" or not accepting, (verdict, accepting, line)
+            counts["true, though changed, and accepted by both"] += len(accepting) == len(CHECKERS)
     return counts
 
 
-def polygon_of(rng: np.random.Generator, holes: bool) -> shapely.Polygon:
-    """Return a valid polygon of whole coordinates between 2^3 and 2^31."""
+def random_polygon(rng: np.random.Generator, holes: bool) -> shapely.Polygon:
+    """Return a valid polygon with integer coordinates and a size between 2^3 and 2^31."""
     while True:
         size = 2.0 ** rng.uniform(3, 31)
-        turns = np.sort(rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(4, 7 if holes else 10))))
-        radius = size * rng.uniform(0.3, 1.0, len(turns))
-        ring = np.column_stack([np.cos(turns), np.sin(turns)]) * radius[:, None]
-        if rng.random() < 0.5:  # corners near each other, far from the rest: close calls
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(4, 7 if holes else 10))))
+        radius = size * rng.uniform(0.3, 1.0, len(angles))
+        ring = np.column_stack([np.cos(angles), np.sin(angles)]) * radius[:, None]
+        if rng.random() < 0.5:  # vertices close to each other and far from the others
             ring[1:] = ring[1] + rng.uniform(-8, 8, (len(ring) - 1, 2))
         hole = np.rint(rng.uniform(-0.2, 0.2, (3, 2)) * size)
         polygon = shapely.Polygon(np.rint(ring), [hole] if holes else [])
@@ -54,42 +60,47 @@ def polygon_of(rng: np.random.Generator, holes: bool) -> shapely.Polygon:
             return polygon
 
 
-def compared(polygon: shapely.Polygon, name: str) -> Counter[str]:
-    """Certify triangulations of a polygon; count what is proven, and check it by brute force."""
+def compare(polygon: shapely.Polygon, name: str) -> Counter[str]:
+    """Certify triangulations of a polygon, check the certificates by brute force, and count."""
     counts: Counter[str] = Counter()
-    small = Small([list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)])
+    small = SmallPolygon(
+        [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    )
     best = small.optimum(name)
     assert best is not None
     exact = name != "edge-length"
     for method in (f"optimal:{name}", "greedy", "delaunay", "refined"):
         triangles = triangulate(polygon, method)
-        total = sum(small.cost([small.vertex[v] for v in t], name) for t in triangles.tolist())
+        total = sum(small.cost([small.vertex_of[v] for v in t], name) for t in triangles.tolist())
         if method == f"optimal:{name}":
             assert total == best[0] if exact else abs(total - best[0]) <= total * 1e-12, polygon.wkt
         for evidence in (True, False):
             try:
-                found = certify(polygon, triangles, name, evidence=evidence)
+                certificate = certify(polygon, triangles, name, evidence=evidence)
             except TriangulationError:
                 continue  # not conforming
-            more = 0 if exact else total * max(found.gap, 1e-12)
-            assert not found.proven or total <= best[0] + more, (method, polygon.wkt)
-            assert found.lower_bound <= best[0] * (1 if exact else 1 + 1e-12), (method, polygon.wkt)
+            tolerance = 0 if exact else total * max(certificate.gap, 1e-12)
+            assert not certificate.proven or total <= best[0] + tolerance, (method, polygon.wkt)
+            assert certificate.lower_bound <= best[0] * (1 if exact else 1 + 1e-12), (
+                method,
+                polygon.wkt,
+            )
             counts["certificates"] += 1
-            counts["proven"] += found.proven
-            counts["optimal, not proven"] += total == best[0] and not found.proven
+            counts["proven"] += certificate.proven
+            counts["optimal, not proven"] += total == best[0] and not certificate.proven
     return counts
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_no_false_claim_is_accepted(seed, times, tell):
-    tell(judged(np.random.default_rng(seed), times(10_000)))
+def test_false_claims_are_rejected(seed, scale_count, report_counts):
+    report_counts(count_accepted(np.random.default_rng(seed), scale_count(10_000)))
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_brute_force_finds_nothing_less(seed, times, tell):
+def test_brute_force_confirms_certificates(seed, scale_count, report_counts):
     rng = np.random.default_rng(seed)
     counts: Counter[str] = Counter()
-    for number in range(times(1000)):
-        counts += compared(polygon_of(rng, holes=number % 2 == 1), NAMES[number // 2 % 3])
+    for number in range(scale_count(1000)):
+        counts += compare(random_polygon(rng, holes=number % 2 == 1), NAMES[number // 2 % 3])
         counts["polygons"] += 1
-    tell(counts)
+    report_counts(counts)

@@ -1,7 +1,7 @@
-"""The optimum that a device's compute shaders find is the CPU's, triangle for triangle.
+"""Optimal triangulations by a device's compute shaders equal those of the CPU.
 
-On llvmpipe, or on the device that DEVICE names. What it leaves to the CPU has holes, over 64
-vertices or no grid.
+The device is llvmpipe or that of the variable DEVICE. The CPU solves polygons with holes, more than
+64 vertices or coordinates off the grid.
 """
 
 import os
@@ -17,27 +17,29 @@ from triangulators.polygon_arrays import PolygonArray
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 VIEWS = (View(256), View(1024, 30.0), View(4096))
-MIDDLE_M = 6000.0
-"""Moves a city of the size below to where no coordinate is negative."""
+OFFSET_M = 6000.0
+"""Offset that makes the coordinates of a city of 100,000 buildings positive."""
 
 
 @pytest.mark.parametrize(
     "scene", ["city", "helsinki", "cad", "glyphs", "counties", "meshes", "paper"]
 )
 @pytest.mark.parametrize("name", [NAME, WORST])
-def test_scenes_in_pixels(scene, name, done, tell):
+def test_scenes_in_pixels(scene, name, device_counts, report_counts):
     for view in VIEWS:
         polygons = make_frame(load(scene).polygons, view).polygons
         assert_same(polygons, name, DEVICE)
-        tell({"polygons": len(polygons)})
-    assert sum(done) > 0
-    tell({"of which the device did": sum(done)})
+        report_counts({"polygons": len(polygons)})
+    assert sum(device_counts) > 0
+    report_counts({"solved by the device": sum(device_counts)})
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_footprints_of_a_city(seed, done, times, tell):
-    city = PolygonArray.from_shapely(load("city", buildings=times(100_000), seed=seed).polygons)
-    points = np.round((city.coords + MIDDLE_M) * 256) / 256
+def test_footprints_of_a_city(seed, device_counts, scale_count, report_counts):
+    city = PolygonArray.from_shapely(
+        load("city", buildings=scale_count(100_000), seed=seed).polygons
+    )
+    points = np.round((city.coords + OFFSET_M) * 256) / 256
     assert_same(replace(city, coords=points), NAME, DEVICE)
-    assert sum(done) > 0
-    tell({"polygons": len(city), "of which the device did": sum(done)})
+    assert sum(device_counts) > 0
+    report_counts({"polygons": len(city), "solved by the device": sum(device_counts)})

@@ -1,4 +1,4 @@
-"""Whatever is killed, and whenever: given again, a command makes what an undisturbed one makes."""
+"""Killed commands: running the same command again gives the result of an undisturbed one."""
 
 import hashlib
 import json
@@ -23,9 +23,9 @@ from pyarrow import parquet
 from harness.results.run_folder import read_run
 from scenes import load
 from scenes.tiles.read import FILE
-from tests.fuzz.targets.runs import sound
+from tests.fuzz.targets.runs import make_sample_run
 from tests.models.various import solid
-from tests.page.conftest import result_of, saved_as
+from tests.page.conftest import make_result, write_saved
 from tests.paths import ROOT
 from tests.records import lines_of
 
@@ -34,69 +34,73 @@ SCENE = ("--scene", "city:buildings=40", "--resolution", "64,256")
 STUDY = ("--out", "out", "--quick", "-q", "--resolution", "64", "--rasterisers", "reference")
 
 
-def records(folder: Path) -> Any:
-    """What a run holds but times, by key; whether it is whole; and which files there are."""
+def read_contents(folder: Path) -> Any:
+    """Return the cases of a run by key without times, whether it was interrupted, and its files."""
     stored = read_run(folder)
     names = ("status", "counters", "predicted", "triangles", "coverage_error")
-    found = {each["key"]: [each.get(name) for name in names] for each in lines_of(stored)}
+    cases = {each["key"]: [each.get(name) for name in names] for each in lines_of(stored)}
     files = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
-    return found, stored.facts.get("interrupted", False), files
+    return cases, stored.facts.get("interrupted", False), files
 
 
-def digest(file: Path) -> str:
+def file_digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def tables(folder: Path) -> Any:
-    """The tables in a folder, and the names of its pictures."""
+def read_tables(folder: Path) -> Any:
+    """Return the tables of a folder and the names of its pictures."""
     pictures = sorted(file.name for file in folder.rglob("*.png"))
     return {file.name: file.read_text() for file in folder.glob("*.csv")}, pictures
 
 
-def studied(folder: Path) -> Any:
-    """What all parts of a study hold, and how many findings are judged."""
-    parts = {str(f.parent): records(f.parent)[:2] for f in sorted(folder.rglob("run.json"))}
+def read_study(folder: Path) -> Any:
+    """Return the contents of all parts of a study, and the number of lines of its findings."""
+    parts = {str(f.parent): read_contents(f.parent)[:2] for f in sorted(folder.rglob("run.json"))}
     return parts, (folder / "findings.md").read_text().count("\n")
 
 
-class Command(NamedTuple):
-    """What is given, what must be the same afterwards, and what is given where it had begun."""
+class Repeatable(NamedTuple):
+    """A command line, the function that reads its result, and the command line to resume."""
 
-    given: tuple[str, ...]
-    made: Callable[[Path], Any]
-    again: tuple[str, ...] = ()
+    arguments: tuple[str, ...]
+    read_result: Callable[[Path], Any]
+    resume: tuple[str, ...] = ()
 
 
 COMMANDS = {
-    "run": Command(
+    "run": Repeatable(
         ("run", *SCENE, *REFERENCE, "--out", "out"),
-        records,
+        read_contents,
         ("run", *SCENE, *REFERENCE, "--resume", "out"),
     ),
     **{
-        f"run of {name}": Command(
+        f"run of {name}": Repeatable(
             ("run", "--scene", scene, *REFERENCE, "--out", "out"),
-            records,
+            read_contents,
             ("run", "--scene", scene, *REFERENCE, "--resume", "out"),
         )
         for name, scene in (("tiles", "tiles.pmtiles:pixels=64"), ("a model", "plate.glb:views=4"))
     },
-    "triangulate": Command(("triangulate", "city:buildings=2000", "-o", "out.glb", "-q"), digest),
-    "merge": Command(("merge", "RUN", "SECOND", "--hosts", "a,b", "-o", "out", "-q"), records),
-    "import": Command(("import", "saved.json", "-o", "out", "-q"), records),
-    "report": Command(("report", "RUN", "-o", "out.html"), digest),
-    "history": Command(("history", "RUN", "SECOND", "--all", "--out", "out"), tables),
-    "inspect": Command(("inspect", "paper", "--every", "paper", "--out", "out"), tables),
-    "page": Command(("page", "RUN", "-o", "out.html"), digest),
-    "census": Command(
+    "triangulate": Repeatable(
+        ("triangulate", "city:buildings=2000", "-o", "out.glb", "-q"), file_digest
+    ),
+    "merge": Repeatable(
+        ("merge", "RUN", "SECOND", "--hosts", "a,b", "-o", "out", "-q"), read_contents
+    ),
+    "import": Repeatable(("import", "saved.json", "-o", "out", "-q"), read_contents),
+    "report": Repeatable(("report", "RUN", "-o", "out.html"), file_digest),
+    "history": Repeatable(("history", "RUN", "SECOND", "--all", "--out", "out"), read_tables),
+    "inspect": Repeatable(("inspect", "paper", "--every", "paper", "--out", "out"), read_tables),
+    "page": Repeatable(("page", "RUN", "-o", "out.html"), file_digest),
+    "census": Repeatable(
         ("census", "block.geojson", "-o", "out", "-q"), lambda out: (out / "census.csv").read_text()
     ),
-    "study": Command(("study", "all", "block.geojson", *STUDY), studied),
+    "study": Repeatable(("study", "all", "block.geojson", *STUDY), read_study),
 }
 
 
-def carry_out(arguments: tuple[str, ...], kill_after_s: float | None = None) -> int:
-    """Start a command as a user does; return its exit code, -9 where it was killed."""
+def execute(arguments: tuple[str, ...], kill_after_s: float | None = None) -> int:
+    """Run a command in a new process; return its exit code, -9 if it was killed."""
     with Path("log.txt").open("ab") as log:
         command = [sys.executable, "-m", "harness", *arguments]
         process = subprocess.Popen(
@@ -109,52 +113,52 @@ def carry_out(arguments: tuple[str, ...], kill_after_s: float | None = None) -> 
             return process.wait()
 
 
-def prepare(place: Path) -> None:
-    """Make the files that commands are given, and go there."""
-    place.mkdir()
-    os.chdir(place)
+def prepare_folder(folder: Path) -> None:
+    """Create the input files of the commands in a new folder and change to it."""
+    folder.mkdir()
+    os.chdir(folder)
     for name in ("RUN", "SECOND"):
-        shutil.copytree(sound(), name)
+        shutil.copytree(make_sample_run(), name)
     second = json.loads(Path("SECOND/run.json").read_text())
     second["created"] = "2026-01-02T12:00:00+00:00"
     Path("SECOND/run.json").write_text(json.dumps(second))
     lines = Path("SECOND/cases.jsonl").read_text()
-    moved = lines.replace('"samples_s": [', '"samples_s": [0.0002, ')
-    Path("SECOND/cases.jsonl").write_text(moved)
-    shutil.copy(sound().with_name("block.geojson"), ".")
+    slower = lines.replace('"samples_s": [', '"samples_s": [0.0002, ')
+    Path("SECOND/cases.jsonl").write_text(slower)
+    shutil.copy(make_sample_run().with_name("block.geojson"), ".")
     Path("tiles.pmtiles").symlink_to(FILE)
     solid().export("plate.glb")
-    saved_as(result_of(read_run(Path("RUN"))), Path("saved.json"))
+    write_saved(make_result(read_run(Path("RUN"))), Path("saved.json"))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_killed_command_given_again(name, times, tell, tmp_path, monkeypatch):
+def test_killed_commands_can_be_repeated(name, scale_count, report_counts, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    command, choice = COMMANDS[name], random.Random(name)
-    prepare(tmp_path / "whole")
-    begun = time.monotonic()
-    assert carry_out(command.given) == 0, Path("log.txt").read_text()
-    took = time.monotonic() - begun
+    command, rng = COMMANDS[name], random.Random(name)
+    prepare_folder(tmp_path / "whole")
+    start = time.monotonic()
+    assert execute(command.arguments) == 0, Path("log.txt").read_text()
+    duration = time.monotonic() - start
     target = next(iter(Path().glob("out*")))
-    expected = command.made(target)
+    expected = command.read_result(target)
     killed = 0
-    for number in range(times(30)):
-        prepare(tmp_path / str(number))
-        killed += carry_out(command.given, choice.uniform(0.0, took)) == -9
-        begun_there = command.again and Path(target, "run.json").exists()
-        code = carry_out(command.again if begun_there else command.given)
+    for number in range(scale_count(30)):
+        prepare_folder(tmp_path / str(number))
+        killed += execute(command.arguments, rng.uniform(0.0, duration)) == -9
+        can_resume = command.resume and Path(target, "run.json").exists()
+        code = execute(command.resume if can_resume else command.arguments)
         log = Path("log.txt").read_text()
-        # Where it was quicker than the kill, or the kill came late, the folder is there already.
+        # The output folder exists if the command finished before the kill.
         assert code == 0 or (code == 2 and "is there already" in log.splitlines()[-1]), log[-2000:]
-        assert command.made(target) == expected, Path.cwd()
+        assert command.read_result(target) == expected, Path.cwd()
         assert not [each for each in Path().iterdir() if ".unfinished" in each.name]
         os.chdir(tmp_path)
         shutil.rmtree(tmp_path / str(number))
-    tell({"kills": killed})
+    report_counts({"kills": killed})
 
 
 def write_footprints(folder: Path, count: int) -> None:
-    """Write generated footprints as GeoParquet files of at most 50,000, each with its number."""
+    """Write numbered footprints as GeoParquet files of at most 50,000."""
     folder.mkdir()
     for number, first in enumerate(range(0, count, 50_000)):
         polygons = load(f"city:buildings={min(50_000, count - first)}", seed=number).polygons
@@ -169,21 +173,25 @@ def write_footprints(folder: Path, count: int) -> None:
         )
 
 
-class Cast:
-    """A scheduler and two workers; each that is dead is started again, as a supervisor would."""
+class Cluster:
+    """A scheduler and two workers, restarted like a supervisor would when they exit."""
 
     def __init__(self, log: Any) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            port = listener.getsockname()[1]
         self.address, self.log = f"tcp://127.0.0.1:{port}", log
         worker = ["worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
         scheduler = ["scheduler", "--port", f"{port}", "--host", "127.0.0.1", "--no-dashboard"]
         waiting = [*worker, "--death-timeout", "30"]
-        self.commands = {"scheduler": scheduler, "worker 0": waiting, "worker 1": waiting}
+        self.commands = {
+            "scheduler": scheduler,
+            "worker 0": waiting,
+            "worker 1": waiting,
+        }
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
-    def keep(self) -> None:
+    def restart_dead(self) -> None:
         for name, arguments in self.commands.items():
             if name not in self.running or self.running[name].poll() is not None:
                 self.running[name] = self.start("dask", *arguments)
@@ -192,47 +200,48 @@ class Cast:
         command = [sys.executable, "-m", *arguments]
         return subprocess.Popen(command, cwd=ROOT, stdout=self.log, stderr=self.log)
 
-    def end(self) -> None:
+    def kill_all(self) -> None:
         for process in self.running.values():
             process.kill()
             process.wait()
 
 
-def test_killed_workers_scheduler_and_command_lose_nothing(times, tell, tmp_path):
-    """Parts are those of an undisturbed command, byte by byte, and each footprint is there once."""
-    data, whole, log = tmp_path / "data", tmp_path / "whole", tmp_path / "log.txt"
-    footprints, left, choice = times(1_000_000), times(100), random.Random(0)
+def test_killed_cluster_processes_lose_nothing(scale_count, report_counts, tmp_path):
+    """All parts equal those of an undisturbed command, and contain each footprint once."""
+    data, undisturbed, log = tmp_path / "data", tmp_path / "whole", tmp_path / "log.txt"
+    footprints, kills_left, rng = scale_count(1_000_000), scale_count(100), random.Random(0)
     write_footprints(data, footprints)
-    given = ("harness", "triangulate", str(data / "*.parquet"), "-o")
-    subprocess.run([sys.executable, "-m", *given, whole, "--dask", "local:2"], cwd=ROOT, check=True)
-    expected = {file.name: digest(file) for file in whole.glob("*.parquet")}
+    arguments = ("harness", "triangulate", str(data / "*.parquet"), "-o")
+    command = [sys.executable, "-m", *arguments, undisturbed, "--dask", "local:2"]
+    subprocess.run(command, cwd=ROOT, check=True)
+    expected = {file.name: file_digest(file) for file in undisturbed.glob("*.parquet")}
     counts: Counter[str] = Counter()
-    while left > 0:
+    while kills_left > 0:
         out = tmp_path / "out"
         with log.open("ab") as output:
-            cast = Cast(output)
+            cluster = Cluster(output)
             try:
                 code: int | None = -9
                 while code != 0:
                     assert code in (-9, 5), f"exit code {code}; see {log}"
                     counts["commands given"] += 1
-                    cast.keep()
-                    command = cast.start(*given, str(out), "--dask", cast.address)
-                    again = time.monotonic() + choice.uniform(0.2, 4.0)
+                    cluster.restart_dead()
+                    command = cluster.start(*arguments, str(out), "--dask", cluster.address)
+                    next_kill = time.monotonic() + rng.uniform(0.2, 4.0)
                     while (code := command.poll()) is None:
                         time.sleep(0.02)
-                        cast.keep()
-                        if time.monotonic() >= again and left > 0:
-                            kind = choice.choice(["worker 0", "worker 1", "scheduler", "command"])
-                            victim = command if kind == "command" else cast.running[kind]
+                        cluster.restart_dead()
+                        if time.monotonic() >= next_kill and kills_left > 0:
+                            kind = rng.choice(["worker 0", "worker 1", "scheduler", "command"])
+                            victim = command if kind == "command" else cluster.running[kind]
                             victim.kill()
                             victim.wait()
-                            left -= 1
+                            kills_left -= 1
                             counts[f"kills of a {kind.rstrip(' 01')}"] += 1
-                            again = time.monotonic() + choice.uniform(0.2, 4.0)
+                            next_kill = time.monotonic() + rng.uniform(0.2, 4.0)
             finally:
-                cast.end()
-        assert {file.name: digest(file) for file in out.glob("*.parquet")} == expected
+                cluster.kill_all()
+        assert {file.name: file_digest(file) for file in out.glob("*.parquet")} == expected
         assert {f.name for f in out.iterdir()} == {*expected, "manifest.json"}
         ids = [
             parquet.read_table(f, columns=["id"])["id"].to_numpy()
@@ -241,4 +250,4 @@ def test_killed_workers_scheduler_and_command_lose_nothing(times, tell, tmp_path
         ]
         assert np.array_equal(np.sort(np.concatenate(ids)), np.arange(footprints))
         shutil.rmtree(out)
-    tell(counts)
+    report_counts(counts)

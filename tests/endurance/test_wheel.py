@@ -1,4 +1,4 @@
-"""The sdist makes the wheel, and the wheel works in a fresh environment without the repository."""
+"""The wheel, built from the sdist, works in a new environment without the repository."""
 
 import os
 import shutil
@@ -16,19 +16,19 @@ UV = Path(sys.executable).with_name("uv")
 
 
 def run(folder: Path, *command: str | Path) -> str:
-    """Run a program where nothing of the repository is on the path; return what it prints."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    done = subprocess.run(
-        [str(each) for each in command], cwd=folder, env=kept, capture_output=True, text=True
+    """Run a program without the repository on its path; return the output."""
+    environment = {k: value for k, value in os.environ.items() if not k.startswith("PYTHON")}
+    process = subprocess.run(
+        [str(part) for part in command], cwd=folder, env=environment, capture_output=True, text=True
     )
-    assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-    return done.stdout
+    assert process.returncode == 0, f"{command}: {process.stdout[-2000:]}{process.stderr[-2000:]}"
+    return process.stdout
 
 
-def test_the_wheel_is_enough(tmp_path, tell):
+def test_wheel_works_without_the_repository(tmp_path, report_counts):
     if not UV.exists():
         pytest.skip("needs uv, which make setup-test installs")
-    source, fresh = tmp_path / "source", tmp_path / "fresh"
+    source, environment = tmp_path / "source", tmp_path / "fresh"
     for name in subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines():
         if (ROOT / name).is_file():
             (source / name).parent.mkdir(parents=True, exist_ok=True)
@@ -39,24 +39,25 @@ def test_the_wheel_is_enough(tmp_path, tell):
     wheels = ("--no-deps", "--no-build-isolation", "-q", "--wheel-dir", tmp_path)
     run(tmp_path, sys.executable, "-m", "pip", "wheel", *wheels, sdist)
     (wheel,) = tmp_path.glob("*.whl")
-    run(tmp_path, UV, "venv", "-q", "--python", sys.executable, fresh)
-    install = (UV, "pip", "install", "-q", "--python", fresh / "bin" / "python")
+    run(tmp_path, UV, "venv", "-q", "--python", sys.executable, environment)
+    install = (UV, "pip", "install", "-q", "--python", environment / "bin" / "python")
     run(tmp_path, *install, "--require-hashes", "--no-deps", "-r", ROOT / "requirements.lock")
     run(tmp_path, *install, "--no-deps", wheel)
     work = tmp_path / "work"
     work.mkdir()
     shutil.rmtree(source)
-    harness = fresh / "bin" / "raster-harness"
-    own = write_geojson(
+    harness = environment / "bin" / "raster-harness"
+    polygons = write_geojson(
         work / "own.geojson", [box(0, 0, 8, 8), Polygon([(20, 0), (32, 0), (26, 9)])]
     )
-    brief = ("--quick", "--rasterisers", "reference", "--out")
+    options = ("--quick", "--rasterisers", "reference", "--out")
     assert "raster-harness 1." in run(work, harness, "--version")
-    table = run(work, harness, "run", "--scene", "city:buildings=20", *brief, "city")
+    table = run(work, harness, "run", "--scene", "city:buildings=20", *options, "city")
     assert "optimal:half-perimeter" in table
-    run(work, harness, "run", "--scene", own, *brief, "own")
+    run(work, harness, "run", "--scene", polygons, *options, "own")
     run(work, harness, "report", "city")
     assert (work / "city" / "report.html").exists()
     run(work, harness, "compare", "city", "city", "--gate", "counters")
-    run(work, harness, "triangulate", own, "-o", "own.glb")
-    tell({"MB installed": sum(f.stat().st_size for f in fresh.rglob("*") if f.is_file()) // 10**6})
+    run(work, harness, "triangulate", polygons, "-o", "own.glb")
+    size = sum(file.stat().st_size for file in environment.rglob("*") if file.is_file())
+    report_counts({"MB installed": size // 10**6})

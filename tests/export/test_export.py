@@ -16,7 +16,7 @@ from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
 from scenes import SceneError, load
 from scenes.tiles.read import FILE
-from tests.conftest import ends_well, geojson
+from tests.conftest import make_geojson, require_ok
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")
@@ -126,7 +126,7 @@ def test_maps_keep_place_and_attributes(tmp_path, houses, suffix):
 def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
     ring = [[24.9384, 60.1699], [24.9391, 60.1699], [24.9391, 60.1704], [24.9384, 60.1699]]
     source = tmp_path / "in.geojson"
-    source.write_text(geojson([shapely.Polygon(ring)]))
+    source.write_text(make_geojson([shapely.Polygon(ring)]))
     out = tmp_path / f"out{suffix}"
     export_file(source, out)
     if suffix == ".parquet":
@@ -303,7 +303,7 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
 def test_what_is_left_out_is_named(harness, tmp_path):
     points = [{"type": "Point", "coordinates": [number, 0]} for number in range(5)]
     file = tmp_path / "mixed.geojson"
-    file.write_text(geojson([shapely.box(0, 0, 4, 4), *points]))
-    _, err = ends_well(harness("triangulate", str(file), "-o", "out.npz"))
+    file.write_text(make_geojson([shapely.box(0, 0, 4, 4), *points]))
+    _, err = require_ok(harness("triangulate", str(file), "-o", "out.npz"))
     named = "feature 1, feature 2, feature 3 and 2 more"
     assert f"dropped 5: is a Point, not a polygon ({named})" in " ".join(err.split())

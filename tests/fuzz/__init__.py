@@ -1,12 +1,12 @@
-"""Random search for inputs that break a promise, and those that it found.
+"""Random search for inputs that violate a guarantee, and regression tests of those inputs.
 
-A target is a strategy of inputs and a check; a new one is a module in `targets/`:
+A target is a strategy of inputs and a check, in a module in `targets/`:
 
-    @target("name", inputs)          # inputs: a Hypothesis strategy of values that JSON can hold
-    def check(value: Any) -> None:   # raises where the promise is broken
+    @target("name", inputs)          # inputs: a Hypothesis strategy of JSON values
+    def check(value: Any) -> None:   # raises if the guarantee is violated
         ...
 
-`make fuzz` searches all targets for FUZZ_SECONDS in total, at random (search.py). What fails is
-made as small as Hypothesis can and kept as found/<name>/<hash>.json; commit it with the repair.
-`make test` replays everything found and tries a few inputs of every target (test_found.py).
+`make fuzz` searches all targets at random for FUZZ_SECONDS in total (search.py). Hypothesis reduces
+a failing input, which is stored as regressions/<name>/<hash>.json; commit it with the fix.
+`make test` replays all stored inputs and tries a few inputs of every target (test_regressions.py).
 """

@@ -1,4 +1,4 @@
-"""Says at the end how far each search came."""
+"""Print a summary of each search."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Damage to the files of a run: to the JSON values in them, and to their bytes."""
+"""Damage to the files of a run: edits of JSON values or bytes."""
 
 import copy
 import json
@@ -19,90 +19,90 @@ JSON = st.recursive(
     ),
     max_leaves=4,
 )
-PLACE = st.integers(0, 10**6)
+POSITION = st.integers(0, 10**6)
 
-value_edit = st.fixed_dictionaries(
+value_edits = st.fixed_dictionaries(
     {
         "line": st.integers(0, 5),
-        "place": PLACE,
-        "do": st.sampled_from(["set", "set", "set", "remove", "swap"]),
+        "position": POSITION,
+        "action": st.sampled_from(["set", "set", "set", "remove", "swap"]),
         "value": JSON,
     }
 )
-byte_edit = st.fixed_dictionaries(
+byte_edits = st.fixed_dictionaries(
     {
-        "place": PLACE,
-        "do": st.sampled_from(["flip", "set", "drop", "double", "end"]),
+        "position": POSITION,
+        "action": st.sampled_from(["flip", "set", "drop", "double", "end"]),
         "length": st.integers(1, 60),
     }
 )
 
 
-def edit_values(file: Path, edits: list[dict[str, Any]]) -> None:
-    """Change values in a JSON file, or in one of lines of JSON."""
+def edit_file_values(file: Path, edits: list[dict[str, Any]]) -> None:
+    """Change values in a JSON or JSON Lines file."""
     lines = file.suffix == ".jsonl"
     text = file.read_text()
     documents = [json.loads(part) for part in (text.splitlines() if lines else [text])]
     for edit in edits:
         number = edit["line"] % len(documents)
-        documents[number] = _edited(documents[number], edit)
+        documents[number] = _apply_value_edit(documents[number], edit)
     file.write_text("".join(json.dumps(document) + "\n" for document in documents))
 
 
-def _edited(document: Any, edit: dict[str, Any]) -> Any:
-    paths = list(_paths(document))
+def _apply_value_edit(document: Any, edit: dict[str, Any]) -> Any:
+    paths = list(_iter_paths(document))
     if not paths:
         return edit["value"]
-    *way, last = paths[edit["place"] % len(paths)]
+    *parents, last = paths[edit["position"] % len(paths)]
     changed = copy.deepcopy(document)
-    holder = changed
-    for step in way:
-        holder = holder[step]
-    if edit["do"] == "set":
-        holder[last] = edit["value"]
-    elif edit["do"] == "remove":
-        del holder[last]
-    else:  # a value that is right in another place
+    parent = changed
+    for step in parents:
+        parent = parent[step]
+    if edit["action"] == "set":
+        parent[last] = edit["value"]
+    elif edit["action"] == "remove":
+        del parent[last]
+    else:  # a valid value from another position
         source: Any = document
-        for step in paths[(edit["place"] * 7 + 1) % len(paths)]:
+        for step in paths[(edit["position"] * 7 + 1) % len(paths)]:
             source = source[step]
-        holder[last] = copy.deepcopy(source)
+        parent[last] = copy.deepcopy(source)
     return changed
 
 
-def _paths(document: Any, way: tuple[Any, ...] = ()) -> Any:
-    """Yield the way to every value in a document, tables and lists themselves too."""
-    if way:
-        yield way
+def _iter_paths(document: Any, path: tuple[Any, ...] = ()) -> Any:
+    """Yield the path to every value in a document, including objects and arrays."""
+    if path:
+        yield path
     if isinstance(document, dict):
         for key, value in document.items():
-            yield from _paths(value, (*way, key))
+            yield from _iter_paths(value, (*path, key))
     elif isinstance(document, list):
-        for index, value in enumerate(document[:3]):  # samples are all alike
-            yield from _paths(value, (*way, index))
+        for index, value in enumerate(document[:3]):  # further elements are similar
+            yield from _iter_paths(value, (*path, index))
 
 
-def edited(given: bytes, edits: list[dict[str, Any]]) -> bytes:
-    """Flip a bit, set a byte, drop or double a piece, or cut off the end."""
-    data = bytearray(given)
+def apply_byte_edits(content: bytes, edits: list[dict[str, Any]]) -> bytes:
+    """Return the bytes after edits: flip a bit, set a byte, drop or double a chunk, truncate."""
+    data = bytearray(content)
     for edit in edits:
         if not data:
             break
-        place = edit["place"] % len(data)
-        piece = data[place : place + edit["length"]]
-        if edit["do"] == "flip":
-            data[place] ^= 1 << edit["length"] % 8
-        elif edit["do"] == "set":
-            data[place] = (0, 1, 0x7F, 0x80, 0xFF)[edit["length"] % 5]
-        elif edit["do"] == "drop":
-            del data[place : place + edit["length"]]
-        elif edit["do"] == "double":
-            data[place:place] = piece
+        position = edit["position"] % len(data)
+        chunk = data[position : position + edit["length"]]
+        if edit["action"] == "flip":
+            data[position] ^= 1 << edit["length"] % 8
+        elif edit["action"] == "set":
+            data[position] = (0, 1, 0x7F, 0x80, 0xFF)[edit["length"] % 5]
+        elif edit["action"] == "drop":
+            del data[position : position + edit["length"]]
+        elif edit["action"] == "double":
+            data[position:position] = chunk
         else:
-            del data[place:]
+            del data[position:]
     return bytes(data)
 
 
-def edit_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
-    """Do that to a file."""
-    file.write_bytes(edited(file.read_bytes(), edits))
+def edit_file_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
+    """Apply byte edits to a file."""
+    file.write_bytes(apply_byte_edits(file.read_bytes(), edits))

@@ -1,4 +1,4 @@
-"""What a target is, how one is searched under a time limit, and where its failures are kept."""
+"""Targets, the search within a time limit, and the storage of failing inputs."""
 
 import faulthandler
 import hashlib
@@ -16,27 +16,27 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis.errors import UnsatisfiedAssumption
 from hypothesis.strategies import SearchStrategy
 
-FOUND = Path(__file__).parent / "found"
-"""Kept inputs: a folder a target, a JSON file an input."""
+REGRESSIONS = Path(__file__).parent / "regressions"
+"""Stored inputs: a folder for each target, a JSON file for each input."""
 
 UNFINISHED = "unfinished.json"
-"""Holds the input that is being checked; it stays behind where that ended the process."""
+"""File with the input being checked, which remains if the check ends the process."""
 
-PATIENCE_S = 120.0
-"""A check that takes longer counts as hanging; the process is ended."""
+TIMEOUT_S = 120.0
+"""Time limit for a check, after which the process exits."""
 
-ROUND = 200
-"""Inputs that Hypothesis is asked for at a time: the clock is read between."""
+MAX_EXAMPLES = 200
+"""Number of inputs between checks of the clock."""
 
 Check = Callable[[Any], object]
 
 
 @dataclass(frozen=True)
 class Target:
-    """A promise to search for exceptions from.
+    """A guarantee to search for violations of.
 
-    inputs : strategy of values that JSON can hold
-    check : raises where the promise is broken
+    inputs : strategy of JSON values
+    check : raises if the guarantee is violated
     """
 
     name: str
@@ -44,61 +44,62 @@ class Target:
     check: Check
 
 
-_known: dict[str, Target] = {}
+_registry: dict[str, Target] = {}
 
 
 def target(name: str, inputs: SearchStrategy[Any]) -> Callable[[Check], Check]:
     """Register the decorated check as a target."""
 
     def register(check: Check) -> Check:
-        assert name not in _known, f"two targets are called {name}"
-        _known[name] = Target(name, inputs, check)
+        assert name not in _registry, f"duplicate target {name}"
+        _registry[name] = Target(name, inputs, check)
         return check
 
     return register
 
 
-def targets() -> dict[str, Target]:
-    """Return every target by its name."""
+def load_targets() -> dict[str, Target]:
+    """Return all targets by name."""
     package = importlib.import_module("tests.fuzz.targets")
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"{package.__name__}.{module.name}")
-    return dict(sorted(_known.items()))
+    return dict(sorted(_registry.items()))
 
 
-def search(
-    wanted: Target,
+def search_inputs(
+    target: Target,
     seconds: float,
-    found: Path = FOUND,
+    regressions: Path = REGRESSIONS,
     clock: Callable[[], float] = time.monotonic,
 ) -> int:
-    """Check random inputs for `seconds`; return how many.
+    """Check random inputs for `seconds`; return their number.
 
-    The first failure is made small, which may take longer, kept in `found`, and raised.
+    The first failing input is reduced, which may take longer, and stored in `regressions`; then the
+    failure is raised.
     """
-    end = clock() + seconds
-    folder = found / wanted.name
-    tried = 0
+    deadline = clock() + seconds
+    folder = regressions / target.name
+    count = 0
     failing: list[Any] = []
 
     @settings(
         derandomize=False,
         database=None,
         deadline=None,
-        max_examples=ROUND,
+        max_examples=MAX_EXAMPLES,
         phases=(Phase.generate, Phase.target, Phase.shrink),
         report_multiple_bugs=False,
         suppress_health_check=list(HealthCheck),
     )
-    @given(wanted.inputs)
+    @given(target.inputs)
     def attempt(value: Any) -> None:
-        nonlocal tried
-        if clock() >= end and not failing:
+        nonlocal count
+        if clock() >= deadline and not failing:
             return
-        tried += 1
-        with _in_flight(folder, value):
+        count += 1
+        with _store_in_flight(folder, value):
             try:
-                wanted.check(value)
+                target.check(value)
             except UnsatisfiedAssumption:
                 raise
             except Exception:
@@ -106,17 +107,17 @@ def search(
                 raise
 
     try:
-        while clock() < end:
+        while clock() < deadline:
             attempt()
     except Exception as error:
-        if failing:  # Hypothesis ends with the smallest
-            error.add_note(f"kept as {keep(folder, failing[-1])}")
+        if failing:  # Hypothesis checks the smallest one last
+            error.add_note(f"stored as {store_input(folder, failing[-1])}")
         raise
-    return tried
+    return count
 
 
-def keep(folder: Path, value: Any) -> Path:
-    """Write an input to the folder of its target."""
+def store_input(folder: Path, value: Any) -> Path:
+    """Write an input to the folder of its target; return the file."""
     text = json.dumps(value, indent=1) + "\n"
     file = folder / f"{hashlib.sha256(text.encode()).hexdigest()[:12]}.json"
     folder.mkdir(parents=True, exist_ok=True)
@@ -125,12 +126,12 @@ def keep(folder: Path, value: Any) -> Path:
 
 
 @contextmanager
-def _in_flight(folder: Path, value: Any) -> Iterator[None]:
-    """Leave the input behind if checking it ends the process, which a hang does too."""
+def _store_in_flight(folder: Path, value: Any) -> Iterator[None]:
+    """Store the input during a check, so that it remains if the check ends or hangs the process."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / UNFINISHED
     file.write_text(json.dumps(value))
-    faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
+    faulthandler.dump_traceback_later(TIMEOUT_S, exit=True)
     try:
         yield
     finally:

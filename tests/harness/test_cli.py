@@ -11,8 +11,8 @@ import pytest
 from harness.commands.index import COMMANDS, load
 from harness.frame import OWN_VIEWS
 from harness.settings import CHOSEN_FITS, Fit
-from tests.conftest import assert_one_line, assert_refused, ends_well, geojson
-from tests.paths import ROOT, python
+from tests.conftest import assert_one_line, assert_refused, make_geojson, require_ok
+from tests.paths import ROOT, run_python
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
 
@@ -23,7 +23,7 @@ def write(name: str, content: str) -> str:
 
 
 def features(*rings: list[list[float]]) -> str:
-    return geojson({"type": "Polygon", "coordinates": [ring]} for ring in rings)
+    return make_geojson({"type": "Polygon", "coordinates": [ring]} for ring in rings)
 
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
@@ -31,7 +31,7 @@ BOWTIE = [[3, 0], [4, 1], [4, 0], [3, 1], [3, 0]]
 
 
 def test_a_run_measures_and_prints_a_table(harness, block):
-    out, _ = ends_well(harness("run", "--scene", str(block), "--out", "results", *MOCK))
+    out, _ = require_ok(harness("run", "--scene", str(block), "--out", "results", *MOCK))
     assert "optimal:half-perimeter" in out
     assert "vs ear-clipping" in out
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
@@ -71,7 +71,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
         ("empty.geojson", features()),
         ("nan.geojson", features([[float("nan"), 0], [1, 0], [1, 1], [float("nan"), 0]])),
         ("not.geojson", "this is no GeoJSON"),
-        ("point.geojson", geojson([{"type": "Point", "coordinates": [1, 2]}])),
+        ("point.geojson", make_geojson([{"type": "Point", "coordinates": [1, 2]}])),
     ],
 )
 def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content):
@@ -82,7 +82,7 @@ def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, cont
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_one_bad_polygon_among_many_is_counted_and_named(harness):
     write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
-    _, err = ends_well(harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK))
+    _, err = require_ok(harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK))
     assert "warning: mixed" in err
     facts = json.loads(Path("results/run.json").read_text())
     noted = facts["scene"]["dropped"] + facts["scene"]["repaired"]
@@ -108,7 +108,7 @@ def test_where_no_pixel_is_covered_nothing_is_measured(harness):
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_nothing_measured_is_exit_code_4(harness):
     hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
-    write("hole.geojson", geojson([{"type": "Polygon", "coordinates": hole}]))
+    write("hole.geojson", make_geojson([{"type": "Polygon", "coordinates": hole}]))
     code, out, err = harness("run", "--scene", "hole.geojson", "--triangulators", "fan", *MOCK)
     assert code == 4
     assert "skipped" in out
@@ -181,7 +181,7 @@ with contextlib.suppress(SystemExit):
     main()
 print([name for name in heavy if name in sys.modules])
 """
-    done = python("-c", program)
+    done = run_python("-c", program)
     assert done.stdout.splitlines() == ["report", "[]"]
 
 

@@ -14,7 +14,7 @@ from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, Timed
 from harness.triangulating.isolated import triangulate_many
-from tests.conftest import assert_one_line, assert_refused, ends_well
+from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.harness.test_cli import MOCK
 from tests.paths import ROOT
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
 def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
-    out, _ = ends_well(harness("triangulate", str(block), "-o", "block.glb"))
+    out, _ = require_ok(harness("triangulate", str(block), "-o", "block.glb"))
     assert "3 polygons" in out
     mesh = trimesh.load("block.glb", force="mesh")
     # glTF's up is y.
@@ -71,7 +71,7 @@ def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache.sqlite"))
     with ModelDatabase() as database:
         database.keep("delaunay", b"key", Timed(np.zeros((1, 3), np.int32), 1.0))
-    out, _ = ends_well(harness("cache", "info"))
+    out, _ = require_ok(harness("cache", "info"))
     assert "cache.sqlite" in out
     assert "delaunay" in out
     assert harness("cache", "clear")[0] == 0
@@ -95,7 +95,7 @@ def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harnes
 
 
 def test_inspect_draws_a_picture(harness, block):
-    ends_well(harness("inspect", str(block), "--out", "picture.png"))
+    require_ok(harness("inspect", str(block), "--out", "picture.png"))
     assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
     assert_refused(harness("inspect", str(block), "--polygon", "9"), "polygons 0 to 2")
 
@@ -121,7 +121,7 @@ def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
 
     monkeypatch.setattr("harness.commands.triangulate.NOTE_AFTER_S", 0.0)
     monkeypatch.setattr("harness.export.export.triangulate_many", slowly)
-    _, err = ends_well(harness("triangulate", str(block), "-o", "block.obj"))
+    _, err = require_ok(harness("triangulate", str(block), "-o", "block.obj"))
     assert COMPILING in err
 
 
@@ -137,14 +137,14 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     """The mock's times go with its counters, so who is ahead is known beforehand."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
-    ends_well(harness("study", "gains", "run", "--out", "gains"))
+    require_ok(harness("study", "gains", "run", "--out", "gains"))
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"ear-clipping", "delaunay"}
     assert set(table["resolution"]) == {64, 128}
     assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
     names = [path.name for path in Path("gains/plots").iterdir()]
     assert any(name.startswith("gain-resolution-") for name in names)
-    out, _ = ends_well(
+    out, _ = require_ok(
         harness("study", "gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping")
     )
     table = pd.read_csv("gains/gains.csv")
@@ -201,7 +201,7 @@ def test_gains_pair_no_times_of_different_runs(harness, block):
         run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
         fit = ("--fit", "circle" if out == "round" else "box")
         assert harness(*run, *fit, "--triangulators", triangulators)[0] == 0
-    out, _ = ends_well(
+    out, _ = require_ok(
         harness("study", "gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay")
     )
     table = pd.read_csv("gains/gains.csv")
@@ -247,7 +247,7 @@ def test_lists_are_json_for_other_programs(harness, kind):
 def test_a_run_tells_its_cases_as_json_and_nothing_else(harness, no_plots):
     run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
     run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
-    out, _ = ends_well(harness(*run, "--triangulators", "delaunay,greedy"))
+    out, _ = require_ok(harness(*run, "--triangulators", "delaunay,greedy"))
     told = json.loads(out)
     assert told["results"] == "out"
     assert not told["interrupted"]

@@ -82,14 +82,14 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
     shapes = [f"POLYGON ((0 0, {size} 0, {size} {size}, 0 {size}, 0 0))" for size in (1, 40)]
     Path("squares.wkt").write_text("\n".join(shapes))
     given = ("triangulate", "squares.wkt", "-o", "squares.obj")
-    given += ("--triangulator", "tests.broken:dies_at_large")
+    given += ("--triangulator", "tests.broken:crash_at_large")
     assert harness("--log", "events.log", *given)[0] == 5
     log = Path("events.log").read_text()
     stamp = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} INFO \[\d+\] harness"
     for event in (
         r"\.cli: raster-harness \S+: --log events\.log triangulate squares\.wkt",
-        r"\.workers\.worker: triangulator tests\.broken:dies_at_large: started process \d+",
-        r"\.workers\.worker: triangulator tests\.broken:dies_at_large crashed: SIGSEGV",
+        r"\.workers\.worker: triangulator tests\.broken:crash_at_large: started process \d+",
+        r"\.workers\.worker: triangulator tests\.broken:crash_at_large crashed: SIGSEGV",
         r"\.triangulating\.isolated: .* retry in halves: polygons 0 to 1",
         r"\.cli: exit code 5",
     ):

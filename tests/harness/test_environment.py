@@ -17,7 +17,7 @@ from harness.results import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
 from tests.compare.runs import MACHINE, slower, write_run
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 from tests.records import lines_of
 
 
@@ -174,7 +174,7 @@ def test_gains_and_comparisons_say_so(two, harness):
         file = run.path / "run.json"
         file.write_text(json.dumps(run.facts))
     folders = [str(run.path) for run in two]
-    out, _ = ends_well(harness("study", "gains", *folders, "--out", "gains"))
+    out, _ = require_ok(harness("study", "gains", *folders, "--out", "gains"))
     assert f"several processors, whose times stay apart: llvmpipe on {EPYC}, {XEON}" in out
     table = Path("gains/gains.csv").read_text()
     assert f'"llvmpipe ({EPYC})"' in table

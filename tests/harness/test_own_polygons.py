@@ -9,7 +9,7 @@ import shapely
 from pyarrow import parquet
 
 from scenes.cleaning.projection import system
-from tests.conftest import assert_refused, ends_well, geojson, write_geojson
+from tests.conftest import assert_refused, make_geojson, require_ok, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.models.various import MODELS
 from tests.scenes.test_files import without_utf8, write
@@ -37,7 +37,7 @@ def records_of(folder: str) -> list[dict]:
 def test_a_part_of_a_file(harness, town):
     where = "height/2 > 1 AND name IN ('house 2', 'house 3')"
     arguments = ("--layer", "houses", "--where", where, "--limit", "1", "--triangulators", "fan")
-    ends_well(harness("run", "--scene", town, *arguments, "--out", "out", *LOUD))
+    require_ok(harness("run", "--scene", town, *arguments, "--out", "out", *LOUD))
     scene = scene_of("out")
     assert scene["polygons"] == 1
     assert scene["parameters"] == {"layer": "houses", "where": where, "limit": "1"}
@@ -62,7 +62,7 @@ def test_one_line_says_what_was_read(harness, town):
     # resuming finds the same scene
     assert harness("run", "--resume", "out", *LOUD)[0] == 0
     assert len(records_of("out")) == 1
-    out, err = ends_well(harness("triangulate", town, "-o", "out.parquet"))
+    out, err = require_ok(harness("triangulate", town, "-o", "out.parquet"))
     assert "4 polygons" in out
     assert f"{town}: {line.removeprefix('town: ')}" in err
 
@@ -70,7 +70,7 @@ def test_one_line_says_what_was_read(harness, town):
 def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):
     source = without_utf8(tmp_path / "old.gpkg")
     for out in ("out.geojson", "out.parquet", "out.glb"):
-        _, err = ends_well(harness("triangulate", str(source), "-o", out))
+        _, err = require_ok(harness("triangulate", str(source), "-o", out))
         assert "text of name is not UTF-8" in err
     names = pyogrio.raw.read("out.geojson")[3][0]
     assert any("\ufffd" in name for name in names)
@@ -103,9 +103,9 @@ def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
 
 def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the_run(harness):
     shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6]
-    Path("own.geojson").write_text(geojson(shapes))
+    Path("own.geojson").write_text(make_geojson(shapes))
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
-    _, err = ends_well(harness("run", *arguments))
+    _, err = require_ok(harness("run", *arguments))
     dropped = dict(scene_of("out")["dropped"])
     assert dropped == {
         **{f"feature {number}": "is a Point, not a polygon" for number in range(1, 7)},
@@ -137,11 +137,11 @@ def test_what_is_read_is_never_written_over(harness):
 def test_many_features_off_the_globe_are_no_degrees(harness):
     """Metres without a reference system; one bad feature among ten leaves the others degrees."""
     metres = [shapely.box(40 * n, 40 * n, 40 * n + 9, 40 * n + 9) for n in range(6)]
-    Path("metres.geojson").write_text(geojson(metres))
+    Path("metres.geojson").write_text(make_geojson(metres))
     err = harness("inspect", "metres.geojson", "--out", "a.png")[2]
     assert "coordinates are not degrees as in WGS 84, used as they are" in " ".join(err.split())
     degrees = [shapely.box(n, 50, n + 0.5, 50.5) for n in range(9)]
-    Path("degrees.geojson").write_text(geojson([*degrees, shapely.box(3, 90, 4, 91)]))
+    Path("degrees.geojson").write_text(make_geojson([*degrees, shapely.box(3, 90, 4, 91)]))
     err = harness("inspect", "degrees.geojson", "--out", "b.png")[2]
     assert "dropped feature 9: has a vertex off the globe" in " ".join(err.split())
     write(Path("bare.gpkg"), degrees, "bare", crs=None)
@@ -153,7 +153,7 @@ def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
     Path("folder").mkdir()
     write(Path("folder/houses.shp"), HOUSES, "houses")
     two = ("--triangulators", "ear-clipping,delaunay")
-    out, _ = ends_well(harness("census", "folder", "-o", "census", *two))
+    out, _ = require_ok(harness("census", "folder", "-o", "census", *two))
     assert "4 footprints" in out
     code, _, err = harness("census", "folder", "-o", "nothing", *two, "--units-per-pixel", "1000")
     assert code == 4

@@ -11,7 +11,7 @@ from harness.metrics.decision import decide_all
 from harness.metrics.groups import groups_of, with_base
 from harness.results.run_folder import read_run
 from harness.summary import print_summary
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.records import make_run
 
 SAMPLES = [1.0e-3, 1.1e-3, 0.9e-3, 1.0e-3, 1.05e-3, 0.95e-3, 1.0e-3, 1.02e-3]
@@ -155,7 +155,7 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
         harness(*run, "--base", "greedy"),
         "--base greedy: not among --triangulators ear-clipping,delaunay",
     )
-    out, _ = ends_well(harness(*run, "--base", "delaunay"))
+    out, _ = require_ok(harness(*run, "--base", "delaunay"))
     assert "vs delaunay" in out
     found = read_run(Path("out"))
     assert found.base == "delaunay"

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from harness.machine import system
-from tests.paths import ROOT, python
+from tests.paths import ROOT, run_python
 
 BARE = Path(__file__).parents[1] / "bare"
 
@@ -19,7 +19,7 @@ def call(*arguments: str, cwd: Path) -> str:
     """Run the command line in a process that has none of these; returns what it printed."""
     path = os.pathsep.join([str(BARE), str(ROOT)])
     environment = {"PYTHONPATH": path, "COLUMNS": "200"}
-    done = python("-P", "-m", "harness", *arguments, cwd=cwd, env=environment, timeout=300)
+    done = run_python("-P", "-m", "harness", *arguments, cwd=cwd, env=environment, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

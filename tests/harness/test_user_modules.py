@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import assert_one_line
-from tests.paths import ROOT, python
+from tests.paths import ROOT, run_python
 
 STRANGERS = ("typer", "numpy", "numba", "pyarrow", "multiprocessing", "triangulators", "scenes")
 """Modules that a folder of data may hold, each with a name that the program imports."""
@@ -42,7 +42,7 @@ def folder(tmp_path, monkeypatch) -> Path:
 def test_strangers_modules_are_not_imported(folder):
     """Nor in workers, whose rasteriser and triangulator are loaded there."""
     for start in (("-m", "harness", "list", "criteria"), ("-c", INSTALLED, ROOT, *RUN, *REFERENCE)):
-        done = python(*start, cwd=folder)
+        done = run_python(*start, cwd=folder)
         assert done.returncode == 0, done.stderr
     assert '"triangulator": "mine:cut", "rasteriser"' in Path("out/cases.jsonl").read_text()
     assert list(folder.glob("imported-*")) == []
@@ -72,7 +72,7 @@ def test_dasks_workers_do_not_import_strangers_modules(folder):
         "print([answer.value for _, answer in executor.run_all({'a': (abs, (-3,))})])\n"
         "executor.close()\n"
     )
-    done = python("-c", program, ROOT, cwd=folder)
+    done = run_python("-c", program, ROOT, cwd=folder)
     assert done.stdout.strip().endswith("[3]"), done.stderr
     assert list(folder.glob("imported-*")) == []
 

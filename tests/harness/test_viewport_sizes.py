@@ -15,7 +15,7 @@ from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
 from harness.viewport_sizes import DeviceCosts
 from scenes import load
-from tests.conftest import assert_refused, ends_well, write_geojson
+from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.records import lines_of
 
 NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
@@ -38,7 +38,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
         "-q",
     )
     assert harness(*run, "--budget", "0.01")[0] == 0
-    out, _ = ends_well(
+    out, _ = require_ok(
         harness("inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json")
     )
     told = json.loads(out)
@@ -63,7 +63,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
 def test_it_says_that_it_does_not_matter(harness):
     """A triangle has one triangulation, and it is written in one sentence."""
     write_geojson(Path("one.geojson"), [Polygon([(0, 0), (9, 0), (0, 9)])])
-    out, _ = ends_well(harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png"))
+    out, _ = require_ok(harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png"))
     assert "It does not matter for you: at 16 to 64 px no triangulator saves 1% of" in out
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
 
@@ -119,7 +119,7 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
     ring, plain = box(0, 0, 9, 9) - box(3, 3, 6, 6), box(10, 0, 12, 5)
     write_geojson(Path("two.geojson"), [ring, plain])
     given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
-    _, err = ends_well(harness(*given))
+    _, err = require_ok(harness(*given))
     assert "polygons counted at 64 px: 1; left out, as they vanish on the grid or not" in err
     assert "not all triangulators do them: 1" in err
     told = json.loads(harness(*given, "--json")[1])
@@ -129,7 +129,7 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
 def test_a_contributed_profile_is_known_by_its_name(harness):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8) - box(4, 4, 9, 9)])
     given = ("inspect", "l.geojson", "--sizes", "64")
-    out, _ = ends_well(harness(*given, "--profile", "opengl-llvmpipe"))
+    out, _ = require_ok(harness(*given, "--profile", "opengl-llvmpipe"))
     assert "ms of a draw on llvmpipe" in out
     assert re.search(r"of ear-clipping's draw time on llvmpipe", out)
     assert Path("l-sizes.svg").read_text().startswith("<?xml")
@@ -167,7 +167,7 @@ def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
     squares = [box(0, 0, 1, 1), *(box(n, 0, n + 1e-4, 1e-4) for n in range(2, 9))]
     write_geojson(Path("few.geojson"), squares)
     given = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
-    out, err = ends_well(harness(*given))
+    out, err = require_ok(harness(*given))
     assert "It cannot be told: 4 pixels or fewer are covered" in " ".join(out.split())
     assert "counted at 16 px: 1; left out, as they vanish on the grid" in err
     assert json.loads(harness(*given, "--json")[1])["sizes"][0]["left_out"] == 7

@@ -27,7 +27,7 @@ from harness.workers.worker import TaskError
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
 from tests.records import lines_of
@@ -77,7 +77,7 @@ def measure(
             Path(out),
             Reporter(quiet=True),
             running.RunOptions(resume=resume, beside=replace(other, twice=twice)),
-            open_worker=lambda *_: Inline(),
+            open_worker=lambda *_: InlineWorker(),
         )
 
 

@@ -14,14 +14,14 @@ from harness.measuring.run import run
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from harness.workers.worker import TaskTimeoutError
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from tests.measuring.test_run import plan_for
 from tests.records import lines_of
 from triangulators import triangulate
 from triangulators.compute import compiled_files
 
 
-class Slow(Inline):
+class Slow(InlineWorker):
     """An executor that says that loading code took a minute, and notes what tasks may take."""
 
     def __init__(self, log: list[tuple[str, float | None]], fails: str = "") -> None:
@@ -60,7 +60,7 @@ def test_compiling_has_its_own_budget_and_line(block, tmp_path):
 
 
 def test_a_users_function_is_waited_for_not_compiled_and_lines_go_on(block, tmp_path):
-    name = "tests.broken:right"
+    name = "tests.broken:triangulate_clockwise"
     _, said = measured(block, tmp_path / "out", [], names=("ear-clipping", name))
     assert said.count(f"still waiting for {name}, on its first polygons") == 1
     assert f"compiling {name}" not in said
@@ -79,7 +79,7 @@ def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(bl
     assert "smaller scene" not in compiling[0]["reason"]
 
 
-class Recorded(Inline):
+class Recorded(InlineWorker):
     """An executor that notes who was asked to load what, and whether it was ended."""
 
     def __init__(self, name: str, log: list[tuple[str, list[str]]]) -> None:
@@ -93,7 +93,7 @@ class Recorded(Inline):
 
 
 def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(monkeypatch):
-    recipes = parse_all(["fan", "refined", "optimal", "tests.broken:right"])
+    recipes = parse_all(["fan", "refined", "optimal", "tests.broken:triangulate_clockwise"])
     for kept, cores, expected in (
         (False, 2, [(SECOND.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
         (True, 2, []),

@@ -15,7 +15,7 @@ from harness.rasterisers.reference import outlines
 from harness.results.record import LeastQuads
 from harness.workers.worker import TaskError, Worker
 from scenes import load
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from tests.measuring.test_run import inline
 from tests.records import make_record
 from triangulators import triangulate
@@ -60,7 +60,7 @@ def test_seconds_grow_with_height_vertices_and_holes():
     assert lower_limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
 
 
-class Failing(Inline):
+class Failing(InlineWorker):
     """An executor in which looking for the fewest quads crashes."""
 
     def call(self, function, *arguments, **how):

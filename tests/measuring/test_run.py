@@ -30,7 +30,7 @@ from harness.results.run_folder import Store, read_arrays, read_run
 from harness.triangulating.recipes import Recipe, parse_all
 from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from tests.mock import MockRasteriser
 from tests.records import lines_of
 from triangulators import PolygonArray
@@ -40,8 +40,8 @@ FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
 
-def inline(name: str, environment: object, limits: object = None) -> Inline:
-    return Inline()
+def inline(name: str, environment: object, limits: object = None) -> InlineWorker:
+    return InlineWorker()
 
 
 def plan_for(scene: Path, **changes: object) -> Plan:
@@ -282,7 +282,7 @@ def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
 def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
     log: list[str] = []
 
-    class Watched(Inline):
+    class Watched(InlineWorker):
         def __init__(self, name: str) -> None:
             self._name = name
             log.append(f"{name} begins")
@@ -291,7 +291,7 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
             log.append(f"{self._name} ends")
             super().close(at_once=at_once)
 
-    def watched(name: str, environment: object, limits: object = None) -> Inline:
+    def watched(name: str, environment: object, limits: object = None) -> InlineWorker:
         return Watched(name)
 
     plan = plan_for(block, timing=replace(FAST, processes=3))

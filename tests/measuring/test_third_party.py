@@ -9,7 +9,7 @@ import pytest
 
 from harness.measuring.run import run
 from harness.workers.worker import Worker
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import MOCK, measure, plan_for, quiet
 from tests.records import lines_of
 
@@ -18,28 +18,28 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 REASONS = {
     "segfault": "crashed: SIGSEGV",
     "hang": "exceeded the time limit",
-    "devour": "emory",
-    "raises": "RuntimeError: no idea",
-    "kills_its_parent": "crashed: SIGKILL",
-    "shouts": "crashed: exit code 1; last output: ... xxx",
-    "exits": "SystemExit: 0",
-    "exits_hard": "crashed: exit code 0",
-    "interrupts": "KeyboardInterrupt",
-    "raises_no_exception": "NoException: enough",
-    "returns_nothing": "shape ()",
-    "returns_nan": "expected integer indices",
-    "returns_out_of_range": "indices outside",
-    "returns_coordinates": "expected (m, 3)",
-    "returns_overlapping": "polygon 0",
-    "returns_too_little": "polygon 0",
+    "exhaust_memory": "emory",
+    "raise_error": "RuntimeError: no idea",
+    "kill_parent": "crashed: SIGKILL",
+    "flood_stdout": "crashed: exit code 1; last output: ... xxx",
+    "exit_success": "SystemExit: 0",
+    "exit_hard": "crashed: exit code 0",
+    "raise_interrupt": "KeyboardInterrupt",
+    "raise_base_exception": "CustomBaseException: enough",
+    "return_none": "shape ()",
+    "return_nan": "expected integer indices",
+    "return_out_of_range": "indices outside",
+    "return_coordinates": "expected (m, 3)",
+    "return_overlapping": "polygon 0",
+    "return_too_few": "polygon 0",
 }
-RIGHT = ("delaunay", "tests.broken:right", "tests.broken:forks")
+VALID = ("delaunay", "tests.broken:triangulate_clockwise", "tests.broken:fork")
 
 
 def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.workers.pool.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
-    plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=3.0)
+    plan = plan_for(block, triangulators=(*names, *VALID), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
     records = {record["triangulator"]: record for record in lines_of(outcome)}
     for name, reason in REASONS.items():
@@ -47,7 +47,7 @@ def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_
         assert record["status"] == "failed", name
         assert reason in record["reason"], name
         assert len(record["reason"]) < 1000, name
-    for name in RIGHT:
+    for name in VALID:
         assert (records[name]["status"], records[name]["coverage_error"]) == ("ok", 0), name
 
 
@@ -133,9 +133,9 @@ class Dying(MockRasteriser):
 
 
 def cut(polygon):
-    from tests.broken import right
+    from tests.broken import triangulate_clockwise
 
-    return right(polygon)
+    return triangulate_clockwise(polygon)
 """
 
 
@@ -143,8 +143,8 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
     module("theirs", RASTERISER)
     arguments = ("--scene", str(block), "--triangulators", "delaunay,theirs:cut", "--quick")
     rasterisers = ("--rasterisers", "theirs:Dying,theirs:Theirs", "--out", "out")
-    _, err = ends_well(harness("run", *arguments, *rasterisers))
-    assert "rasteriser 'theirs:Dying' is left out" in err
+    _, err = require_ok(harness("run", *arguments, *rasterisers))
+    assert "rasteriser 'theirs:Dying' is skipped" in err
     assert "crashed: exit code 0" in err
     lines = Path("out/cases.jsonl").read_text().splitlines()
     assert {json.loads(line)["status"] for line in lines} == {"ok"}

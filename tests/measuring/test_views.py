@@ -25,7 +25,7 @@ from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.viewing import is_model_with_views
 from scenes import Scene, load
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import FAST, measure
 from tests.models.various import solid
 from tests.records import lines_of, make_group, make_record
@@ -168,7 +168,7 @@ def test_options_that_views_have_not_are_told_in_a_line(model, harness):
         harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
         "pixels= is the resolution of a model's views: leave --sizes",
     )
-    out, _ = ends_well(harness("inspect", f"{model}:views=4", "--out", "a.png"))
+    out, _ = require_ok(harness("inspect", f"{model}:views=4", "--out", "a.png"))
     assert "picture: a.png" in out
 
 
@@ -186,7 +186,7 @@ def test_damaged_views_are_refused(damage):
 
 def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, harness, tmp_path):
     words = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
-    told, err = ends_well(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
+    told, err = require_ok(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
     names = [each["triangulator"] for each in lines_of(read_run(tmp_path / "out"))]
     assert names == list(MODEL_TRIANGULATORS)
     assert "helper lanes in ratio to original's, over 4 views, too few" in told

@@ -14,7 +14,7 @@ import pytest
 
 from harness.errors import NoRasteriserError
 from harness.workers.worker import Limits, TaskError, TaskTimeoutError, Worker
-from tests.paths import python
+from tests.paths import run_python
 from triangulators.errors import MAX_TRACEBACK
 
 
@@ -302,5 +302,5 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
 def test_ctrl_c_while_the_server_is_loaded_is_the_commands_alone(tmp_path):
     (tmp_path / "own.py").write_text(CTRL_C)
-    done = python(tmp_path / "own.py", start_new_session=True)
+    done = run_python(tmp_path / "own.py", start_new_session=True)
     assert (done.stdout, done.stderr) == ("heard\n2\n", "")

@@ -24,28 +24,19 @@ from harness.stats.run_quality import (
     two_modes,
     undisturbed,
 )
-from scripts.studies.machines import (
-    ROUNDS,
-    simulate_quiet,
-    simulate_records,
-    simulate_time_slices,
-    simulate_two_speeds,
-)
+from scripts.studies import machines
+from scripts.studies.machines import ROUNDS, simulate_run
 from tests.measuring.test_run import measure, plan_for
 from tests.records import make_group, make_run, make_time
 
 
-@pytest.mark.parametrize(
-    "machine",
-    [simulate_quiet, simulate_time_slices, simulate_two_speeds],
-    ids=lambda each: each.__name__,
-)
-def test_the_best_of_several_is_not_shown_by_chance(machine):
+@pytest.mark.parametrize("name", ["quiet", "time_slices", "two_speeds"])
+def test_the_best_of_several_is_not_shown_by_chance(name):
     """Seven that cost the same: of the runs, at most one in twenty says that one saves."""
     rng = np.random.default_rng(3)
     count = 150
     shown = sum(
-        decide(make_group(simulate_records(rng, machine, (1.0,) * 7))).ground == "shown"
+        decide(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).ground == "shown"
         for _ in range(count)
     )
     assert shown / count <= 0.05
@@ -83,8 +74,7 @@ def test_threads_that_wait_for_each_other_are_not_disturbed():
 def test_few_drawings_of_two_modes_disturb_no_run():
     rng = np.random.default_rng(12)
     one, another = (
-        simulate_records(rng, machine, (1.0,))[0]
-        for machine in (simulate_two_speeds, simulate_quiet)
+        simulate_run(rng, machine, (1.0,))[0] for machine in (machines.two_speeds, machines.quiet)
     )
     many = [another.with_id(triangulator=str(number)) for number in range(11)]
     assert judge_records([one, *many[:8]]).state == DISTURBED
@@ -123,18 +113,18 @@ def test_two_modes_are_found_and_one_is_one():
 
 def test_one_rule_tells_the_state():
     rng = np.random.default_rng(2)
-    assert judge_records(simulate_records(rng, simulate_quiet, (1.0, 0.9))).state == QUIET
-    sliced_run = judge_records(simulate_records(rng, simulate_time_slices, (1.0, 0.9)))
+    assert judge_records(simulate_run(rng, machines.quiet, (1.0, 0.9))).state == QUIET
+    sliced_run = judge_records(simulate_run(rng, machines.time_slices, (1.0, 0.9)))
     assert sliced_run.state == DISTURBED
     assert "samples waited for a core" in sliced_run.words[0]
     for others_s, state in ((0.05, QUIET), (0.5, DISTURBED)):
-        drawings = simulate_records(rng, simulate_time_slices, (1.0, 0.9))
+        drawings = simulate_run(rng, machines.time_slices, (1.0, 0.9))
         alone = [with_time(each, timing_s=1.0, others_s=others_s) for each in drawings]
         assert judge_records(alone).state == state
-    two = judge_records(simulate_records(rng, simulate_two_speeds, (1.0, 0.9)))
+    two = judge_records(simulate_run(rng, machines.two_speeds, (1.0, 0.9)))
     assert two.state == DISTURBED
     assert "two modes" in two.words[0]
-    record = simulate_records(rng, simulate_two_speeds, (1.0,))[0]
+    record = simulate_run(rng, machines.two_speeds, (1.0,))[0]
     assert judge_records([with_time(record, timer="wall")]).state == UNTRUSTED
     for free, state in ((0, UNTRUSTED), (ENOUGH, DISTURBED)):
         waited = (0.0,) * free + (1.0,) * (ROUNDS - free)
@@ -142,9 +132,7 @@ def test_one_rule_tells_the_state():
     draw = {"rasteriser": "opengl", "device": "llvmpipe", "resolution": 64, "reference_s": 1e-3}
     assert judge_records([], [{**draw, "slower": 1.2}]).state == QUIET
     assert judge_records([], [{**draw, "slower": 1.6}]).state == DISTURBED
-    stolen = with_time(
-        simulate_records(rng, simulate_quiet, (1.0,))[0], stolen_s=1.0, timing_s=10.0
-    )
+    stolen = with_time(simulate_run(rng, machines.quiet, (1.0,))[0], stolen_s=1.0, timing_s=10.0)
     assert judge_records([stolen]).state == DISTURBED
 
 
@@ -152,7 +140,7 @@ def test_one_rule_tells_the_state():
 def test_processes_that_differ_are_no_two_modes(levels):
     each = ROUNDS // len(levels)
     rng = np.random.default_rng(8)
-    record = simulate_records(rng, simulate_quiet, (1.0,))[0]
+    record = simulate_run(rng, machines.quiet, (1.0,))[0]
     samples = tuple(np.array(record.time.samples_s) * np.repeat(levels, each))
     record = with_time(record, samples_s=samples)
     assert judge_records([record]).state == DISTURBED
@@ -168,7 +156,7 @@ def test_what_a_run_tells_of_its_state_is_believed():
 
 def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
     rng = np.random.default_rng(4)
-    records = simulate_records(rng, simulate_quiet, (1.0, 0.6, 0.8))
+    records = simulate_run(rng, machines.quiet, (1.0, 0.6, 0.8))
     records[2] = replace(records[2], counters={"quads": 50})
     assert decide(make_group(records)).choice.name == "rival 1"
     decision = decide(make_group(records, state=DISTURBED))
@@ -185,7 +173,7 @@ def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
 
 def test_runs_in_different_states_are_not_compared():
     rng = np.random.default_rng(6)
-    base, head = (simulate_records(rng, simulate_quiet, (1.0,))[0].time for _ in range(2))
+    base, head = (simulate_run(rng, machines.quiet, (1.0,))[0].time for _ in range(2))
     assert explain_apart(base, head, machines_differ=False) == ""
     slower = replace(head, reference_s=(1.4,) * ROUNDS)
     assert "two states" in explain_apart(base, slower, machines_differ=False)

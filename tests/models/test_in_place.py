@@ -12,7 +12,7 @@ from harness.models.flat_faces import ModelMesh, flat_faces, tolerance_of
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
 
@@ -54,7 +54,7 @@ def test_a_plate_gets_shorter_diagonals_and_stays_what_it_is(tmp_path, suffix):
 
 def test_check_writes_nothing(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
-    told, _ = ends_well(harness("triangulate", "plate.glb", "--check"))
+    told, _ = require_ok(harness("triangulate", "plate.glb", "--check"))
     assert "2 faces would get other diagonals" in told
     lines = [line for line in told.splitlines() if line.startswith("seen from 24 sides")]
     assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
@@ -68,7 +68,7 @@ def test_check_writes_nothing(tmp_path, harness):
 
 def test_on_the_command_line(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
-    told, _ = ends_well(harness("triangulate", "plate.glb", "-o", "out.glb"))
+    told, _ = require_ok(harness("triangulate", "plate.glb", "-o", "out.glb"))
     assert "in 70 flat faces of two or more (100% of the area)" in told
     assert "out.glb: 2 faces get other diagonals" in told
     assert "No vertex changes" in told

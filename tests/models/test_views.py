@@ -13,7 +13,7 @@ from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
 from harness.triangulating.carrying import original_triangulation
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
 
@@ -109,7 +109,7 @@ def test_nodes_place_a_mesh_as_others_read_it(tmp_path):
 def test_where_nothing_changes_nothing_is_looked_at(tmp_path, harness, monkeypatch):
     monkeypatch.setattr("harness.models.in_place.look", None)
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
-    told, _ = ends_well(harness("triangulate", "ball.glb", "--check"))
+    told, _ = require_ok(harness("triangulate", "ball.glb", "--check"))
     assert "nothing to gain" in told
 
 

@@ -1,4 +1,4 @@
-"""A small run, its page, and what the page would save."""
+"""A small run, its measuring page, and the file that the page would save."""
 
 import hashlib
 import json
@@ -12,7 +12,7 @@ import pytest
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
-from harness.measuring.run import run as carry_out
+from harness.measuring.run import run as measure_run
 from harness.measuring.timing import TimingSettings
 from harness.metrics.per_polygon import columns_of
 from harness.page.page_data import content_of_profile, write_page
@@ -22,8 +22,8 @@ from harness.progress import Reporter
 from harness.results.cases import latest
 from harness.results.run_folder import Run, read_run
 from harness.triangulating.recipes import parse_all
-from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
-from tests.inline import Inline
+from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.inline import InlineWorker
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
 from tests.profile.charging import COSTS
@@ -39,7 +39,7 @@ def read_result(file: Path) -> Result:
 
 @pytest.fixture(scope="session")
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """City of 20 buildings in two views, counted on the reference."""
+    """Return a run of a city of 20 buildings in two views, counted by the reference."""
     folder = tmp_path_factory.mktemp("page") / "city"
     plan = Plan(
         scene="city:buildings=20",
@@ -48,30 +48,30 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         views=(View(128), View(64, 30.0)),
         timing=TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2),
     )
-    carry_out(plan, folder, Reporter(quiet=True), open_worker=lambda *_: Inline())
+    measure_run(plan, folder, Reporter(quiet=True), open_worker=lambda *_: InlineWorker())
     return latest(read_run(folder))
 
 
-def result_of(run: Run) -> dict[str, Any]:
-    """What a page would save that counted as the run did, and timed in 12 rounds of 6 epochs."""
+def make_result(run: Run) -> dict[str, Any]:
+    """Return the result of a page with the counters of the run and times in 12 rounds, 6 epochs."""
     rng = np.random.default_rng(0)
     views: dict[tuple[int, float], dict[str, Any]] = {}
     for typed, record in zip(run.records, lines_of(run), strict=True):
-        where = {name: record[name] for name in ("resolution", "rotation", "fit", "scene")}
-        beside = {
+        view_fields = {name: record[name] for name in ("resolution", "rotation", "fit", "scene")}
+        control_times = {
             name: {"repeats": 3, "samples_s": rng.normal(1e-3, 1e-5, ROUNDS).tolist()}
             for name in ("(empty)", "(reference)", "(the base again)")
         }
         view = views.setdefault(
             (record["resolution"], record["rotation"]),
-            {**where, "cases": {}, "times": beside, "epochs": [2] * 6},
+            {**view_fields, "cases": {}, "times": control_times, "epochs": [2] * 6},
         )
         columns = columns_of(run, typed)
         assert columns is not None
         name = record["triangulator"]
         view["cases"][name] = {
             "record": {field: record[field] for field in KEPT if field in record},
-            "counters": {each: columns[each].astype(int).tolist() for each in TOLD},
+            "counters": {column: columns[column].astype(int).tolist() for column in TOLD},
             "differing": 0,
         }
         samples = rng.normal(2e-3, 2e-5, ROUNDS).tolist()
@@ -113,34 +113,34 @@ def result_of(run: Run) -> dict[str, Any]:
     }
 
 
-def saved_as(result: Any, file: Path, kind: str = FORMAT) -> Path:
-    """Write a result as the page saves it, with its digest."""
+def write_saved(result: Any, file: Path, format_name: str = FORMAT) -> Path:
+    """Write a result in the format of the page, with its digest."""
     text = json.dumps(result)
-    outer = {
-        "format": kind,
+    envelope = {
+        "format": format_name,
         "version": VERSION,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "result": text,
     }
-    file.write_text(json.dumps(outer))
+    file.write_text(json.dumps(envelope))
     return file
 
 
 @pytest.fixture
 def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
-    """Write what a page would save, changed by a function of the result."""
+    """Return a function that writes the file of a page, changed by a function of the result."""
 
     def write(change: Callable[[dict[str, Any]], None] = lambda result: None) -> Path:
-        result = result_of(small_run)
+        result = make_result(small_run)
         change(result)
-        return saved_as(result, tmp_path / "saved.json")
+        return write_saved(result, tmp_path / "saved.json")
 
     return write
 
 
 @pytest.fixture
 def imported(saved: Callable[..., Path], tmp_path: Path) -> Callable[..., Run]:
-    """Import what a page would save, changed by a function of the result, with a run or without."""
+    """Return a function that imports such a file, with or without the run."""
 
     def import_(change: Callable[[dict[str, Any]], None], run: Run | None = None) -> Run:
         out = tmp_path / f"imported-{len(list(tmp_path.iterdir()))}"
@@ -151,7 +151,7 @@ def imported(saved: Callable[..., Path], tmp_path: Path) -> Callable[..., Run]:
 
 @pytest.fixture(scope="session")
 def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page that profiles a device, whose advice looks at eight polygons."""
+    """Return the page that profiles a device, with eight polygons for the advice."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
         patch.setattr("harness.profile.advice.POLYGONS", 8)
@@ -164,11 +164,12 @@ def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
-    """What the page measured and showed that nobody disturbed, without a GPU timer."""
-    opened(browser, profile_page, "noise: 1e-6")
-    result = measured(browser)
+    """Return the result and texts of an undisturbed page without a GPU timer."""
+    open_page(browser, profile_page, "noise: 1e-6")
+    result = measure(browser)
     browser.resize(360, 800)
-    shown = {name: told(browser, name) for name in ("answer", "words", "thin", "terms", "traps")}
+    parts = ("answer", "words", "thin", "terms", "traps")
+    shown = {part: read_text(browser, part) for part in parts}
     shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
     needed = "[...$('terms').rows].map((row) => row.cells[3].textContent)"
@@ -189,8 +190,8 @@ def gpu_browser() -> Iterator[Chromium]:
 WORLD = (ROOT / "tests/page/world.js").read_text()
 
 
-def opened(browser: Chromium, page: Path, world: str = "") -> None:
-    """Open the page without having it begin by itself; `world`: fields for `makeWorld`."""
+def open_page(browser: Chromium, page: Path, world: str = "") -> None:
+    """Open the page without starting it; `world` has fields for `makeWorld`."""
     browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate(
         f"{WORLD}; PACE.quick = 0.02; $('pace').value = 'quick';"
@@ -198,13 +199,13 @@ def opened(browser: Chromium, page: Path, world: str = "") -> None:
     )
 
 
-def measured(browser: Chromium) -> dict[str, Any]:
-    """Start, wait for the end, and return the result."""
+def measure(browser: Chromium) -> dict[str, Any]:
+    """Start the measurement, wait for its end, and return the result."""
     browser.evaluate("start(); null")
-    browser.wait(MEASURED)
+    browser.wait(MEASUREMENT_ENDED)
     return json.loads(browser.evaluate("JSON.stringify(state.result)"))
 
 
-def told(browser: Chromium, part: str) -> str:
-    """Return the text of a part of the page."""
+def read_text(browser: Chromium, part: str) -> str:
+    """Return the text of an element of the page."""
     return browser.evaluate(f"$('{part}').textContent")

@@ -12,9 +12,9 @@ from harness.page.result import TOLD
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.results.run_folder import read_run
-from tests.chromium import MEASURED, REPORT_READY, Chromium
-from tests.conftest import ends_well
-from tests.page.conftest import measured, read_result
+from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
+from tests.conftest import require_ok
+from tests.page.conftest import measure, read_result
 from tests.rasterisers.conftest import random_triangles
 from tests.records import lines_of
 
@@ -36,7 +36,7 @@ def opened(browser: Chromium, page: Path) -> None:
 def whole(gpu_browser, page) -> SimpleNamespace:
     """A measurement that nobody disturbed, and what the page showed, saved and asked for."""
     opened(gpu_browser, page)
-    result = measured(gpu_browser)
+    result = measure(gpu_browser)
     asked = {"shown": "document.body.innerText", "device": "$('device').innerText"}
     asked |= {"saved": "savedText()", "address": "location.href"}
     told = {name: gpu_browser.evaluate(text) for name, text in asked.items()}
@@ -68,7 +68,7 @@ def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run
     file.write_text(whole.saved)
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
-    ends_well(harness("import", str(file), "--out", "browser", "--run", run))
+    require_ok(harness("import", str(file), "--out", "browser", "--run", run))
     records = lines_of(read_run(Path("browser")))
     assert len(records) == 6
     assert all(record["coverage_error"] == 0 for record in records)
@@ -84,7 +84,7 @@ def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(whole):
 def test_the_pages_reference_is_ours(browser, page):
     frame, rows = random_triangles(seed=3, size=128, number=200, grid=1)
     expected = Reference().count(frame, rows, Options())
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     made = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
     given = f"{json.dumps({**made, 'polygons': 200})}, {rows.ravel().tolist()}"
     counted = browser.evaluate(f"countExactly({given})")
@@ -99,7 +99,7 @@ def test_counters_that_differ_are_said(gpu_browser, page):
         "const found = exactly(frame, rows); return { ...found, quads: found.fragments }; };"
         "findStep = async () => 16; state.page.views.length = 1; null }"
     )
-    result = measured(gpu_browser)
+    result = measure(gpu_browser)
     assert result["views"][0]["cases"]["delaunay"]["differing"] > 0
     assert "Counters differ from the expected ones in" in gpu_browser.evaluate(
         "$('answer').textContent"
@@ -111,7 +111,7 @@ def test_a_stop_keeps_what_was_measured(gpu_browser, page):
     gpu_browser.evaluate("PACE.quick = 60; start(); null")
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
     gpu_browser.evaluate("$('stop').click(); null")
-    gpu_browser.wait(MEASURED)
+    gpu_browser.wait(MEASUREMENT_ENDED)
     result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
     assert not result["complete"]
     assert result["problem"] is None
@@ -131,7 +131,7 @@ def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
     )
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
     gpu_browser.evaluate("seen.destroy(); null")
-    gpu_browser.wait(MEASURED)
+    gpu_browser.wait(MEASUREMENT_ENDED)
     result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
     assert "lost the GPU" in result["problem"]
     assert len(result["views"][0]["cases"]) == 3
@@ -141,7 +141,7 @@ def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
 
 
 def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     notice = browser.evaluate("$('notice').textContent")
     assert "WebGPU" in notice
     for name in ("Chrome", "Safari", "Firefox"):
@@ -183,7 +183,7 @@ def simulated(browser: Chromium, ratio: float, step: float) -> dict[str, float]:
 
 @pytest.mark.parametrize("ratio", [0.7, 1.0, 1.05])
 def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     fine = simulated(browser, ratio, 0)
     coarse = simulated(browser, ratio, 1e-4)
     assert coarse["epochs"] >= 6
@@ -193,7 +193,7 @@ def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
 
 
 def test_a_timers_step_is_found(browser, page):
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     assert browser.evaluate("stepOf([300000, 500000, 12300000])") == pytest.approx(1e-4)
     assert browser.evaluate("stepOf([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
     assert browser.evaluate("stepOf([1001, 2003])") == pytest.approx(1e-9)
@@ -204,7 +204,7 @@ def test_figures_equal_ours(browser, page):
     from harness.metrics.per_polygon import ranks
     from harness.stats.intervals import of_any_run, paired_ratio
 
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
     base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
     ours = of_any_run(paired_ratio(samples, base, [2] * 6))

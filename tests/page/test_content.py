@@ -12,7 +12,7 @@ from harness.page.page_data import content_of
 from harness.page.result import TOLD
 from harness.rasterisers.reference import predict
 from harness.results import drawings
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 
 
 def decoded(text: str, kind: str) -> np.ndarray:
@@ -45,6 +45,6 @@ def test_one_triangulation_is_nothing_to_compare(small_run):
 
 
 def test_the_command_writes_one_file(harness, small_run):
-    out, _ = ends_well(harness("page", str(small_run.path), "-o", "page.html"))
+    out, _ = require_ok(harness("page", str(small_run.path), "-o", "page.html"))
     assert "page: page.html" in out
     assert_refused(harness("page", "nowhere"), "nowhere")

@@ -8,12 +8,12 @@ import pytest
 
 from harness.errors import IncompatibleRunsError, InputError
 from harness.page import device_summaries
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.paths import ROOT
 
 
 def test_an_imported_run_has_a_summary(harness, saved):
-    ends_well(harness("import", str(saved()), "--out", "phone", "--summary", "phone.json"))
+    require_ok(harness("import", str(saved()), "--out", "phone", "--summary", "phone.json"))
     summary = json.loads(Path("phone.json").read_text())
     assert summary["device"] == "apple-metal-3-safari"
     assert summary["timer"] == "gpu"
@@ -29,7 +29,7 @@ def test_an_imported_run_has_a_summary(harness, saved):
 
 def test_a_run_of_ours_has_one_too(harness, small_run):
     assert_refused(harness("import", str(small_run.path)), "give --summary FILE")
-    ends_well(harness("import", str(small_run.path), "--summary", "cpu.json"))
+    require_ok(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
     arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")
     assert_refused(harness(*arguments), "one rasteriser on one device that was timed, not of 0")

@@ -8,7 +8,7 @@ from harness.page.page_data import content_of, write_page
 from harness.page.result import import_result
 from harness.report.page import write_report
 from harness.results.run_folder import read_run
-from tests.chromium import MEASURED, Chromium
+from tests.chromium import MEASUREMENT_ENDED, Chromium
 from tests.page.conftest import read_result
 from tests.records import lines_of
 
@@ -73,7 +73,7 @@ def test_the_report_of_an_imported_result(browser, saved, tmp_path):
 def test_the_measuring_page_and_its_tooltips(browser, small_run, tmp_path, saved):
     page = tmp_path / "page.html"
     write_page(content_of(small_run), page)
-    browser.open(page, MEASURED)
+    browser.open(page, MEASUREMENT_ENDED)
     content = json.loads(saved().read_text())["result"]
     name = json.dumps(f"delaunay{MARKUP}")
     browser.evaluate(f"""(() => {{

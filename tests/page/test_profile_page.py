@@ -18,10 +18,10 @@ from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import amount
 from harness.stats.intervals import Ratio, mean_interval
-from tests.chromium import MEASURED, REPORT_READY, Chromium
-from tests.conftest import assert_refused, ends_well
+from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
+from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import inline
-from tests.page.conftest import WORLD, measured, opened, told
+from tests.page.conftest import WORLD, measure, open_page, read_text
 from tests.page.test_hostile import MARKUP
 from tests.profile.charging import COSTS
 
@@ -50,8 +50,8 @@ def test_what_it_holds_is_counted_by_the_exact_reference(waiting):
     assert list(grids) == [str(step) for step in STEPS]
     for step, place in ((1, 20), (4, 80), (16, 100)):
         draw = design.snapped(design.draws()[place], step)
-        told = {name: values[place] for name, values in grids[str(step)]["counters"].items()}
-        assert told == counters(draw)
+        read_text = {name: values[place] for name, values in grids[str(step)]["counters"].items()}
+        assert read_text == counters(draw)
         assert grids[str(step)]["checksums"][place] == draw.checksum
 
 
@@ -132,8 +132,8 @@ def test_rounds_tell_it_what_they_tell_python(waiting):
     }
     samples[CONTROL] = (np.array(samples["3"]) * random.uniform(1.0, 1.04, len(speed))).tolist()
     ours = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
-    told = {name: {"samples_s": values} for name, values in samples.items()}
-    given = json.dumps({"times": told, "epochs": [2, 0, 3, 2, 2]})
+    read_text = {name: {"samples_s": values} for name, values in samples.items()}
+    given = json.dumps({"times": read_text, "epochs": [2, 0, 3, 2, 2]})
     theirs = waiting.evaluate(f"measuredOf({given}, {size})")
     assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
     assert theirs["drift"] == pytest.approx(ours.drift)
@@ -231,112 +231,112 @@ def test_its_coefficients_are_those_that_python_fits(profiled, waiting):
 
 
 def test_a_gpu_timer_is_used_where_there_is_one(browser, profile_page):
-    opened(browser, profile_page, "timer: true, noise: 0")
-    result = measured(browser)
+    open_page(browser, profile_page, "timer: true, noise: 0")
+    result = measure(browser)
     assert result["timer"]["timer"] == "gpu"
-    assert "The GPU's timer goes in steps of" in told(browser, "traps")
+    assert "The GPU's timer goes in steps of" in read_text(browser, "traps")
 
 
 def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, profile_page):
-    opened(browser, profile_page, "at: { 4500: ({ lose }) => lose() }")
-    result = measured(browser)
+    open_page(browser, profile_page, "at: { 4500: ({ lose }) => lose() }")
+    result = measure(browser)
     assert "lost the GPU (it was unplugged)" in result["problem"]
     assert not result["complete"]
     assert sum(result["epochs"]) > 8
     assert result["law"]["seconds"]["triangles"] == pytest.approx(5e-8, rel=0.1)
-    assert "What was measured is kept" in told(browser, "notice")
+    assert "What was measured is kept" in read_text(browser, "notice")
     assert not browser.evaluate("$('save').disabled")
 
 
 def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, profile_page):
-    opened(browser, profile_page, "at: { 300: ({ lose }) => lose() }")
-    result = measured(browser)
+    open_page(browser, profile_page, "at: { 300: ({ lose }) => lose() }")
+    result = measure(browser)
     assert len(result["draws"]) == 135
     assert result["law"] is None
-    assert "All counters of 135 draws are the exact ones." in told(browser, "answer")
-    assert "Too little was timed to say what a triangle costs." in told(browser, "answer")
+    assert "All counters of 135 draws are the exact ones." in read_text(browser, "answer")
+    assert "Too little was timed to say what a triangle costs." in read_text(browser, "answer")
 
 
 def test_a_hidden_page_waits_and_draws_its_round_again(browser, profile_page):
     slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
-    opened(browser, profile_page, f"at: {{ 4000: () => hide() }}, {slow}")
-    result = measured(browser)
+    open_page(browser, profile_page, f"at: {{ 4000: () => hide() }}, {slow}")
+    result = measure(browser)
     for each in result["times"].values():
         assert max(each["samples_s"]) < 1.1 * min(each["samples_s"])
     assert result["complete"]
     assert result["hidden"]
     assert {len(each["samples_s"]) for each in result["times"].values()} == {sum(result["epochs"])}
     assert "it waits until it is in front again" in browser.evaluate("hide.said")
-    assert "The page was hidden for a while" in told(browser, "traps")
+    assert "The page was hidden for a while" in read_text(browser, "traps")
     assert browser.evaluate("$('notice').hidden")
 
 
 def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, profile_page):
-    opened(browser, profile_page, "slower: (drawn) => 1 + drawn / 6000")
-    result = measured(browser)
+    open_page(browser, profile_page, "slower: (drawn) => 1 + drawn / 6000")
+    result = measure(browser)
     assert "The device's speed changed by a factor of" in result["problem"]
     assert not result["complete"]
-    assert "The device's speed changed by a factor of" in told(browser, "notice")
+    assert "The device's speed changed by a factor of" in read_text(browser, "notice")
 
 
 def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, profile_page):
-    opened(browser, profile_page, "scale: 200")
-    result = measured(browser)
+    open_page(browser, profile_page, "scale: 200")
+    result = measure(browser)
     assert result["limited"]
     assert 4 <= len(result["epochs"]) < 12
     assert result["law"]["seconds"]["triangles"] == pytest.approx(200 * 5e-8, rel=0.1)
-    assert "The time limit of 4 minutes ended it after" in told(browser, "traps")
+    assert "The time limit of 4 minutes ended it after" in read_text(browser, "traps")
 
 
 def test_a_far_too_slow_device_is_told_so(browser, profile_page):
-    opened(browser, profile_page, "scale: 20000")
-    result = measured(browser)
+    open_page(browser, profile_page, "scale: 20000")
+    result = measure(browser)
     assert result["law"] is None
-    assert "ended it before a first round" in told(browser, "answer")
+    assert "ended it before a first round" in read_text(browser, "answer")
 
 
 def test_counters_that_differ_are_said(browser, profile_page):
-    opened(browser, profile_page, "wrong: 7")
-    assert measured(browser)["differing"] == 1
+    open_page(browser, profile_page, "wrong: 7")
+    assert measure(browser)["differing"] == 1
     said = "Counters differ from the exact ones in 1 of 135 draws."
-    assert said in told(browser, "answer")
+    assert said in read_text(browser, "answer")
     assert said in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
 
 
 def test_a_browser_that_makes_other_draws_is_refused(browser, profile_page):
-    opened(browser, profile_page)
+    open_page(browser, profile_page)
     browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
-    assert measured(browser)["draws"] == []
-    assert "their checksums differ" in told(browser, "notice")
+    assert measure(browser)["draws"] == []
+    assert "their checksums differ" in read_text(browser, "notice")
 
 
 def test_a_stop_keeps_what_was_counted(browser, profile_page):
-    opened(browser, profile_page, "at: { 3000: () => { $('stop').click(); } }")
-    result = measured(browser)
+    open_page(browser, profile_page, "at: { 3000: () => { $('stop').click(); } }")
+    result = measure(browser)
     assert not result["complete"]
     assert not result["limited"]
-    assert "Stopped. What was measured is kept." in told(browser, "notice")
+    assert "Stopped. What was measured is kept." in read_text(browser, "notice")
 
 
 def test_without_webgpu_it_says_which_browsers_have_it(browser, profile_page):
-    browser.open(profile_page, MEASURED)
-    assert "WebGPU is in Chrome" in told(browser, "notice")
-    assert told(browser, "answer") == "Nothing was measured."
+    browser.open(profile_page, MEASUREMENT_ENDED)
+    assert "WebGPU is in Chrome" in read_text(browser, "notice")
+    assert read_text(browser, "answer") == "Nothing was measured."
     assert browser.evaluate("$('save').disabled")
 
 
 def test_names_that_are_markup_run_no_script(browser, profile_page):
-    opened(browser, profile_page, f"describe: {json.dumps(MARKUP)}")
+    open_page(browser, profile_page, f"describe: {json.dumps(MARKUP)}")
     browser.evaluate(
         f"const {{ draws, terms, scenes }} = state.page, markup = {json.dumps(MARKUP)};"
         "for (const draw of draws) draw.name += markup;"
         "for (const term of Object.values(terms)) term.noun += markup;"
         "scenes[markup] = scenes.city; null"
     )
-    measured(browser)
-    assert MARKUP in told(browser, "answer")
-    assert MARKUP in told(browser, "terms")
-    assert MARKUP in told(browser, "words")
+    measure(browser)
+    assert MARKUP in read_text(browser, "answer")
+    assert MARKUP in read_text(browser, "terms")
+    assert MARKUP in read_text(browser, "words")
     assert not browser.evaluate("'hacked' in window")
     assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
 
@@ -348,7 +348,7 @@ def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
         )
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr("harness.page.page_data.SCENES", {})
-    out, _ = ends_well(harness("page", "--profile", "--out", "p.html"))
+    out, _ = require_ok(harness("page", "--profile", "--out", "p.html"))
     assert "page: p.html; open it in a browser" in out
     assert "What a triangle costs on this device" in Path("p.html").read_text()
 

@@ -16,9 +16,9 @@ from harness.profile import advice, design, words
 from harness.profile.advice import OWN
 from harness.profile.counted import counters
 from harness.profile.profile import read_coefficients
-from tests.conftest import assert_one_line, assert_refused, ends_well
+from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
-from tests.page.conftest import saved_as
+from tests.page.conftest import write_saved
 from tests.page.test_hostile import MARKUP, hostile
 from tests.profile.charging import COSTS
 
@@ -51,14 +51,16 @@ def saved(profiled, tmp_path) -> Callable[..., str]:
     def write(change: Callable[[dict[str, Any]], object] = lambda result: None) -> str:
         result = deepcopy(profiled["result"])
         change(result)
-        return str(saved_as(result, tmp_path / "saved.json", FORMAT))
+        return str(write_saved(result, tmp_path / "saved.json", FORMAT))
 
     return write
 
 
 def test_the_pages_file_is_a_profile(harness, profiled):
     Path("saved.json").write_text(profiled["saved"])
-    out, err = ends_well(harness("import", "saved.json", "--out", "p.json", "--device", "my phone"))
+    out, err = require_ok(
+        harness("import", "saved.json", "--out", "p.json", "--device", "my phone")
+    )
     assert err == ""
     assert out.startswith("On my-phone:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     content = json.loads(Path("p.json").read_text())
@@ -171,7 +173,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
         result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
         result["limited"], result["law"] = True, None
 
-    _, err = ends_well(harness("import", saved(change)))
+    _, err = require_ok(harness("import", saved(change)))
     for told in ("a problem: The browser lost the GPU.", "was stopped", "hidden", "time limit"):
         assert told in err
     assert Path("results/profiles/webgpu-a-test-s-gpu-chrome.json").exists()
@@ -195,7 +197,7 @@ def test_names_that_are_markup_are_names(harness, saved):
         for part in ("device", "browser", "started", "ended", "timer"):
             result[part] = hostile(result[part], "")
 
-    out, _ = ends_well(harness("import", saved(change), "--out", "profiles/p.json"))
+    out, _ = require_ok(harness("import", saved(change), "--out", "profiles/p.json"))
     assert MARKUP not in out
     assert MARKUP not in Path("profiles/p.svg").read_text()
     rows = words.devices_table(Path("profiles"))[1]

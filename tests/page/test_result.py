@@ -16,14 +16,14 @@ from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.results import drawings
 from harness.results.run_folder import read_run
-from tests.conftest import assert_refused, ends_well
-from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
+from tests.conftest import assert_refused, require_ok
+from tests.page.conftest import ROUNDS, make_result, read_result, write_saved
 from tests.records import lines_of
 from triangulators.polygon_arrays import PolygonArray
 
 
 def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
-    out, _ = ends_well(
+    out, _ = require_ok(
         harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
     )
     assert "apple-metal-3-safari" in out
@@ -43,14 +43,14 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
         assert record["time"]["epochs"] == [2] * 6
     assert Path("phone/report.html").is_file()
     assert harness("report", "phone")[0] == 0
-    ends_well(harness("study", "gains", "phone", "--out", "gains"))
-    out, _ = ends_well(harness("compare", "phone", "phone"))
+    require_ok(harness("study", "gains", "phone", "--out", "gains"))
+    out, _ = require_ok(harness("compare", "phone", "phone"))
     assert "No regression: 6 cases" in out
     assert harness("history", "phone")[0] in (0, 5)
 
 
 def test_without_the_run_it_has_totals_alone(harness, saved):
-    ends_well(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
+    require_ok(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
     assert {record["device"] for record in lines_of(read_run(Path("phone")))} == {"my-phone"}
     assert not Path("phone/polygons").exists()
     assert harness("report", "phone")[0] == 0
@@ -63,7 +63,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
         result["device"]["step"] = 16
         result["views"][1] |= {"times": None, "epochs": []}
 
-    _, err = ends_well(harness("import", str(saved(change)), "--out", "phone"))
+    _, err = require_ok(harness("import", str(saved(change)), "--out", "phone"))
     assert "warning: the page told of a problem: The browser lost the GPU." in err
     assert "stopped before" in err
     assert "snaps to 1/16 px" in err
@@ -143,8 +143,8 @@ def test_a_thousand_changed_results(tmp_path, small_run):
     what was read makes a run.
     """
     rng = random.Random(0)
-    result = result_of(small_run)
-    whole = saved_as(result, tmp_path / "whole.json").read_bytes()
+    result = make_result(small_run)
+    whole = write_saved(result, tmp_path / "whole.json").read_bytes()
     everywhere = places(result)
     messages = []
     for number in range(1000):
@@ -157,7 +157,7 @@ def test_a_thousand_changed_results(tmp_path, small_run):
             file.write_bytes(content[: rng.choice([len(content), rng.randrange(len(content))])])
         else:
             path, value = rng.choice(everywhere), rng.choice(WRONG)
-            saved_as(changed(result, path, value), file)
+            write_saved(changed(result, path, value), file)
         try:
             found = read_result(file)
         except HarnessError as error:

@@ -1,4 +1,4 @@
-"""A rasteriser that charges known costs for what the reference counts, and waits for nothing."""
+"""A rasteriser whose times are known costs times the exact counters, without waiting."""
 
 from typing import ClassVar
 
@@ -16,10 +16,10 @@ COSTS = {
     "blocks": 3e-8,
     "work": 3e-10,
 }
-"""Seconds for each; all else costs nothing."""
+"""Seconds per unit of a counter; other counters cost nothing."""
 
 
-class Charged(Drawing):
+class ChargedDrawing(Drawing):
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
 
@@ -30,54 +30,52 @@ class Charged(Drawing):
         pass
 
 
-class Charging(MockRasteriser):
-    """Its device is called scripted."""
+class Charger(MockRasteriser):
+    """Times follow `COSTS`; the device is named scripted."""
 
     name = "charging"
     shades = True
-    known_costs: ClassVar[dict[bytes, dict[str, int]]] = {}
+    counters_by_draw: ClassVar[dict[bytes, dict[str, int]]] = {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         if len(triangles) == 0:
-            return Charged(COSTS["draw"])
+            return ChargedDrawing(COSTS["draw"])
         key = triangles.tobytes() + frame.points.tobytes() + bytes(options.work)
-        if key not in self.known_costs:
+        if key not in self.counters_by_draw:
             draw = Draw("", "", "", frame, triangles, options.work)
-            self.known_costs[key] = {**counters(draw), "draw": 1}
-        found = self.known_costs[key]
-        seconds = sum(
-            cost * found[name] for name, cost in COSTS.items() if name != "half_perimeter"
-        )
-        return Charged(seconds + COSTS["half_perimeter"] * found["half_perimeter"] / SUBPIXEL)
+            self.counters_by_draw[key] = {**counters(draw), "draw": 1}
+        counts = self.counters_by_draw[key]
+        counts = {**counts, "half_perimeter": counts["half_perimeter"] / SUBPIXEL}
+        return ChargedDrawing(sum(cost * counts[name] for name, cost in COSTS.items()))
 
 
-class Coarse(Charging):
-    """Its grid is 1/16 px: what it is given lies on that."""
+class CoarseCharger(Charger):
+    """A device with a grid of 1/16 px, which requires vertices on that grid."""
 
     @classmethod
     def devices(cls) -> list[Device]:
         return [Device("coarse", software=True, details={"step": 16})]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        if options.work or len(triangles) > 2:  # the test of its timer draws what it likes
+        if options.work or len(triangles) > 2:  # the test of the timer is not on the grid
             assert not (frame.points % 16).any()
         return super()._prepare(frame, triangles, options)
 
 
-class Drifting(Charging):
-    """It becomes twice as slow while it is measured."""
+class DriftingCharger(Charger):
+    """A device that becomes twice as slow during the measurement."""
 
-    drawn = 0
+    drawings = 0
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        made = super()._prepare(frame, triangles, options)
-        type(self).drawn += 1
-        assert isinstance(made, Charged)
-        return Charged(made.seconds * (1.0 + self.drawn / 2000.0))
+        drawing = super()._prepare(frame, triangles, options)
+        type(self).drawings += 1
+        assert isinstance(drawing, ChargedDrawing)
+        return ChargedDrawing(drawing.seconds * (1.0 + self.drawings / 2000.0))
 
 
-class Failing(Charging):
-    """It fails under a draw of the design."""
+class FailingCharger(Charger):
+    """A device that fails at a draw of the design."""
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         if options.work:
@@ -85,8 +83,8 @@ class Failing(Charging):
         return super()._prepare(frame, triangles, options)
 
 
-class Nowhere(Charging):
-    """It works on no machine."""
+class MissingCharger(Charger):
+    """A rasteriser without devices."""
 
     @classmethod
     def devices(cls) -> list[Device]:

@@ -1,4 +1,4 @@
-"""`harness profile` on a rasteriser that charges known costs."""
+"""The command `profile` on a rasteriser with known costs."""
 
 import json
 import math
@@ -14,30 +14,30 @@ from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.profile import advice, design, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
 from harness.profile.profile import read_coefficients
-from tests.conftest import assert_one_line, assert_refused, ends_well
+from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
 from tests.profile.charging import COSTS
 
-ON = "tests.profile.charging:"
+MODULE = "tests.profile.charging:"
 
 
 @pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Workers are in this process, few follow each other, and advice looks at few polygons."""
+def _short_measurements(monkeypatch):
+    """Use workers in this process, few processes, and few polygons for the advice."""
     monkeypatch.setattr(measured, "EPOCHS", 6)
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
 
 
-def profiled(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
-    arguments = ("--rasteriser", ON + rasteriser, "--budget", "0.002", "--out", "p.json", "-q")
-    return harness("profile", *arguments, *more)
+def run_profile(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
+    arguments = ("--budget", "0.002", "--out", "p.json", "-q")
+    return harness("profile", "--rasteriser", MODULE + rasteriser, *arguments, *more)
 
 
-def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
-    out, _ = ends_well(profiled(harness, "Charging"))
+def test_profile_reports_the_known_costs(harness):
+    out, _ = require_ok(run_profile(harness, "Charger"))
     assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     assert "Each pixel of its box's width and height costs 7 ns." in out
     assert "Nothing is shown for triangles set up, triangles that cover a pixel, vertices" in out
@@ -56,11 +56,11 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert thin["shares"]["half_perimeter"][0] + thin["shares"]["blocks"][0] == pytest.approx(1.0)
     assert "helper_lanes" not in thin["shares"]
     assert content["second_filling"] == pytest.approx({"4 px": 1.0, "32 px": 1.0}, abs=1e-3)
-    for each in content["times"]:
-        found = {**each["counters"], "draw": 1}
-        found["half_perimeter"] /= 256
-        charged = sum(cost * found[name] for name, cost in COSTS.items())
-        assert each["epochs"][0] == pytest.approx(charged, rel=1e-4)
+    for draw in content["times"]:
+        counts = {**draw["counters"], "draw": 1}
+        counts["half_perimeter"] /= 256
+        expected = sum(cost * counts[name] for name, cost in COSTS.items())
+        assert draw["epochs"][0] == pytest.approx(expected, rel=1e-4)
     assert Path("p.png").stat().st_size > 10_000
     coefficients = read_coefficients(Path("p.json"))
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
@@ -68,18 +68,18 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert dict(recipe.calibration or ()) == coefficients
 
 
-def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
-    ends_well(profiled(harness, "Coarse"))
+def test_draws_are_snapped_to_a_coarser_grid(harness):
+    require_ok(run_profile(harness, "CoarseCharger"))
     content = json.loads(Path("p.json").read_text())
-    there = {each["checksum"] for each in content["times"]}
-    assert there == {design.snapped(draw, 16).checksum for draw in design.draws(0)}
+    checksums = {draw["checksum"] for draw in content["times"]}
+    assert checksums == {design.snapped(draw, 16).checksum for draw in design.draws(0)}
 
 
-def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
+def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
     monkeypatch.setattr(measured, "EPOCHS", 12)
     monkeypatch.setattr(advice, "advise", lambda *_: None)
     monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
-    code, out, err = profiled(harness, "Drifting")
+    code, out, err = run_profile(harness, "DriftingCharger")
     assert code == INCONCLUSIVE
     assert_one_line(err, "the machine's speed changed by a factor of")
     assert "A draw by itself" in out
@@ -87,18 +87,18 @@ def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
     assert Path("p.refused.json").exists()
 
 
-def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatch):
+def test_too_slow_device_is_an_error(harness, monkeypatch):
     settings = measured.settings
-    monkeypatch.setattr(measured, "settings", lambda *given: replace(settings(*given), limit_s=0))
+    monkeypatch.setattr(measured, "settings", lambda *args: replace(settings(*args), limit_s=0))
     assert_refused(
-        profiled(harness, "Charging"),
+        run_profile(harness, "Charger"),
         "is too slow: 0 s were over after 1 of 6 parts",
         code=INCONCLUSIVE,
     )
     assert not list(Path().iterdir())
 
 
-def test_fewer_parts_are_told(harness, monkeypatch):
+def test_fewer_parts_are_a_warning(harness, monkeypatch):
     monkeypatch.setattr(advice, "advise", lambda *_: None)
     monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
     measure = measured.measure
@@ -108,58 +108,64 @@ def test_fewer_parts_are_told(harness, monkeypatch):
     assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
     assert timing.processes * timing.budget_s == pytest.approx(0.5)
 
-    def brief(*given):
-        found = measure(*given)
-        return replace(found, rounds=found.rounds[:5])
+    def measure_five_parts(*arguments):
+        times = measure(*arguments)
+        return replace(times, rounds=times.rounds[:5])
 
-    monkeypatch.setattr(measured, "measure", brief)
-    _, err = ends_well(profiled(harness, "Charging"))
+    monkeypatch.setattr(measured, "measure", measure_five_parts)
+    _, err = require_ok(run_profile(harness, "Charger"))
     assert "warning: the device is slow: 100 s were over after 5 of 6 parts, so" in err
 
 
-def test_what_cannot_be_profiled_is_said_in_one_line(harness):
-    assert_refused(profiled(harness, "Nowhere"), "no device works here", code=NO_RASTERISER)
-    assert_refused(profiled(harness, "Charging", "--device", "none"), "none")
-    assert_refused(profiled(harness, "Failing"), "the device is gone", code=NOTHING_MEASURED)
+def test_unusable_devices_are_refused_in_one_line(harness):
+    assert_refused(
+        run_profile(harness, "MissingCharger"), "no device works here", code=NO_RASTERISER
+    )
+    assert_refused(run_profile(harness, "Charger", "--device", "none"), "none")
+    assert_refused(
+        run_profile(harness, "FailingCharger"), "the device is gone", code=NOTHING_MEASURED
+    )
     assert not list(Path().iterdir())
 
 
-def costs(**of: float) -> Mapping[str, np.ndarray]:
-    """Return the seconds of eight polygons by triangulator, in ratio to the device's own."""
-    own = np.linspace(1.0, 2.0, 8)
+def make_costs(**ratios: float) -> Mapping[str, np.ndarray]:
+    """Return the seconds of eight polygons by triangulator, as ratios to the calibrated one."""
+    calibrated = np.linspace(1.0, 2.0, 8)
     names = dict(zip(CRITERIA.values(), CRITERIA, strict=True))
-    return {OWN: own, BASE: 1.25 * own} | {names[k]: ratio * own for k, ratio in of.items()}
+    others = {names[letter]: ratio * calibrated for letter, ratio in ratios.items()}
+    return {OWN: calibrated, BASE: 1.25 * calibrated, **others}
 
 
-def test_a_criterion_is_named_where_it_does_as_well_as_the_devices_own():
-    found = choose({"one": costs(H=1.004, Q=1.002, A=1.1), "two": costs(H=1.004, Q=1.002, A=1.1)})
-    assert found["triangulator"] == "optimal:expected-quads"
-    assert found["regret"]["optimal:overdraw"] == pytest.approx(0.1)
-    assert found["saved"]["one"][0] == pytest.approx(1 - 1.002 / 1.25)
-    assert choose({"one": costs(H=1.02, Q=1.03, A=1.1)})["triangulator"] == OWN
+def test_criterion_is_preferred_if_as_good_as_the_calibrated_one():
+    costs = make_costs(H=1.004, Q=1.002, A=1.1)
+    recommendation = choose({"one": costs, "two": costs})
+    assert recommendation["triangulator"] == "optimal:expected-quads"
+    assert recommendation["regret"]["optimal:overdraw"] == pytest.approx(0.1)
+    assert recommendation["saved"]["one"][0] == pytest.approx(1 - 1.002 / 1.25)
+    assert choose({"one": make_costs(H=1.02, Q=1.03, A=1.1)})["triangulator"] == OWN
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0, "0 s"), (5.3e-8, "53 ns"), (1.94e-9, "1.9 ns"), (2e-13, "0.2 ps"), (0.25, "250 ms")],
 )
-def test_seconds_are_written_as_people_say_them(value, text):
+def test_seconds_have_readable_units(value, text):
     assert words.amount(value) == text
 
 
 GOOD = json.loads((ROOT / "results/reference/profiles/opengl-llvmpipe.json").read_text())
-COST = {"terms": [{**term, "cost": 1e-9} for term in GOOD["terms"]]}
+EQUAL_COSTS = {"terms": [{**term, "cost": 1e-9} for term in GOOD["terms"]]}
 
 
-def with_cost(cost: object) -> dict[str, object]:
-    return {"terms": [{**COST["terms"][0], "cost": cost}, *COST["terms"][1:]]}
+def set_cost(cost: object) -> dict[str, object]:
+    return {"terms": [{**EQUAL_COSTS["terms"][0], "cost": cost}, *EQUAL_COSTS["terms"][1:]]}
 
 
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        *((with_cost(cost), "cost of draw") for cost in (math.nan, math.inf, -1e-9, 1e300, "1")),
-        (with_cost(True), "cost of draw"),
+        *((set_cost(cost), "cost of draw") for cost in (math.nan, math.inf, -1e-9, 1e300, "1")),
+        (set_cost(True), "cost of draw"),
         ({"terms": [{**term, "cost": 0.0} for term in GOOD["terms"]]}, "all of its terms are 0"),
         ({"terms": GOOD["terms"][1:]}, "terms are not those"),
         ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
@@ -172,7 +178,7 @@ def with_cost(cost: object) -> dict[str, object]:
         ({"device": {"name": "GPU", "cpu": "\x1b[2J"}}, "device.cpu is not a line"),
     ],
 )
-def test_a_profile_with_impossible_values_is_refused(harness, change, problem):
+def test_profile_with_impossible_values_is_refused(harness, change, problem):
     file = Path("p.json")
     file.write_text(json.dumps(GOOD))
     assert read_coefficients(file) == GOOD["coefficients"]

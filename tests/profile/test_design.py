@@ -1,4 +1,4 @@
-"""Each kind of the design isolates what it says, and its counters are the reference's."""
+"""Each kind of draws isolates a term of the law, with the counters of the reference."""
 
 from itertools import pairwise
 
@@ -17,22 +17,22 @@ from harness.rasterisers import spans
 from harness.rasterisers.base import Options
 from harness.rasterisers.reference import Reference
 
-Counted = list[tuple[Draw, dict[str, int]]]
+CountedDraws = list[tuple[Draw, dict[str, int]]]
 
 
 @pytest.fixture(scope="module")
-def counted() -> Counted:
+def counted() -> CountedDraws:
     return [(draw, counters(draw)) for draw in design.draws()]
 
 
-def of_kind(counted: Counted, kind: str) -> Counted:
-    return [each for each in counted if each[0].kind == kind]
+def select_kind(counted: CountedDraws, kind: str) -> CountedDraws:
+    return [pair for pair in counted if pair[0].kind == kind]
 
 
 def twice_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(points[triangles].astype(np.int64), 1, 0)
-    one, other = b - a, c - a
-    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    first, second = b - a, c - a
+    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 
 def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
@@ -49,27 +49,28 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
             assert covered.max() <= 1, draw.name
 
 
-def test_counters_are_those_that_the_reference_counts(counted):
+def test_counters_equal_the_reference(counted):
     reference = Reference()
-    for draw, found in counted[::17]:
-        told = reference.count(draw.frame, draw.triangles, Options())
-        assert {name: int(told[name].sum()) for name in told} == {n: found[n] for n in told}
-        assert found["covering"] <= found["set_up"] <= found["triangles"] == len(draw.triangles)
+    for draw, counts in counted[::17]:
+        expected = reference.count(draw.frame, draw.triangles, Options())
+        for name, values in expected.items():
+            assert counts[name] == values.sum(), name
+        assert counts["covering"] <= counts["set_up"] <= counts["triangles"] == len(draw.triangles)
 
 
-def test_a_seed_makes_the_same_draws_everywhere_and_another_seed_others(counted):
-    """A page in another language has made the same draws if the checksums are these."""
+def test_draws_depend_on_the_seed_only(counted):
+    """The page, in JavaScript, compares these checksums with its own draws."""
     first = {draw.kind: draw.checksum for draw, _ in reversed(counted)}
     assert first == {
         kind: draw.checksum for draw in reversed(design.draws(0)) for kind in [draw.kind]
     }
-    others = {draw.kind: draw.checksum for draw in reversed(design.draws(1))}
-    same = {kind for kind in first if first[kind] == others[kind]}
-    assert not same
+    other_seed = {draw.kind: draw.checksum for draw in reversed(design.draws(1))}
+    equal_kinds = {kind for kind in first if first[kind] == other_seed[kind]}
+    assert not equal_kinds
 
 
 def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
-    for draw, found in of_kind(counted, "aspect"):
+    for draw, counts in select_kind(counted, "aspect"):
         base, height = design.sides(draw.area, draw.aspect)
         assert base / height == pytest.approx(draw.aspect, rel=0.01)
         assert base * height == pytest.approx(2 * draw.area * SUBPIXEL**2, rel=0.005)
@@ -77,20 +78,20 @@ def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted)
         # A corner is rounded by half a step, across a base as long as this.
         assert np.abs(doubled - base * height).max() <= 2 * base + 2
         assert doubled.mean() == pytest.approx(base * height, rel=0.005)
-        assert found["triangles"] == design.AREAS[draw.area]
-    rows = [draw for draw, _ in of_kind(counted, "aspect")]
+        assert counts["triangles"] == design.AREAS[draw.area]
+    rows = [draw for draw, _ in select_kind(counted, "aspect")]
     assert len(rows) == len(design.AREAS) * len(ASPECTS) * len(DIRECTIONS)
 
 
 def test_equal_helper_lanes_have_unequal_numbers_of_triangles(counted):
-    found = [each for _, each in of_kind(counted, "lanes")]
+    found = [each for _, each in select_kind(counted, "lanes")]
     for equal in ("helper_lanes", "half_perimeter"):
         assert max(each[equal] for each in found) < 1.05 * min(each[equal] for each in found)
     assert all(one["triangles"] == 2 * other["triangles"] for one, other in pairwise(found))
 
 
 def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
-    found = [each for _, each in of_kind(counted, "places")]
+    found = [each for _, each in select_kind(counted, "places")]
     for equal in ("triangles", "fragments", "half_perimeter", "bbox_tests", "vertices", "set_up"):
         assert len({each[equal] for each in found}) == 1, equal
     pairs = [(each["helper_lanes"], each["blocks"]) for each in found]
@@ -102,7 +103,7 @@ def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
 
 def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
     groups: dict[str, list[dict[str, int]]] = {}
-    for draw, found in of_kind(counted, "cuts"):
+    for draw, found in select_kind(counted, "cuts"):
         groups.setdefault(draw.group, []).append(found)
     for group, found in groups.items():
         assert len(found) == len(placing.WAYS)
@@ -114,49 +115,52 @@ def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
 def test_vertices_work_and_a_second_filling_change_nothing_else(counted):
     for kind, changed in (("vertices", {"vertices"}), ("work", {"work"})):
         groups: dict[str, list[dict[str, int]]] = {}
-        for draw, found in of_kind(counted, kind):
+        for draw, found in select_kind(counted, kind):
             groups.setdefault(draw.group, []).append(found)
         for found in groups.values():
             different = {name for name in found[0] if len({each[name] for each in found}) > 1}
             assert different == changed
-    once, again = (found for _, found in of_kind(counted, "twice")[:2])
+    once, again = (found for _, found in select_kind(counted, "twice")[:2])
     ratios = {name: again[name] / once[name] for name in once if once[name]}
     assert ratios.pop("vertices") == 1
     assert set(ratios.values()) == {2}
 
 
-def test_slivers_are_hardly_there_and_small_triangles_hold_no_centre(counted):
-    for draw, found in of_kind(counted, "slivers"):
+def test_slivers_and_small_triangles_cover_few_pixels(counted):
+    for draw, counts in select_kind(counted, "slivers"):
         base = int(draw.name.split()[0])
-        assert found["half_perimeter"] / SUBPIXEL / found["triangles"] > 0.9 * base
-        assert found["fragments"] < 0.2 * found["half_perimeter"] / SUBPIXEL
-    smallest = of_kind(counted, "size")[0][1]
+        assert counts["half_perimeter"] / SUBPIXEL / counts["triangles"] > 0.9 * base
+        assert counts["fragments"] < 0.2 * counts["half_perimeter"] / SUBPIXEL
+    smallest = select_kind(counted, "size")[0][1]
     assert smallest["set_up"] < 0.1 * smallest["triangles"]
 
 
-def test_long_triangles_differ_in_their_boxes_alone(counted):
-    long = of_kind(counted, "long")
+def test_long_triangles_differ_only_in_their_boxes(counted):
+    long = select_kind(counted, "long")
     for start in range(0, len(long), len(DIRECTIONS)):
-        level, slanted, diagonal, steep = (found for _, found in long[start : start + 4])
+        level, slanted, diagonal, steep = (counts for _, counts in long[start : start + 4])
         assert slanted["fragments"] == pytest.approx(level["fragments"], rel=0.05)
         assert diagonal["half_perimeter"] < 1.5 * level["half_perimeter"]
         assert diagonal["blocks"] < 2.2 * level["blocks"]
         assert diagonal["bbox_tests"] > 10 * max(level["bbox_tests"], steep["bbox_tests"])
 
 
-def test_the_design_tells_the_terms_apart(counted):
-    """No term is nearly a sum of others, in shares of a time of which each is a part."""
-    rows = design_of([found for draw, found in counted if draw.kind != "twice"])
+def test_terms_of_the_design_are_not_collinear(counted):
+    """No term is nearly a linear combination of others, with rows scaled to equal times."""
+    rows = design_of([counts for draw, counts in counted if draw.kind != "twice"])
     rows = rows / (rows @ (1.0 / rows.max(axis=0)))[:, None]
     for number, name in enumerate(TERMS):
-        others = np.delete(rows, number, axis=1)
-        left = rows[:, number] - others @ np.linalg.lstsq(others, rows[:, number], rcond=None)[0]
-        assert np.linalg.norm(left) > 0.03 * np.linalg.norm(rows[:, number]), name
+        other_terms = np.delete(rows, number, axis=1)
+        residual = (
+            rows[:, number]
+            - other_terms @ np.linalg.lstsq(other_terms, rows[:, number], rcond=None)[0]
+        )
+        assert np.linalg.norm(residual) > 0.03 * np.linalg.norm(rows[:, number]), name
 
 
 @pytest.mark.parametrize("corners", [4, 16, 32])
 @pytest.mark.parametrize("way", placing.WAYS)
-def test_a_convex_ring_is_triangulated_whole(corners, way):
+def test_convex_ring_is_triangulated_completely(corners, way):
     triangles = placing.WAYS[way](corners)
     assert triangles.shape == (corners - 2, 3)
     points = placing.ring(corners, 4096, 1024)
@@ -175,9 +179,11 @@ def test_boxes_fit_the_viewport_and_do_not_touch(width, height, direction):
     if len(corners):
         ends = placing.turned(corners, direction)
         assert np.abs(ends).max() <= SIDE * SUBPIXEL // 2 - placing.MARGIN
-        apart = np.abs(corners[:, None] - corners)
-        beside = (apart[..., 0] >= width + placing.GAP) | (apart[..., 1] >= height + placing.GAP)
-        assert (beside | np.eye(len(corners), dtype=bool)).all()
+        distances = np.abs(corners[:, None] - corners)
+        separate = (distances[..., 0] >= width + placing.GAP) | (
+            distances[..., 1] >= height + placing.GAP
+        )
+        assert (separate | np.eye(len(corners), dtype=bool)).all()
 
 
 def test_numbers_are_spread_evenly_and_differ_by_seed_and_draw():

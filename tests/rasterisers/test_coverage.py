@@ -11,7 +11,7 @@ from harness.rasterisers import Options
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
-from tests.paths import shared_data
+from tests.paths import find_shared_data
 
 # A long roof with vertex 1 in the middle of its side 0-2.
 ROOF = Polygon([(0, 0), (40, 3), (80, 6), (78, 30), (3, 25)])
@@ -48,7 +48,7 @@ TRIANGULATORS = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal
 
 
 def helsinki() -> list[Polygon]:
-    rings = [entry["rings"] for entry in json.loads(shared_data("helsinki.json").read_text())]
+    rings = [entry["rings"] for entry in json.loads(find_shared_data("helsinki.json").read_text())]
     polygons = [Polygon(each[0], each[1:]) for each in rings]
     mended = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
     return [polygon for polygon in mended if isinstance(polygon, Polygon)]

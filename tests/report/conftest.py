@@ -24,7 +24,7 @@ from harness.triangulating.result import predict_polygons
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
-from tests.inline import Inline
+from tests.inline import InlineWorker
 
 NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 VIEWS = (View(256), View(128, 30.0))
@@ -51,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
     )
     reporter = Reporter(quiet=True, console=Console(quiet=True))
-    run(plan, path, reporter, open_worker=lambda *_: Inline())
+    run(plan, path, reporter, open_worker=lambda *_: InlineWorker())
     facts = json.loads((path / "run.json").read_text())
     facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
     (path / "run.json").write_text(json.dumps(facts))

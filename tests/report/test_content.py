@@ -19,7 +19,7 @@ from harness.report.content import choose, content_of
 from harness.report.page import write_report
 from harness.results.run_folder import read_run
 from tests.compare.runs import read_back
-from tests.fuzz.targets.runs import sound
+from tests.fuzz.targets.runs import make_sample_run
 from tests.records import lines_of
 
 ECHARTS = "1f13280aba3161f77fc801bf5f9c786f55f10432153a0683fc5cc0700b013d5"
@@ -183,7 +183,7 @@ def fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]
 
 @pytest.mark.parametrize("damage", ["missing", "null"])
 def test_each_field_may_be_damaged(damage):
-    run = read_run(sound())
+    run = read_run(make_sample_run())
     whole, *others = lines_of(run)
     assert "least" in whole
     ignored = set()
@@ -206,7 +206,7 @@ def test_each_field_may_be_damaged(damage):
 
 def damaged(change):
     """Return a sound run of which a record, and its facts, were changed."""
-    run = read_run(sound())
+    run = read_run(make_sample_run())
     record, *others = lines_of(run)
     facts = copy.deepcopy(run.facts)
     change(record, facts)
@@ -215,7 +215,7 @@ def damaged(change):
 
 def test_an_interval_of_one_end_is_no_record():
     found = damaged(lambda record, _: record["time"].update(ci95_s=[0.1]))
-    assert len(found.records) == len(read_run(sound()).records) - 1
+    assert len(found.records) == len(read_run(make_sample_run()).records) - 1
 
 
 def test_rounds_of_another_number_are_paired_with_none():

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from harness.results.run_folder import read_arrays, read_run
-from tests.chromium import PATIENCE_S, Chromium
+from tests.chromium import TIMEOUT_S, Chromium
 from tests.records import lines_of
 from tests.report.conftest import NAMES
 
@@ -200,7 +200,7 @@ def test_every_table_can_be_had_as_csv(page, folder):
 def test_a_csv_button_downloads_the_file(page, tmp_path):
     page.send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     page.evaluate("document.querySelector('[data-csv=ranking]').click()")
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + TIMEOUT_S
     while not (tmp_path / "ranking.csv").exists() and time.monotonic() < end:
         page.evaluate("new Promise((done) => setTimeout(done, 50))")
     rows = list(csv.DictReader((tmp_path / "ranking.csv").open()))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 
 IMPOSSIBLE = {
     "resolution": (4, "view: resolution 4 is outside 8..16384 pixels"),
@@ -30,7 +30,7 @@ COMMANDS = {
 def test_each_command_names_the_record_and_goes_on(harness, block, field):
     for name in ("damaged", "whole"):
         quick = ("--quick", "--quiet", "--resolution", "64,128", "--budget", "0.01")
-        ends_well(harness("run", "--scene", str(block), "--out", name, *MOCK, *quick))
+        require_ok(harness("run", "--scene", str(block), "--out", name, *MOCK, *quick))
     file = Path("damaged/cases.jsonl")
     lines = file.read_text().splitlines(keepends=True)
     lines[1] = json.dumps({**json.loads(lines[1]), field: IMPOSSIBLE[field][0]}) + "\n"

@@ -15,7 +15,7 @@ from harness.scaling.census_report import rows
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
 from harness.scaling.sums import GAINED, Counted
-from tests.conftest import assert_refused, ends_well, geojson
+from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
 
@@ -117,7 +117,7 @@ def test_gains_are_relative_to_the_base():
 
 def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path):
     asked = ("--triangulators", ",".join(NAMES), "--cell", "100")
-    out, _ = ends_well(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
+    out, _ = require_ok(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
     assert "240 footprints: helper lanes, compared with ear-clipping" in out
     with (tmp_path / "out" / "census.csv").open() as file:
         table = list(csv.DictReader(file))
@@ -133,7 +133,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     before = (tmp_path / "out" / "census.csv").read_bytes()
     (tmp_path / "out" / "census.csv").unlink()
     next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
-    _, error = ends_well(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
+    _, error = require_ok(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
     assert "5 of 6 parts are done already" in error
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
     assert_refused(
@@ -142,7 +142,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
 
 
 def test_where_no_footprint_is_done_by_all_there_is_no_census(harness, parts, no_plots):
-    names = "fan,tests.broken:raises"
+    names = "fan,tests.broken:raise_error"
     code, _, error = harness("census", f"{parts}", "-o", "out", "--triangulators", names)
     assert code == 4
     assert "error: out: no footprint was done by all triangulators" in error
@@ -155,8 +155,8 @@ POINT = {"type": "Point", "coordinates": [5, 5]}
 def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
     bent = [[0, 0], [9, 0], [9, 3], [3, 3], [3, 9], [9, 9], [9, 12], [0, 12], [0, 0]]
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in (SQUARE, bent)]
-    (tmp_path / "a.geojson").write_text(geojson([shapes[0], POINT, shapes[1]]))
-    _, error = ends_well(
+    (tmp_path / "a.geojson").write_text(make_geojson([shapes[0], POINT, shapes[1]]))
+    _, error = require_ok(
         harness("census", "a.geojson", "--triangulators", "fan,strip", "-o", "out")
     )
     assert "dropped 1: is a Point, not a polygon (feature 1)" in error
@@ -172,10 +172,10 @@ def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (geojson([POINT, POINT]), "a.geojson holds no usable polygon"),
-        (geojson([POINT])[:60], "a.geojson cannot be read as a file of geometries"),
-        (geojson([]), "a.geojson holds no usable polygon"),
-        (geojson([{"type": "Polygon", "coordinates": [SQUARE]}]), "for where=id > 7: widen"),
+        (make_geojson([POINT, POINT]), "a.geojson holds no usable polygon"),
+        (make_geojson([POINT])[:60], "a.geojson cannot be read as a file of geometries"),
+        (make_geojson([]), "a.geojson holds no usable polygon"),
+        (make_geojson([{"type": "Polygon", "coordinates": [SQUARE]}]), "for where=id > 7: widen"),
     ],
     ids=["points", "cut", "empty", "filtered"],
 )

@@ -21,7 +21,7 @@ from harness.scaling.triangulated import Triangulating
 from harness.triangulating.isolated import triangulate_many
 from scenes.files import read_chunks
 from scenes.slices import comparisons, cut
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 from tests.scaling.conftest import EVERY, PER_FILE, contents, ids, parts_in, rows, write_parquet
 
 WORK = Triangulating("optimal:half-perimeter")
@@ -173,12 +173,12 @@ def test_what_is_dropped_is_counted_by_reason(tmp_path, footprints, finely):
 def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tmp_path, footprints):
     edge = float(shapely.bounds(footprints)[100, 0])
     where = f"bbox.xmin < {edge!r} AND storeys < 0"
-    _, error = ends_well(
+    _, error = require_ok(
         harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
     )
     assert "left out 240 rows unread" in error
     where = "id < 50 AND storeys IS NULL"
-    ends_well(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where))
+    require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where))
     assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
     assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
 
@@ -214,7 +214,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
     assert code == 130
     assert "stopped; 3 of 6 parts are in out; to go on, run the same command again" in error
     assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
-    _, error = ends_well(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
+    _, error = require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
     assert "3 of 6 parts are done already" in error
     assert ids(tmp_path / "out") == list(range(EVERY))
 

@@ -22,7 +22,7 @@ from harness.scaling.executors import (
     SchedulerUnreachableError,
 )
 from harness.scaling.triangulated import Triangulating
-from tests.paths import python
+from tests.paths import run_python
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
 from tests.scaling.crashing import FAR, CrashingOnFar
@@ -143,7 +143,7 @@ def test_a_cluster_that_is_stopped_as_it_starts_ends_in_order(tmp_path):
         text = f"POLYGON ((0 0, {size} 0, {size} 4, 0 4, 0 0))\n"
         (tmp_path / "in" / f"{name}.wkt").write_text(text)
     (tmp_path / "stopped.py").write_text(STOPPED_AT_ONCE)
-    done = python("stopped.py", cwd=tmp_path)
+    done = run_python("stopped.py", cwd=tmp_path)
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.splitlines()[-1].startswith("stopped")

@@ -12,7 +12,7 @@ from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.results.run_folder import Store, read_arrays, read_facts, read_run
 from harness.scaling.merging import merge, on_host
-from tests.conftest import assert_refused, ends_well, geojson
+from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.measuring.test_run import measure, plan_for
 from tests.records import lines_of, make_record
 
@@ -29,7 +29,7 @@ def runs(tmp_path_factory):
         "type": "MultiPolygon",
         "coordinates": [[square], [[[x + 20, y] for x, y in square]]],
     }
-    scene.write_text(geojson([geometry], crs=None))
+    scene.write_text(make_geojson([geometry], crs=None))
     both = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
     other = plan_for(scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),))
     plans = {"first": both, "second": other, "third": both}
@@ -155,11 +155,11 @@ def test_runs_of_other_polygons_are_refused(runs, tmp_path):
 
 def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plots):
     first, third = str(runs["first"]), str(runs["third"])
-    out, _ = ends_well(harness("merge", first, third, "--hosts", "here,there", "-o", "merged"))
+    out, _ = require_ok(harness("merge", first, third, "--hosts", "here,there", "-o", "merged"))
     assert "scripted@here" in out
     assert "scripted@there" in out
     assert "scripted@here" in (tmp_path / "merged" / "report.html").read_text()
-    ends_well(harness("compare", "merged", "merged", "--gate", "counters"))
+    require_ok(harness("compare", "merged", "merged", "--gate", "counters"))
     assert_refused(
         harness("merge", first, third, "--hosts", "here", "-o", "other"), "names 1 hosts for 2 runs"
     )

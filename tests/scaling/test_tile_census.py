@@ -31,8 +31,8 @@ from scenes import SceneError, load
 from scenes.slices import MAX_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened
 from scenes.tiles.read import FILE
-from tests.conftest import assert_refused, ends_well
-from tests.paths import python
+from tests.conftest import assert_refused, require_ok
+from tests.paths import run_python
 from tests.scenes.test_tiles import COURT, encoded, pmtiles, three_archives
 
 NAMES = ("ear-clipping", "flips:l1")
@@ -230,7 +230,7 @@ def table_of(folder: Path) -> list[dict[str, str]]:
 
 def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
     arguments = ("census", f"{FILE}:zoom=12-13", "-o", "out", "--triangulators", ",".join(NAMES))
-    out, error = ends_well(harness(*arguments))
+    out, error = require_ok(harness(*arguments))
     lines = [line.split() for line in out.splitlines() if line.startswith(("12", "13"))]
     assert [line[:2] for line in lines] == [
         [zoom, layer] for zoom in ("12", "13") for layer in ("area", "building")
@@ -275,7 +275,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
     arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
     arguments += ["--triangulators", ",".join(NAMES)]
     script = KILLED.format(arguments=arguments)
-    killed = python("-c", script, cwd=tmp_path)
+    killed = run_python("-c", script, cwd=tmp_path)
     assert killed.returncode == -9
     assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
     assert harness(*arguments)[0] == 0

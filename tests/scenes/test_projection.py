@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import SceneError, load
 from scenes.cleaning.projection import Projection, is_geographic, mean_direction, off_globe, units
 from scenes.files import read_chunks
-from tests.conftest import geojson
+from tests.conftest import make_geojson
 from tests.scenes.conftest import assert_valid_polygons
 
 LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
@@ -30,7 +30,7 @@ def box(west, south, east, north) -> list[list[float]]:
 def written(folder: Path, *rings, **collection) -> Path:
     path = folder / "a.geojson"
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in rings]
-    path.write_text(geojson(shapes, **collection))
+    path.write_text(make_geojson(shapes, **collection))
     return path
 
 

@@ -30,7 +30,7 @@ from harness.study.correlations import (
     write,
 )
 from scenes import load
-from tests.conftest import exit_code
+from tests.conftest import run_command
 from tests.records import make_record
 from tests.study.test_regret import records_of
 from triangulators import triangulate
@@ -118,7 +118,7 @@ def run_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("spread") / "run"
     arguments = ["run", "--scene", SCENE, "--rasterisers", "reference", "--resolution", "1024"]
     arguments += ["--triangulators", "ear-clipping,delaunay", "--quick", "--quiet"]
-    assert exit_code(*arguments, "--out", str(folder)) == 0
+    assert run_command(*arguments, "--out", str(folder)) == 0
     return folder
 
 

@@ -16,7 +16,7 @@ from harness.study.enumeration import triangulation_table
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.conftest import assert_refused, ends_well
+from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import measure, plan_for
 from tests.records import lines_of
 from triangulators import full_name
@@ -33,7 +33,7 @@ def study(harness, tmp_path):
     """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
 
     def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
-        out, _ = ends_well(
+        out, _ = require_ok(
             harness("study", "pareto", "--scene", scene, "--out", "out", *BOTH, *more)
         )
         folder = tmp_path / "out"

@@ -11,7 +11,7 @@ from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
 from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
-from tests.conftest import assert_refused, ends_well, exit_code
+from tests.conftest import assert_refused, require_ok, run_command
 
 
 def correlations(**values: float) -> pd.DataFrame:
@@ -166,13 +166,13 @@ def small(monkeypatch):
 def test_a_small_study_is_measured_once(harness):
     arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
     arguments += ("--rasterisers", "reference", "--resolution", "64")
-    out, _ = ends_well(harness(*arguments))
+    out, _ = require_ok(harness(*arguments))
     assert "findings hold" in out
     text = Path("study/findings.md").read_text()
     assert "| city-buildings-20 | " in text
     before = {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")}
     assert len(before) == 4
-    assert exit_code(*arguments) == 0
+    assert run_command(*arguments) == 0
     assert {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")} == before
 
 
@@ -181,7 +181,7 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     source = tmp_path / "squares.wkt"
     source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
     arguments = ("study", "all", str(source), "--out", "study", "--quick")
-    out, _ = ends_well(harness(*arguments, "--rasterisers", "reference", "--resolution", "64"))
+    out, _ = require_ok(harness(*arguments, "--rasterisers", "reference", "--resolution", "64"))
     assert "validate: squares" in out
     assert "no polygon without holes" in out
     assert Path("study/squares/choice/gains.csv").is_file()

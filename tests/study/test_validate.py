@@ -17,7 +17,7 @@ from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from scripts.repeated_runs import compare_repeated
-from tests.conftest import assert_refused, briefly, ends_well, exit_code
+from tests.conftest import assert_refused, require_ok, run_command, shorten_runs
 from tests.measuring.test_run import interrupt_after_one
 from tests.records import lines_of, make_record
 
@@ -84,7 +84,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert "continue with the same command and --resume stopped" in out
     disturbed = RunState(DISTURBED, ("a loop ran beside it",))
     monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
-    out, _ = ends_well(harness(*arguments, "--resume", "stopped"))
+    out, _ = require_ok(harness(*arguments, "--resume", "stopped"))
     assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
 
 
@@ -115,9 +115,9 @@ def study(tmp_path_factory):
     arguments = ["study", "validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
-        briefly(patch)  # counters are judged here
+        shorten_runs(patch)  # counters are judged here
         patch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
-        assert exit_code(*arguments) == 0
+        assert run_command(*arguments) == 0
     return folder
 
 

@@ -25,7 +25,7 @@ def squares() -> list[Polygon]:
     "given", [squares, lambda: PolygonArray.from_shapely(squares())], ids=["polygons", "arrays"]
 )
 def test_a_crash_costs_its_own_polygon(given):
-    found = isolated.triangulate_many(given(), "tests.broken:dies_at_large")
+    found = isolated.triangulate_many(given(), "tests.broken:crash_at_large")
     right = triangulators.triangulate_many(squares(), "ear-clipping")
     assert sorted(found.failed) == CRASHING
     assert all("crashed: SIGSEGV" in reason for reason in found.failed.values())
@@ -37,7 +37,7 @@ def test_a_crash_costs_its_own_polygon(given):
 def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
     monkeypatch.setattr(isolated, "MAX_CRASHES", 1)
     tried = []
-    worker = shared_worker("triangulator tests.broken:dies_at_large")
+    worker = shared_worker("triangulator tests.broken:crash_at_large")
     call = worker.call
 
     def counted(function, *arguments, **more):
@@ -47,7 +47,7 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
 
     monkeypatch.setattr(worker, "call", counted)
     large = [box(0, 0, 20, 20)] * 8
-    found = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:dies_at_large")
+    found = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:crash_at_large")
     assert sorted(found.failed) == list(range(9))
     assert tried == [9, 4, 2, 1, 1, 2, 5]
     assert "after 1 crashes, polygons near another fail with it" in found.failed[8]
@@ -55,7 +55,7 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
 
 
 def test_a_batch_of_nothing():
-    found = isolated.triangulate_many([], "tests.broken:right")
+    found = isolated.triangulate_many([], "tests.broken:triangulate_clockwise")
     assert (len(found), found.triangles.shape, found.failed) == (0, (0, 3), {})
 
 
@@ -82,7 +82,7 @@ def test_a_module_that_is_not_there():
 
 def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness, tmp_path):
     write_geojson(tmp_path / "squares.geojson", squares())
-    made = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:dies_at_large")
+    made = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:crash_at_large")
     code, out, err = harness(*made, "-o", "out.geojson")
     assert code == 5, err
     assert "5 polygons" in out
@@ -95,7 +95,8 @@ def test_what_is_no_triangulation_is_failed(within, monkeypatch):
     if within:
         monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
         monkeypatch.setattr("harness.workers.worker.shared_worker", None)  # not called
-    found = isolated.triangulate_many([box(0, 0, 2, 1), l_shape()], "tests.broken:forgets_the_rest")
+    shapes = [box(0, 0, 2, 1), l_shape()]
+    found = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
     assert list(found.failed) == [1]
     assert "gap or overlap" in found.failed[1]
     assert [len(piece) for piece in found] == [2, 0]

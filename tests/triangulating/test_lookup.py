@@ -15,7 +15,7 @@ from harness.triangulating.recipes import Recipe, parse
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
-from tests.conftest import ends_well
+from tests.conftest import require_ok
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
 from tests.mock import Clock
@@ -159,7 +159,7 @@ def test_another_version_or_machine_computes_again(database, monkeypatch, what):
 
 @pytest.mark.usefixtures("all_kept")
 def test_a_third_partys_triangulator_is_never_kept(database):
-    result = cut("tests.broken:right", POLYGONS[:2], 0, None, database)
+    result = cut("tests.broken:triangulate_clockwise", POLYGONS[:2], 0, None, database)
     assert result.failed == []
     assert not database.exists()
 
@@ -240,14 +240,14 @@ def test_the_command_line_reads_unless_told_not_to(harness, own_database):
 def test_damage_is_said_and_the_run_goes_on(harness, own_database):
     ModelDatabase(own_database).close()
     own_database.write_bytes(b"this is no database" * 50)
-    _, err = ends_well(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
+    _, err = require_ok(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
     assert len(re.findall("was damaged", err)) == 1
 
 
 def test_a_folder_that_cannot_be_written_is_said_once(harness, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("x")
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "file" / "model.sqlite"))
-    _, err = ends_well(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
+    _, err = require_ok(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
     assert len(re.findall("cannot be opened.*this run does without", err)) == 1
 
 

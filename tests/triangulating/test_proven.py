@@ -18,7 +18,7 @@ from harness.triangulating.recipes import Recipe, parse, parse_all
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
-from tests.inline import Inline
+from tests.inline import InlineWorker
 from tests.measuring.test_run import nothing_at_once
 from tests.mock import Clock
 from triangulators.certificate import proof
@@ -146,7 +146,7 @@ def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
     ("seconds", "rounds"), [(1e-6, MAX_ROUNDS), (0.04, 8), (0.4, MIN_ROUNDS), (0.6, 0)]
 )
 def test_a_budget_gives_the_rounds_and_leaves_out_what_is_too_slow(seconds, rounds):
-    pool = MeasuringPool(lambda *_: Inline(), 60.0, None)
+    pool = MeasuringPool(lambda *_: InlineWorker(), 60.0, None)
     once = dict.fromkeys(RECIPES, seconds)
     found = pool.time_triangulating(once, POLYGONS, 1.0, 0)
     pool.close()

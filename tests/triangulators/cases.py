@@ -13,7 +13,7 @@ import shapely.affinity
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from tests.paths import shared_data
+from tests.paths import find_shared_data
 
 PAPER = [(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)]
 
@@ -25,7 +25,7 @@ def paper_polygon() -> shapely.Polygon:
 @cache
 def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
     """Rings of a file in the shared data, as written; skips the test where it is absent."""
-    entries = json.loads(shared_data(name).read_text())
+    entries = json.loads(find_shared_data(name).read_text())
     return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.study.enumeration import triangulation_table
-from tests.paths import shared_data
+from tests.paths import find_shared_data
 from tests.triangulators.cases import (
     all_triangulations,
     convex,
@@ -32,7 +32,7 @@ def test_the_papers_polygon_has_29_conforming_triangulations():
 
 
 def test_the_papers_mode_gives_its_table_1():
-    rows = csv.DictReader(shared_data("paper_table1.csv").read_text().splitlines())
+    rows = csv.DictReader(find_shared_data("paper_table1.csv").read_text().splitlines())
     printed = [(float(row["area"]), float(row["difference_deg"])) for row in rows]
     table = triangulation_table(paper_polygon(), "paper")
     found = list(zip(table["overdraw"], table["shape"], strict=True))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.paths import python
+from tests.paths import run_python
 from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
 from tests.triangulators.test_geometry import exact_sign
@@ -189,7 +189,7 @@ def test_a_batch_gives_what_one_at_a_time_gives(name):
 def test_the_drop_in_imports_nothing_that_flips_do_not_need():
     heavy = "[m for m in ('highspy', 'pandas', 'matplotlib', 'shapely') if m in sys.modules]"
     code = f"import sys, triangulators.dropin; sys.exit(str({heavy}) if {heavy} else 0)"
-    done = python("-c", code)
+    done = run_python("-c", code)
     assert done.returncode == 0, done.stderr
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.conftest import assert_refused, ends_well, write_geojson
+from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.triangulators.cases import star, with_hole
 from triangulators import triangulate_many, vertices
 from triangulators.gpu import engine
@@ -222,7 +222,7 @@ def square_file(folder):
 
 def test_the_command_line_says_what_it_cannot_use(harness, tmp_path, caplog):
     source = square_file(tmp_path)
-    out, _ = ends_well(harness("triangulate", str(source), "-o", "x.npz", "--device", "gpu31"))
+    out, _ = require_ok(harness("triangulate", str(source), "-o", "x.npz", "--device", "gpu31"))
     assert "4 polygons" in out
     assert caplog.text.count("there is no gpu31 with compute shaders here") == 1
     assert_refused(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.paths import ROOT, python
+from tests.paths import ROOT, run_python
 from triangulators.compute import compiled_files as files
 from triangulators.compute import storing
 
@@ -85,7 +85,7 @@ def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
 def called(sources: Path, cache: Path) -> str:
     environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
     options = {"cwd": sources.parent, "check": True}
-    return python("-m", "triangulators.outer", env=environment, **options).stdout.strip()
+    return run_python("-m", "triangulators.outer", env=environment, **options).stdout.strip()
 
 
 def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):

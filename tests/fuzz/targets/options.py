@@ -1,4 +1,4 @@
-"""Every option of every command with values that cannot be meant: one line, and an exit code."""
+"""Every option of every command with invalid values: one error line and a documented exit code."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -11,15 +11,15 @@ from harness.commands.index import COMMANDS, load
 from tests.endurance.programs import run
 from tests.fuzz.target import target
 from tests.fuzz.targets import runs
-from tests.fuzz.targets.runs import SilentError, beside_a_run, command
+from tests.fuzz.targets.runs import SilentError, call_command, enter_workspace
 
 VALUES = (
     *("", " ", "-1", "0", "nan", "inf", "-inf", "1e999", "1e300", "99999999999999999999"),
     *("x", "a,b", ",", "0x10", "1,,2", "../../up", "/dev/null/x", "\u2028", "[", "--help-me"),
 )
-"""Twenty that are bad for most options. What an option takes all the same has to work."""
+"""Twenty values that most options must refuse; a value that an option accepts has to work."""
 
-LEAST: dict[str, tuple[str, ...]] = {
+MINIMAL_ARGUMENTS: dict[str, tuple[str, ...]] = {
     "run": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
     "study validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
     "study pareto": ("--scene", "block.geojson", "--rasterisers", "reference"),
@@ -40,83 +40,85 @@ LEAST: dict[str, tuple[str, ...]] = {
     "list": (),
     "cache": ("info",),
 }
-"""What each command needs, as small as can be."""
+"""Minimal arguments of each command."""
 
 SKIPPED = {("run", "--dask"), ("triangulate", "--dask"), ("census", "--dask")}
-"""Those that wait for another program, which tests/scaling looks at."""
+"""Options that wait for another program; tests/scaling tests them."""
 
 FLAGS = ("--help", "--install-completion", "--show-completion")
 
 
 @cache
-def options() -> tuple[tuple[str, str], ...]:
-    """Return every command with every option of it that takes a value."""
-    found = []
+def list_options() -> tuple[tuple[str, str], ...]:
+    """Return (command, option) for all options that take a value."""
+    pairs = []
     for name in COMMANDS:
         for parameter in load(name).params:
             if parameter.param_type_name == "argument" or not getattr(parameter, "is_flag", False):
-                place = next((text for text in parameter.opts if text.startswith("--")), "")
-                found.append((name, place or parameter.name))
-    return tuple(each for each in found if each not in SKIPPED and each[1] not in FLAGS)
+                flag = next((text for text in parameter.opts if text.startswith("--")), "")
+                pairs.append((name, flag or parameter.name))
+    return tuple(pair for pair in pairs if pair not in SKIPPED and pair[1] not in FLAGS)
 
 
-def every() -> Iterator[dict[str, str]]:
-    """Yield each option with each bad value."""
-    for name, option in options():
+def list_bad_values() -> Iterator[dict[str, str]]:
+    """Yield each option with each invalid value."""
+    for name, option in list_options():
         for value in VALUES:
             yield {"command": name, "option": option, "value": value}
 
 
-def start(*arguments: str) -> tuple[int, str]:
-    """Start the program as a user does; returns its exit code and what it says."""
-    ended = run(list(arguments), Path())
-    if ended.silent_s >= runs.SILENT_S:
-        raise SilentError(f"said nothing for {ended.silent_s:.0f} s: {arguments}")
-    return ended.code, ended.said
+def run_program(*arguments: str) -> tuple[int, str]:
+    """Run the program in a new process; return the exit code and the output."""
+    result = run(list(arguments), Path())
+    if result.silent_s >= runs.SILENT_S:
+        raise SilentError(f"no output for {result.silent_s:.0f} s: {arguments}")
+    return result.code, result.output
 
 
 @target(
     "options",
     st.tuples(st.sampled_from(range(10**6)), st.sampled_from(VALUES) | st.text(max_size=8)).map(
-        lambda drawn: {"place": drawn[0], "value": drawn[1].replace("\0", "")}
+        lambda draw: {"position": draw[0], "value": draw[1].replace("\0", "")}
     ),
 )
 def check_option(value: dict[str, Any]) -> str:
-    """Give a command one option more; whatever it makes of it, it says.
+    """Add an option to a command and check the exit code, the message and the output.
 
-    Where workers run in this very process, they cannot say how far they are. So a command that is
-    silent here is started as a user does.
+    Workers in this process cannot report progress, so a command that is silent in this process is
+    tried again in a new process.
     """
     try:
-        return _checked(value)
+        return _check(value)
     except SilentError:
         if "started" in value:
             raise
-        return _checked(value | {"started": True})
+        return _check(value | {"started": True})
 
 
-def _checked(value: dict[str, Any]) -> str:
-    known = options()
+def _check(value: dict[str, Any]) -> str:
+    pairs = list_options()
     name, option = (
         (value["command"], value["option"])
         if "option" in value
-        else known[value["place"] % len(known)]
+        else pairs[value["position"] % len(pairs)]
     )
-    with beside_a_run():
+    with enter_workspace():
         before = sorted(map(str, Path().rglob("*")))
-        given = list(LEAST[name])
+        arguments = list(MINIMAL_ARGUMENTS[name])
         if option.startswith("--"):
-            given += [option, value["value"]]
-        elif given and not given[0].startswith("--"):
-            given[0] = value["value"]
+            arguments += [option, value["value"]]
+        elif arguments and not arguments[0].startswith("--"):
+            arguments[0] = value["value"]
         else:
-            given.insert(0, value["value"])
-        code, err = (start if "started" in value else command)(*name.split(), *given)
-        assert code in (0, 1, 2, 3, 4, 5), (code, given, err)
+            arguments.insert(0, value["value"])
+        code, err = (run_program if "started" in value else call_command)(*name.split(), *arguments)
+        assert code in (0, 1, 2, 3, 4, 5), (code, arguments, err)
         assert "Traceback" not in err, err
         if code == 2:
             errors = [line for line in err.splitlines() if line.startswith("error: ")]
             assert len(errors) == 1, err
             if "Invalid value" in errors[0]:
-                assert sorted(map(str, Path().rglob("*"))) == before, "made before it was refused"
+                assert sorted(map(str, Path().rglob("*"))) == before, (
+                    "files were written before the error"
+                )
     return f"{name} {option}: exit {code}"

@@ -1,4 +1,4 @@
-"""Counters, on random triangles: pixel by pixel, in integers row by row, and on real devices."""
+"""Counters of random triangles: per pixel, by the exact reference, and on devices."""
 
 import atexit
 from functools import cache
@@ -21,43 +21,43 @@ half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
 
 @target("spans", st.lists(corner | half_pixel, min_size=3, max_size=3))
 def check_spans(value: list[list[int]]) -> None:
-    """The reference against an evaluation of every pixel."""
+    """Compare the reference with an evaluation of every pixel."""
     require_exact_counts(value)
 
 
 @st.composite
-def scattered(draw: st.DrawFn) -> dict[str, Any]:
-    """Draw triangles inside a frame, their corners anywhere or on halves of a pixel."""
+def draw_triangles(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw triangles in a frame with vertices at any position or at half pixels."""
     size = draw(st.integers(8, 256))
-    anywhere = st.tuples(*[st.integers(256, (size - 1) * 256)] * 2)
+    any_position = st.tuples(*[st.integers(256, (size - 1) * 256)] * 2)
     halves = st.tuples(*[st.integers(2, 2 * size - 2).map(lambda v: v * 128)] * 2)
-    triangle = st.tuples(*[anywhere | halves] * 3)
+    triangle = st.tuples(*[any_position | halves] * 3)
     return {"size": size, "triangles": draw(st.lists(triangle, min_size=1, max_size=12))}
 
 
 @cache
-def llvmpipe() -> tuple[Worker, Device]:
-    """A process in which every rasteriser of the device is opened once."""
+def open_llvmpipe() -> tuple[Worker, Device]:
+    """Return a worker process that opens each rasteriser of the device once, and the device."""
     device = find_device("opengl", "llvmpipe")
     worker = Worker("llvmpipe", device.environment)
     atexit.register(worker.close)
     return worker, device
 
 
-@target("counters", scattered())
+@target("counters", draw_triangles())
 def check_counters(value: dict[str, Any]) -> None:
-    """OpenGL and both walkers on llvmpipe against the reference, triangle by triangle."""
+    """Compare OpenGL and both compute rasterisers on llvmpipe with the reference, by triangle."""
     frame, triangles = loose_triangles(np.array(value["triangles"]), value["size"])
     exact = predict(frame.points, triangles)
-    worker, device = llvmpipe()
+    worker, device = open_llvmpipe()
 
-    def counted(name: str) -> dict[str, np.ndarray]:
+    def count(name: str) -> dict[str, np.ndarray]:
         return worker.call(tasks.count, name, device, frame, triangles, Options(), timeout_s=60.0)
 
-    drawn = counted("opengl")
+    opengl = count("opengl")
     for name in SHADED:
-        assert drawn[name].tolist() == exact[name].tolist(), name
-    walked = counted("bounding-box")
-    assert walked["bbox_tests"].tolist() == exact["bbox_tests"].tolist()
-    for hits in (walked["hits"], counted("scanline")["hits"]):
+        assert opengl[name].tolist() == exact[name].tolist(), name
+    boxes = count("bounding-box")
+    assert boxes["bbox_tests"].tolist() == exact["bbox_tests"].tolist()
+    for hits in (boxes["hits"], count("scanline")["hits"]):
         assert hits.tolist() == exact["fragments"].tolist()

@@ -1,4 +1,4 @@
-"""Run folders that were damaged: one clear line or an answer, and an exit code that says which."""
+"""Commands on damaged run folders: a result or a single error line, with the right exit code."""
 
 import atexit
 import contextlib
@@ -24,31 +24,31 @@ from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from tests.compare.runs import write_run
-from tests.conftest import BLOCK, exit_code, write_geojson
-from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
+from tests.conftest import BLOCK, run_command, write_geojson
+from tests.fuzz.damage import byte_edits, edit_file_bytes, edit_file_values, value_edits
 from tests.fuzz.target import target
-from tests.inline import Inline
+from tests.inline import InlineWorker
 
 SILENT_S = 10.0
-"""Seconds that a command may say nothing."""
+"""Maximum time without output of a command."""
 
-COMPARED = (GOOD, REGRESSION, BAD_INPUT, NOTHING_MEASURED, INCONCLUSIVE)
-RUNS, TABLES = ("base", "head"), ("run.json", "cases.jsonl")
+EXPECTED_CODES = (GOOD, REGRESSION, BAD_INPUT, NOTHING_MEASURED, INCONCLUSIVE)
+RUNS, RECORD_FILES = ("base", "head"), ("run.json", "cases.jsonl")
 FORMATS = ("table", "markdown", "json")
 
 
-def damage_of(tables: list[str], folders: list[str]) -> st.SearchStrategy[Any]:
-    """Draw edits of one or two files of JSON, or of every array in a folder."""
-    in_bytes = st.lists(byte_edit, min_size=1, max_size=3)
-    in_values = st.lists(value_edit, min_size=1, max_size=3)
-    edits = st.tuples(st.sampled_from(tables), in_values | in_bytes)
+def draw_damage(files: list[str], folders: list[str]) -> st.SearchStrategy[Any]:
+    """Draw edits of one or two JSON files, or of every array in a folder."""
+    in_bytes = st.lists(byte_edits, min_size=1, max_size=3)
+    in_values = st.lists(value_edits, min_size=1, max_size=3)
+    edits = st.tuples(st.sampled_from(files), in_values | in_bytes)
     if folders:
         edits |= st.tuples(st.sampled_from(folders), in_bytes)
     return st.lists(edits, min_size=1, max_size=2, unique_by=lambda edit: edit[0])
 
 
-class Heard(io.StringIO):
-    """What a command writes, and the longest time that it was silent."""
+class TimedOutput(io.StringIO):
+    """The output of a command, with its longest time without output."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -62,30 +62,30 @@ class Heard(io.StringIO):
 
 
 class SilentError(AssertionError):
-    """A command said nothing for too long."""
+    """A command was silent for too long."""
 
 
-def command(*arguments: str) -> tuple[int, str]:
-    """Run a command; return its exit code and what it wrote to standard error."""
-    out, err = io.StringIO(), Heard()
+def call_command(*arguments: str) -> tuple[int, str]:
+    """Run a command in this process; return the exit code and standard error."""
+    out, err = io.StringIO(), TimedOutput()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = exit_code(*arguments)
+        code = run_command(*arguments)
     text = err.getvalue()
-    err.write("")  # its end is heard, too
+    err.write("")  # end of the last interval
     if err.silent_s >= SILENT_S:
-        raise SilentError(f"said nothing for {err.silent_s:.0f} s: {arguments}")
+        raise SilentError(f"no output for {err.silent_s:.0f} s: {arguments}")
     return code, text
 
 
-def spoil(place: Path, edits: list[dict[str, Any]]) -> None:
+def damage_path(path: Path, edits: list[dict[str, Any]]) -> None:
     """Damage a file, or each file in a folder."""
-    edit = edit_values if "value" in edits[0] else edit_bytes
-    for file in sorted(place.iterdir()) if place.is_dir() else [place]:
+    edit = edit_file_values if "value" in edits[0] else edit_file_bytes
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         edit(file, edits)
 
 
 def assert_clear(code: int, err: str) -> None:
-    """Bad input is one line that begins with "error:"."""
+    """Require no traceback, and for bad input a single line that begins with "error: "."""
     assert "Traceback" not in err, err
     if code == BAD_INPUT:
         assert err.startswith("error: "), err
@@ -96,7 +96,7 @@ def assert_clear(code: int, err: str) -> None:
     "compare",
     st.fixed_dictionaries(
         {
-            "damage": damage_of([f"{run}/{file}" for run in RUNS for file in TABLES], []),
+            "damage": draw_damage([f"{run}/{file}" for run in RUNS for file in RECORD_FILES], []),
             "gate": st.sampled_from(["counters", "time", "counters,time"]),
             "format": st.sampled_from(FORMATS),
         }
@@ -104,24 +104,24 @@ def assert_clear(code: int, err: str) -> None:
 )
 def check_compare(value: dict[str, Any]) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+        path = Path(folder)
         for name, seed in (("base", 1), ("head", 2)):
-            write_run(place / name, seed=seed)
+            write_run(path / name, seed=seed)
         for name, edits in value["damage"]:
-            spoil(place / name, edits)
-        files = [f"--{kind}={place / kind}" for kind in ("markdown", "junit", "json", "html")]
+            damage_path(path / name, edits)
+        files = [f"--{kind}={path / kind}" for kind in ("markdown", "junit", "json", "html")]
         options = ["--gate", value["gate"], "--format", value["format"], *files]
-        code, err = command("compare", str(place / "base"), str(place / "head"), *options)
-        assert code in COMPARED, (code, err)
+        code, err = call_command("compare", str(path / "base"), str(path / "head"), *options)
+        assert code in EXPECTED_CODES, (code, err)
         assert_clear(code, err)
         if code != BAD_INPUT:
             for kind in ("markdown", "junit", "json", "html"):
-                assert (place / kind).stat().st_size > 0
+                assert (path / kind).stat().st_size > 0
 
 
 @cache
-def sound() -> Path:
-    """Return a run of four footprints, made once."""
+def make_sample_run() -> Path:
+    """Return a run of four footprints, measured once."""
     folder = Path(tempfile.mkdtemp(prefix="fuzz-run-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     scene = write_geojson(folder / "block.geojson", BLOCK)
@@ -131,34 +131,34 @@ def sound() -> Path:
         rasterisers=("reference",),
         timing=TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
     )
-    quiet = Reporter(quiet=True, console=Console(quiet=True))
-    run(plan, folder / "run", quiet, open_worker=lambda *_: Inline())
-    _settle(folder / "run")
+    reporter = Reporter(quiet=True, console=Console(quiet=True))
+    run(plan, folder / "run", reporter, open_worker=lambda *_: InlineWorker())
+    _make_reproducible(folder / "run")
     return folder / "run"
 
 
 @contextmanager
-def beside_a_run() -> Iterator[Path]:
-    """Be in a folder of its own, with a copy of the run and its polygons; tasks are done here."""
+def enter_workspace() -> Iterator[Path]:
+    """Change to a new folder with a copy of the run and its polygons; execute tasks in process."""
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        home = Path(folder) / "a" / "b"
-        home.mkdir(parents=True)
-        patch.chdir(home)
-        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-        patch.setattr("harness.measuring.loading.Worker", lambda *_: Inline())
+        workspace = Path(folder) / "a" / "b"
+        workspace.mkdir(parents=True)
+        patch.chdir(workspace)
+        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
+        patch.setattr("harness.measuring.loading.Worker", lambda *_: InlineWorker())
         patch.setattr("harness.report.plots.plot_run", lambda run: [])
-        shutil.copytree(sound(), "RUN")
-        shutil.copy(sound().with_name("block.geojson"), ".")
-        yield home
+        shutil.copytree(make_sample_run(), "RUN")
+        shutil.copy(make_sample_run().with_name("block.geojson"), ".")
+        yield workspace
 
 
-def _settle(folder: Path) -> None:
-    """Make a run's files the same wherever and whenever it was made: edits name places in them."""
-    facts = json.loads((folder / "run.json").read_text())
-    facts |= {"created": "2026-01-01T12:00:00+00:00", "warnings": [], "seconds": {"count": 1.5}}
-    facts["environment"] = {"cpu": "a processor", "kernel": "a system", "harness": "0.1.0"}
-    facts["plan"]["scene"] = "block.geojson"
-    (folder / "run.json").write_text(json.dumps(facts, indent=2))
+def _make_reproducible(folder: Path) -> None:
+    """Remove what depends on time and machine from the files of a run, so that edits reproduce."""
+    run_facts = json.loads((folder / "run.json").read_text())
+    run_facts |= {"created": "2026-01-01T12:00:00+00:00", "warnings": [], "seconds": {"count": 1.5}}
+    run_facts["environment"] = {"cpu": "a processor", "kernel": "a system", "harness": "0.1.0"}
+    run_facts["plan"]["scene"] = "block.geojson"
+    (folder / "run.json").write_text(json.dumps(run_facts, indent=2))
     lines = []
     for line in (folder / "cases.jsonl").read_text().splitlines():
         record = json.loads(line)
@@ -172,7 +172,7 @@ def _settle(folder: Path) -> None:
     (folder / "cases.jsonl").write_text("\n".join(lines) + "\n")
 
 
-READERS: dict[str, tuple[str, ...]] = {
+COMMANDS: dict[str, tuple[str, ...]] = {
     "report": ("report", "RUN"),
     "report of a file": ("report", "RUN/cases.jsonl", "-o", "OUT.html"),
     "compare as base": ("compare", "RUN", "SOUND", "--across-devices"),
@@ -186,39 +186,43 @@ READERS: dict[str, tuple[str, ...]] = {
     "run --resume": ("run", "--resume", "RUN", "--quiet"),
     "run --resume --force": ("run", "--resume", "RUN", "--force", "--quiet"),
 }
-"""Every command that reads stored results."""
+"""All commands that read stored results."""
 
-DEEP = "[" * 200_000
-LINES = ("", "null", "[]", "3", DEEP, '{"key": "../../../victim"}', "\x00")
+NESTED = "[" * 200_000
+LINES = ("", "null", "[]", "3", NESTED, '{"key": "../../../victim"}', "\x00")
 
 
 @target(
     "stored",
     st.fixed_dictionaries(
         {
-            "command": st.sampled_from(sorted(READERS)),
-            "damage": damage_of(["run.json", "cases.jsonl"], ["frames", "polygons"]),
+            "command": st.sampled_from(sorted(COMMANDS)),
+            "damage": draw_damage(["run.json", "cases.jsonl"], ["frames", "polygons"]),
             "line": st.none() | st.sampled_from(LINES),
         }
     ),
 )
 def check_stored(value: dict[str, Any]) -> str:
-    """Each command over a damaged run ends well or with one line, and writes in its place alone."""
-    with beside_a_run() as home:
-        shutil.copytree(sound(), "SOUND")
+    """A command on a damaged run succeeds or prints one error, and writes only its output."""
+    with enter_workspace() as workspace:
+        shutil.copytree(make_sample_run(), "SOUND")
         for name, edits in value["damage"]:
-            spoil(Path("RUN") / name, edits)
+            damage_path(Path("RUN") / name, edits)
         if value["line"] is not None:
             with Path("RUN/cases.jsonl").open("a") as stream:
                 stream.write(value["line"] + "\n")
-        code, err = command(*READERS[value["command"]])
-        assert code in COMPARED, (code, err)
-        assert Path("RUN/report.html").exists() == (value["command"] == "report" and code == GOOD)
+        code, err = call_command(*COMMANDS[value["command"]])
+        assert code in EXPECTED_CODES, (code, err)
+        has_report, name = Path("RUN/report.html").exists(), value["command"]
+        if name == "report":
+            assert has_report == (code == GOOD)
+        else:
+            assert not has_report or (name.startswith("run ") and code != BAD_INPUT)
         assert "Traceback" not in err, err
         errors = [line for line in err.splitlines() if line.startswith("error: ")]
         assert len(errors) == 1 if code == BAD_INPUT else len(errors) <= 1, err
-        outside = {place.name for place in home.rglob("*") if ".unfinished" in place.name}
-        assert not outside
-        assert [place.name for place in home.parent.iterdir()] == ["b"]
-        assert [place.name for place in home.parent.parent.iterdir()] == ["a"]
+        unfinished = {path.name for path in workspace.rglob("*") if ".unfinished" in path.name}
+        assert not unfinished
+        assert [path.name for path in workspace.parent.iterdir()] == ["b"]
+        assert [path.name for path in workspace.parent.parent.iterdir()] == ["a"]
         return f"{value['command']}: exit {code}"

@@ -1,4 +1,4 @@
-"""Every triangulator on any polygon: a valid triangulation, and none better than the optimum."""
+"""Triangulators on random polygons: valid triangulations, none better than the optimum."""
 
 from typing import Any
 
@@ -12,26 +12,26 @@ from tests.triangulators.test_everywhere import check
 from triangulators import criteria, triangulate, vertices
 from triangulators.verify import verify
 
-STEERING = ("overdraw", "half-perimeter", "edge-length", "shape")
+CRITERIA = ("overdraw", "half-perimeter", "edge-length", "shape")
 
 
 @target("triangulators", rings())
 def check_triangulators(value: Rings) -> None:
-    """What tests/triangulators checks of every triangulator, off the grid too."""
+    """Check every triangulator as tests/triangulators does, also off the grid."""
     assert check(polygon_of(value), value) > 0
 
 
 @target("optimum", rings(max_vertices=8, max_holes=0, on_grid=True))
 def check_optimum(value: Rings) -> None:
-    """On the grid, where the listing by another program (GEOS decides for it) is exact."""
+    """Compare with a list of all triangulations by GEOS, which is exact on the grid."""
     polygon = polygon_of(value)
     points = vertices(polygon)
     if len(np.unique(points, axis=0)) < len(points):
-        return  # the listing knows a vertex by its place
-    everything = [np.array(each) for each in all_triangulations(polygon)]
-    for criterion in STEERING:
+        return  # the list identifies vertices by position
+    triangulations = [np.array(triangles) for triangles in all_triangulations(polygon)]
+    for criterion in CRITERIA:
         cost = criteria.find(criterion)
-        costs = [cost.total(points, triangles) for triangles in everything]
+        costs = [cost.total(points, triangles) for triangles in triangulations]
         for name, expected in (("optimal", min(costs)), ("worst", max(costs))):
             total = cost.total(points, triangulate(polygon, f"{name}:{criterion}"))
             assert abs(total - expected) <= 1e-9 * max(costs), (name, criterion, total, expected)
@@ -39,7 +39,7 @@ def check_optimum(value: Rings) -> None:
 
 change = st.fixed_dictionaries(
     {
-        "do": st.sampled_from(["move a corner", "drop", "double", "turn round", "exchange"]),
+        "action": st.sampled_from(["move vertex", "drop", "duplicate", "reverse", "flip"]),
         "row": st.integers(0, 100),
         "column": st.integers(0, 2),
         "vertex": st.integers(0, 100),
@@ -57,43 +57,43 @@ change = st.fixed_dictionaries(
     ),
 )
 def check_verifier(value: dict[str, Any]) -> None:
-    """Valid means: every triangle turns left, they fill the polygon, and none overlap."""
+    """Valid triangles are counter-clockwise, fill the polygon and do not overlap."""
     polygon = polygon_of(value["rings"])
     points = vertices(polygon)
     triangles = triangulate(polygon, "greedy")
-    for each in value["changes"]:
-        triangles = _changed(triangles, len(points), each)
+    for edit in value["changes"]:
+        triangles = _apply_change(triangles, len(points), edit)
     shapes = [shapely.Polygon(points[row]) for row in triangles]
-    left = all(twice_area(*points[row]) > 0 for row in triangles)
-    # On the grid areas are exact, so shapes that fill it and add up to it cannot overlap.
+    counter_clockwise = all(twice_area(*points[row]) > 0 for row in triangles)
+    # Areas are exact on the grid: triangles that fill the polygon and have its area do not overlap.
     fills = shapely.union_all(shapes).symmetric_difference(polygon).area < 1e-9 * polygon.area
     adds_up = sum(twice_area(*points[row]) for row in triangles) == sum(
         twice_area(*points[row]) for row in triangulate(polygon, "greedy")
     )
-    assert verify(polygon, triangles).ok == (left and fills and adds_up)
+    assert verify(polygon, triangles).ok == (counter_clockwise and fills and adds_up)
 
 
-def _changed(triangles: np.ndarray, vertex_count: int, change: dict[str, Any]) -> np.ndarray:
+def _apply_change(triangles: np.ndarray, vertex_count: int, change: dict[str, Any]) -> np.ndarray:
     if not len(triangles):
         return triangles
     row, column = change["row"] % len(triangles), change["column"]
-    spoilt = triangles.copy()
-    if change["do"] == "drop":
-        return np.delete(spoilt, row, axis=0)
-    if change["do"] == "double":
-        return np.vstack((spoilt, spoilt[row]))
-    if change["do"] == "turn round":
-        spoilt[row] = spoilt[row][::-1]
-    elif change["do"] == "move a corner":
-        spoilt[row, column] = change["vertex"] % vertex_count
-    else:  # the other diagonal of two neighbours, which may or may not be inside
-        other = change["vertex"] % len(triangles)
-        shared = set(spoilt[row].tolist()) & set(spoilt[other].tolist())
+    changed = triangles.copy()
+    if change["action"] == "drop":
+        return np.delete(changed, row, axis=0)
+    if change["action"] == "duplicate":
+        return np.vstack((changed, changed[row]))
+    if change["action"] == "reverse":
+        changed[row] = changed[row][::-1]
+    elif change["action"] == "move vertex":
+        changed[row, column] = change["vertex"] % vertex_count
+    else:  # the other diagonal of two neighbours, inside or outside the polygon
+        neighbour = change["vertex"] % len(triangles)
+        shared = set(changed[row].tolist()) & set(changed[neighbour].tolist())
         if len(shared) == 2:
             a, b = sorted(shared)
-            # A triangle that was spoilt before may have a corner twice, and so no third one.
-            third = [[v for v in spoilt[k].tolist() if v not in shared] for k in (row, other)]
+            # A changed triangle may have the same vertex twice and so no third vertex.
+            third = [[v for v in changed[k].tolist() if v not in shared] for k in (row, neighbour)]
             if all(third):
                 (c, *_), (d, *_) = third
-                spoilt[row], spoilt[other] = (a, c, d), (b, c, d)
-    return spoilt
+                changed[row], changed[neighbour] = (a, c, d), (b, c, d)
+    return changed
