@@ -154,7 +154,7 @@ PARTS: dict[str, Callable[..., str]] = {
         (
             (
                 f"`{name}`",
-                ", ".join(kind.known),
+                ", ".join(kind.device_names),
                 ", ".join(map("`{}`".format, kind.counters)) or "nothing",
             )
             for name, kind in ((name, rasterisers.get(name)) for name in rasterisers.BUILT_IN)

@@ -14,7 +14,7 @@ from harness.grid import SUBPIXEL
 from harness.measuring.tasks import choose_timer
 from harness.rasterisers import Device, Options
 from harness.rasterisers import devices as probed
-from harness.rasterisers.reference import Reference, disagreements
+from harness.rasterisers.reference import Reference, find_disagreements
 from harness.workers.worker import Worker
 
 EXAMINED = {
@@ -88,7 +88,7 @@ def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
     drawn = opened.count(frame, rows, Options())
     if "hits" in drawn:
         drawn["fragments"] = drawn["hits"]
-    differs = disagreements(frame, drawn, Reference().count(frame, rows, Options()))
+    differs = find_disagreements(frame, drawn, Reference().count(frame, rows, Options()))
     details = opened.device.details
     detail = f"{details['renderer']}, {details.get('version', '')}".rstrip(", ")
     timer = choose_timer(opened)

@@ -14,7 +14,7 @@ from harness.heatmaps import lane_maps
 from harness.measuring.lower_limits import fewest
 from harness.measuring.pool import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
-from harness.rasterisers.reference import outlines
+from harness.rasterisers.reference import count_outline_quads
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from scenes import load
@@ -61,7 +61,7 @@ def _compile_scenes(candidates: list[str], order: int = 1) -> None:
         for name in candidates[::order]:
             triangulation = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(triangulation.parts))
-        outlines(frame, triangulation.parts)
+        count_outline_quads(frame, triangulation.parts)
         fewest(frame, None)
 
 

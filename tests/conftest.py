@@ -23,7 +23,7 @@ from harness.measuring import tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Sample
-from harness.rasterisers.reference import _Filling
+from harness.rasterisers.reference import _FillDrawing
 from harness.stats.run_quality import QUIET, RunState
 from harness.workers import serving
 from tests.chromium import Chromium
@@ -179,16 +179,16 @@ def shorten_runs(patch: pytest.MonkeyPatch) -> None:
 
     The run counts as quiet whatever else runs on the machine, so that its times are evaluated.
     """
-    sample = _Filling.sample
+    sample = _FillDrawing.sample
 
-    def sample_once(drawing: _Filling, repeats: int) -> Sample:
+    def sample_once(drawing: _FillDrawing, repeats: int) -> Sample:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
     patch.setattr("harness.measuring.run.judge_records", lambda *_: RunState(QUIET))
     patch.setattr("harness.measuring.tasks.choose_timer", _choose_timer_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
-    patch.setattr(_Filling, "sample", sample_once)
+    patch.setattr(_FillDrawing, "sample", sample_once)
 
 
 @pytest.fixture

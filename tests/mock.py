@@ -80,7 +80,7 @@ class MockRasteriser(Rasteriser):
     """
 
     name = "mock"
-    known = ("scripted",)
+    device_names = ("scripted",)
     runs = 0
     """Number of runs in this process, counted by `begin_run`."""
     counters = ("fragments", "quads", "helper_lanes")

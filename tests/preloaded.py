@@ -14,7 +14,7 @@ from harness.frame import View, make_frame
 from harness.machine import system
 from harness.measuring import preloading  # noqa: F401 - first: it prepares the server
 from harness.measuring.lower_limits import fewest
-from harness.rasterisers.reference import outlines
+from harness.rasterisers.reference import count_outline_quads
 from triangulators import triangulate_many
 from triangulators.compute.storing import NotCompiledError, only_kept
 
@@ -22,7 +22,7 @@ system.stolen_s = system.other_processes_s = lambda: 0.0  # as in `tests.conftes
 
 with suppress(NotCompiledError), only_kept():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))
-    outlines(frame, triangulate_many(frame.polygons))
+    count_outline_quads(frame, triangulate_many(frame.polygons))
     fewest(frame, None)
 
 gc.freeze()

@@ -213,9 +213,9 @@ def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple
     """
     if names:
         return tuple(names)
-    from harness.rasterisers import usual
+    from harness.rasterisers import default_rasteriser
 
-    first = usual()
+    first = default_rasteriser()
     return (first, *with_opengl) if first == "opengl" else (first,)
 
 

@@ -125,7 +125,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
             continue
         if not options:
             raise UsageError(
-                f"{name} has {rasterisers.get(name).lacking}: use opengl for "
+                f"{name} has {rasterisers.get(name).limitation}: use opengl for "
                 "--samples and --work, or add the plain case, e.g. --work 0,8"
             )
         known.update(supported)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from harness.measuring.pool import MeasuringPool
 from harness.metrics.registry import LEAST, OUTLINE
-from harness.rasterisers.reference import outlines, quads_of
+from harness.rasterisers.reference import count_outline_quads, count_quads
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from harness.workers.pool import result_of
@@ -62,11 +62,11 @@ def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[n
     hidden is not shaded.
     """
     if frame.viewing is None:
-        return outlines(frame, parts)
+        return count_outline_quads(frame, parts)
     if frame.viewing.depths is not None:
         return np.full(len(parts), -1)
     rest = frame.viewing.source == len(frame.viewing.given)
-    return np.where(rest, quads_of(frame, parts), outlines(frame, parts))
+    return np.where(rest, count_quads(frame, parts), count_outline_quads(frame, parts))
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:
@@ -108,4 +108,4 @@ def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     for place, part in zip(chosen.tolist(), result.parts, strict=True):
         if part is not None and next(gaps) == 0.0:
             parts[place] = part
-    return np.where([part is not None for part in parts], quads_of(frame, parts), least)
+    return np.where([part is not None for part in parts], count_quads(frame, parts), least)

@@ -53,7 +53,7 @@ devices that it knows, or its best one; and by name those that it knows."""
 def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
     """Ask the rasteriser `name` what it can do; raises as `rasterisers.find_device` does."""
     kind = rasterisers.get(name)
-    known = tuple(device for device in devices if kind.knows(device))
+    known = tuple(device for device in devices if kind.is_device_name(device))
     found = tuple(rasterisers.find_device(name, device) for device in known or (None,))
     return tuple(filter(kind.supports, options)), found, known
 

@@ -25,7 +25,7 @@ from harness.profile.design import DESIGN, Draw, draws, snapped
 from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of
 from harness.profile.words import BY_SUM
-from harness.rasterisers.base import shader
+from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.results import drawings
@@ -122,7 +122,7 @@ class ProfileContent(TypedDict):
 def write_page(content: PageContent | ProfileContent, file: Path) -> None:
     """Write a page: of a run's content, or of a profile's, which shows no charts."""
     profiling = content["format"] == PROFILE_FORMAT
-    shaders = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
+    shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
     styles = ("page.css", *["profile.css"] * profiling)
     scripts = PROFILING if profiling else SCRIPTS
     shared = [static(REPORT, ELEMENTS), static(REPORT, SPANS)]

@@ -59,7 +59,7 @@ def load(reference: str) -> Any:
 
 
 def names() -> list[str]:
-    """Return the names of all rasterisers, third parties' included."""
+    """Return the names of all rasterisers, including third-party ones."""
     return [*BUILT_IN, *sorted(set(_plugins()) - set(BUILT_IN))]
 
 
@@ -69,7 +69,7 @@ def get(name: str) -> type[Rasteriser]:
     Raises
     ------
     UsageError
-        if the name is unknown, or a third party's rasteriser cannot be loaded
+        if the name is unknown, or the import of a third-party rasteriser fails
     """
     if name in BUILT_IN:
         rasteriser = load(BUILT_IN[name])
@@ -79,16 +79,16 @@ def get(name: str) -> type[Rasteriser]:
         try:
             rasteriser = _plugins()[name].load() if name in _plugins() else load(name)
         except Exception as error:
-            raise UsageError(f"rasteriser '{name}' cannot be loaded: {error}") from error
+            raise UsageError(f"rasteriser '{name}': import failed ({error})") from error
     else:
         raise unknown("rasteriser", name, names())
     if not (isinstance(rasteriser, type) and issubclass(rasteriser, Rasteriser)):
-        raise UsageError(f"rasteriser '{name}' is not a harness.rasterisers.Rasteriser class")
+        raise UsageError(f"rasteriser '{name}' is not a subclass of harness.rasterisers.Rasteriser")
     register(rasteriser.new_counters)
     return rasteriser
 
 
-def usual() -> str:
+def default_rasteriser() -> str:
     """Return the default rasteriser: opengl, or webgpu if EGL is missing."""
     if not get("opengl").devices() and get("webgpu").devices():
         return "webgpu"
@@ -101,19 +101,17 @@ def find_device(rasteriser: str, name: str | None = None) -> Device:
     Raises
     ------
     UsageError
-        if the rasteriser, or any device of that name, is unknown
+        if the rasteriser or the name of the device is unknown
     NoRasteriserError
-        if the device exists by name but does not work on this machine
+        if the device is supported, but not available on this machine
     """
     kind = get(rasteriser)
     if name is None:
         if devices := kind.devices():
             return devices[0]
-        raise NoRasteriserError(f"{rasteriser}: no device works here; {kind.remedy()}")
+        raise NoRasteriserError(f"{rasteriser}: no usable device found; {kind.remedy()}")
     if device := kind.find(name):
         return device
-    if kind.knows(name):
-        raise NoRasteriserError(
-            f"{rasteriser}: device '{name}' does not work here; {kind.remedy(name)}"
-        )
-    raise unknown("device", name, [device.name for device in kind.devices()] or kind.known)
+    if kind.is_device_name(name):
+        raise NoRasteriserError(f"{rasteriser}: device '{name}' not found; {kind.remedy(name)}")
+    raise unknown("device", name, [device.name for device in kind.devices()] or kind.device_names)

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
-"""Counter name -> (p,) exact integers, one a polygon of the frame, or () if the device only reports
-a total."""
+"""Counter name -> exact integers, (p,) per polygon of the frame, or () if the device only reports a
+total."""
 
 
 @dataclass(frozen=True, order=True)
 class Options:
     """How a frame is drawn, apart from its triangles; recorded with every case.
 
-    samples : samples a pixel, 1 (no multisampling), 4 or 8
-    work : iterations of arithmetic a fragment, to shift the cost from set-up to shading
+    samples : samples per pixel, 1 (no multisampling), 4 or 8
+    work : iterations of arithmetic per fragment, to shift the cost from set-up to shading
     order : submission order; "native": the triangulator's; "walk": from neighbour to neighbour,
         each triangle rotated so that its new vertex comes last; "vertex-cache": optimised for
         vertex caches, fan by fan (Tipsify); "morton": along a space-filling curve over the
@@ -56,9 +56,9 @@ class Options:
 
     def __post_init__(self) -> None:
         if self.samples not in SAMPLES:
-            raise UsageError(f"{self.samples} samples a pixel: choose 1, 4 or 8")
+            raise UsageError(f"unsupported {self.samples} samples per pixel (choose from 1, 4, 8)")
         if not 0 <= self.work <= MAX_WORK:
-            raise UsageError(f"work {self.work} is outside 0..{MAX_WORK} iterations")
+            raise UsageError(f"work {self.work} is out of range (0 to {MAX_WORK} iterations)")
         if self.order not in ORDERS:
             raise unknown("order", self.order, ORDERS)
 
@@ -82,7 +82,9 @@ class Device:
         """Raise NoRasteriserError if a variable of the environment is not set."""
         for key, value in self.environment.items():
             if os.environ.get(key) != value:
-                raise NoRasteriserError(f"{self.name} needs {key}={value} before its driver loads")
+                raise NoRasteriserError(
+                    f"{self.name}: set {key}={value} before the driver is loaded"
+                )
 
 
 @dataclass(frozen=True)
@@ -144,8 +146,9 @@ class Rasteriser(ABC):
     """Turns triangles into pixels on one device.
 
     Class attributes declare its capabilities: `name`; `counters`, the names that `count` returns;
-    `new_counters`, how to display those that no built-in rasteriser has; `timed`, whether
-    `prepare` works. Construct it only inside a worker process with the device's environment.
+    `new_counters`, the display properties of counters that no built-in rasteriser has; `timed`,
+    whether `prepare` works. Construct it only inside a worker process with the device's
+    environment.
 
     An implementation overrides `_count` and, if it can be timed, `_prepare`; both get validated
     triangles in submission order.
@@ -156,23 +159,23 @@ class Rasteriser(ABC):
     new_counters: ClassVar[tuple[Counter, ...]] = ()
     timed: ClassVar[bool] = True
 
-    shades: ClassVar[bool] = False
-    """Whether it shades fragments, as samples a pixel and work a fragment require."""
+    shades_fragments: ClassVar[bool] = False
+    """Whether it shades fragments, as `Options.samples` and `Options.work` require."""
 
-    lacking: ClassVar[str] = "neither multisampling nor fragment work"
-    """Unsupported features of `Options`, for error messages."""
+    limitation: ClassVar[str] = "neither multisampling nor fragment work"
+    """The supported part of `Options`, for the message "<name> has ..."."""
 
-    cuts: ClassVar[bool] = False
-    """Whether it honours a frame's scissor, as map tiles require."""
+    supports_scissor: ClassVar[bool] = False
+    """Whether it supports `Frame.scissor`, as map tiles require."""
 
-    deep: ClassVar[bool] = False
+    supports_depth: ClassVar[bool] = False
     """Whether it counts with a depth test; it then also counts `depth_ties`."""
 
-    known: ClassVar[tuple[str, ...]] = ("cpu",)
+    device_names: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of supported devices, whether or not they work on this machine."""
 
     module: ClassVar[str] = ""
-    """Required Python module, which the extra called like the rasteriser installs."""
+    """Required Python module, which the extra with the rasteriser's name installs."""
 
     remedies: ClassVar[Mapping[str, str]] = {}
     """How to make a device work, by its name without a number; "": any other device."""
@@ -180,13 +183,13 @@ class Rasteriser(ABC):
     device: Device
 
     @classmethod
-    def knows(cls, name: str) -> bool:
-        """Whether `name` is a supported device, on this machine or another.
+    def is_device_name(cls, name: str) -> bool:
+        """Return whether `name` is a supported device, on this machine or another.
 
         A rasteriser that supports gpu0 also supports gpu1, gpu2, ...
         """
         numbered = name.startswith("gpu") and name[3:].isdigit()
-        return name in cls.known or (numbered and "gpu0" in cls.known)
+        return name in cls.device_names or (numbered and "gpu0" in cls.device_names)
 
     @classmethod
     def find(cls, name: str) -> Device | None:
@@ -195,17 +198,17 @@ class Rasteriser(ABC):
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Whether it can draw with `options`."""
-        return cls.shades or (options.samples == 1 and options.work == 0)
+        """Return whether it can draw with `options`."""
+        return cls.shades_fragments or (options.samples == 1 and options.work == 0)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
-        """Return a clause that says how to make the device `name`, or any device, work."""
+        """Return an instruction to make the device `name`, or any device, work."""
         if cls.module and importlib.util.find_spec(cls.module) is None:
             return f"run: {install(cls.name)}"
         remedy = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
-        choose = f"choose one of: {', '.join(cls.known)}" if name else "see `raster-harness doctor`"
-        return remedy or choose
+        choose = f"choose from {', '.join(cls.device_names)}"
+        return remedy or (choose if name else "see `raster-harness doctor`")
 
     @classmethod
     @abstractmethod
@@ -243,19 +246,21 @@ class Rasteriser(ABC):
             as for `count`, or if the rasteriser is not timed
         """
         if not self.timed:
-            raise UsageError(f"rasteriser {self.name} has no time to measure")
+            raise UsageError(
+                f"{self.name} only counts and cannot be timed; choose another rasteriser"
+            )
         return self._prepare(frame, self._ready(frame, triangles, options), options)
 
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if not self.supports(options):
-            raise UsageError(f"{self.name} has {self.lacking}; use opengl for these")
-        if frame.scissor is not None and not self.cuts:
-            raise UsageError(f"{self.name} cannot cut at a tile's edge; use opengl for tiles")
-        if frame.depths is not None and not self.deep:
+            raise UsageError(f"{self.name} has {self.limitation}; use opengl for these")
+        if frame.scissor is not None and not self.supports_scissor:
+            raise UsageError(f"{self.name} does not support map tiles (scissor); use opengl")
+        if frame.depths is not None and not self.supports_depth:
             raise UsageError(
-                f"{self.name} cannot force the depth test before shading; use opengl, or depth=none"
+                f"{self.name} does not test depth before shading; use opengl, or depth=none"
             )
-        return submission(frame, triangles, options)
+        return order_submission(frame, triangles, options)
 
     def close(self) -> None:  # noqa: B027 - most rasterisers have nothing to close
         """Close the device."""
@@ -270,7 +275,7 @@ class Rasteriser(ABC):
 CPU = Device(name="cpu", software=True)
 
 
-class OnCpu(Rasteriser):
+class CpuRasteriser(Rasteriser):
     """A built-in CPU rasteriser, which needs no driver and works on every machine."""
 
     @classmethod
@@ -282,19 +287,20 @@ class OnCpu(Rasteriser):
         self.device = device
 
 
-def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sum (m,) values, one a triangle, to (p,), one a polygon of the frame."""
+def sum_per_polygon(
+    frame: Frame, triangles: Triangles, values: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Sum values of triangles, (m,), to values of the frame's polygons, (p,)."""
     totals = np.zeros(len(frame.grid), np.int64)
     np.add.at(totals, frame.owner(triangles), values)
     return totals
 
 
-def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Triangles]:
-    """Split `triangles` so that no batch shades `most` lanes and no 32-bit counter overflows.
+def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) -> list[Triangles]:
+    """Split `triangles` so that no batch shades `max_lanes` lanes, to avoid 32-bit overflows.
 
-    With a depth test a batch is a view, of at most 2^28 pixels.
-
-    A triangle touches at most the quads of its bounding box.
+    With a depth test a batch is a view, of at most 2^28 pixels. A triangle touches at most the
+    quads of its bounding box.
     """
     from harness.grid import SUBPIXEL
 
@@ -303,12 +309,12 @@ def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Trian
     lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
     if frame.depths is not None:  # triangles occlude each other only within a batch
         return [triangles[rows] for rows in frame.draws(triangles)]
-    if not len(lanes) or lanes[-1] < most:
+    if not len(lanes) or lanes[-1] < max_lanes:
         return [triangles]
-    return np.split(triangles, np.flatnonzero(np.diff(lanes // (most // 2))) + 1)
+    return np.split(triangles, np.flatnonzero(np.diff(lanes // (max_lanes // 2))) + 1)
 
 
-def submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
     """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
 
     Tiles and views stay one after another; within each, triangles are ordered. Of a model's views
@@ -323,7 +329,7 @@ def submission(frame: Frame, triangles: Triangles, options: Options) -> Triangle
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
         raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
-        raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
+        raise ValueError(f"vertex index out of range (0 to {len(frame.points) - 1})")
     if frame.viewing is not None and options.order == "native":
         view = np.searchsorted(frame.viewing.first, frame.owner(array), side="right")
         array = array[np.lexsort((_positions(frame, frame.viewing, array), view))]
@@ -371,20 +377,20 @@ def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
     """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
     centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
     octets = np.maximum(centre, 0).astype("<u4")[..., None].view(np.uint8)
-    bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), those of x first
+    bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), bits of x first
     mixed = np.packbits(bits.swapaxes(1, 2).reshape(-1, 64), axis=-1, bitorder="little")
     return mixed.view("<u8")[:, 0]
 
 
-def check_size(width: int, height: int, most: int) -> None:
+def check_size(width: int, height: int, max_size: int) -> None:
     """Raise UsageError if a viewport exceeds the device's maximum size."""
-    if max(width, height) > most:
+    if max(width, height) > max_size:
         raise UsageError(
-            f"{width}x{height} px is more than the device's {most}; lower --resolution"
+            f"{width}x{height} px exceeds the device's maximum of {max_size}; lower --resolution"
         )
 
 
 @cache
-def shader(name: str) -> str:
+def read_shader(name: str) -> str:
     """Return the text of a file in shaders/, e.g. "draw.wgsl"."""
     return files("harness.rasterisers").joinpath("shaders", name).read_text(encoding="utf-8")

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers import context
-from harness.rasterisers.base import Counters, Device, Drawing, Options, Sample, Triangles, batches
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Options,
+    Sample,
+    Triangles,
+    split_batches,
+)
 from harness.rasterisers.context import Context
 from harness.rasterisers.opengl import GLRasteriser
 
@@ -33,7 +41,7 @@ class BoundingBox(GLRasteriser):
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
     source: ClassVar[str] = "bounding_box.comp"
-    cuts = True
+    supports_scissor = True
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -45,7 +53,7 @@ class BoundingBox(GLRasteriser):
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(self.counters)), np.int64)
-        for part in batches(frame, triangles):
+        for part in split_batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
             counts.bind_to_storage_buffer(4)
             _Dispatched(self.context, self._tally, frame, part).run()

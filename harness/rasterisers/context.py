@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame
-from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader
+from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, read_shader
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -86,7 +86,7 @@ class Context:
         missing = sorted(set(extensions) - set(self.ctx.extensions))
         if missing:
             raise NoRasteriserError(
-                f"the OpenGL driver lacks {', '.join(missing)}; install a newer one"
+                f"OpenGL driver: missing extensions ({', '.join(missing)}); install a newer driver"
             )
 
     def header(self, *extensions: str) -> str:
@@ -111,19 +111,23 @@ class Context:
         header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
         try:
             return self.ctx.program(
-                vertex_shader=header + shader(f"{vertex}.glsl"),
-                fragment_shader=header + shader(f"{fragment}.glsl"),
+                vertex_shader=header + read_shader(f"{vertex}.glsl"),
+                fragment_shader=header + read_shader(f"{fragment}.glsl"),
             )
         except moderngl.Error as error:
             message = " ".join(str(error).split())
-            raise NoRasteriserError(f"the OpenGL driver builds no shaders: {message}") from error
+            raise NoRasteriserError(
+                f"OpenGL driver: shader compilation failed: {message}"
+            ) from error
 
     def compute(self, *names: str, define: str = "") -> Any:
         """Build a compute shader from the concatenated files in shaders/."""
         header = self.header(*COMPUTE_EXTENSIONS)
         if define:
             header += f"#define {define}\n"
-        return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
+        return self.ctx.compute_shader(
+            header + "".join(read_shader(f"{name}.glsl") for name in names)
+        )
 
     def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Any:
         """Return an RGBA8 framebuffer, with depths if `deep`; the last one is reused if it fits.
@@ -135,17 +139,17 @@ class Context:
         """
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
-            raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
-        wanted = (width, height, samples if samples > 1 else 0, int(deep))
-        if wanted != self._target[0]:
-            size, number = wanted[:2], wanted[2]
+            raise UsageError(f"{samples} samples per pixel: the device has {self.max_samples}")
+        properties = (width, height, samples if samples > 1 else 0, int(deep))
+        if properties != self._target[0]:
+            size, number = properties[:2], properties[2]
             colours = self.ctx.renderbuffer(size, 4, samples=number)
             depths = self.ctx.depth_renderbuffer(size, samples=number) if deep else None
-            self._target = wanted, self.ctx.framebuffer([colours], depths)
+            self._target = properties, self.ctx.framebuffer([colours], depths)
         return self._target[1]
 
     def picture(self, width: int, height: int) -> Any:
-        """Return a texture of one uint a pixel for compute shaders; reuse the last one if it fits.
+        """Return a texture of one uint per pixel for compute shaders; reuse the last if it fits.
 
         Raises
         ------

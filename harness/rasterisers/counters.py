@@ -28,34 +28,24 @@ class Counter:
 
 
 _TABLE = (
-    ("helper_lanes", "helper lanes", "lanes", "lanes of shaded 2x2 quads that cover nothing"),
+    ("helper_lanes", "helper lanes", "lanes", "uncovered lanes of shaded 2x2 quads"),
     ("bbox_tests", "bounding-box tests", "tests", "pixel centres tested in bounding boxes"),
-    ("rows", "rows walked", "rows", "pixel rows that triangles reach"),
+    ("rows", "rows", "rows", "pixel rows in bounding boxes of triangles"),
     *(
-        (
-            f"tiles_{px}{suffix}",
-            f"tiles of {px} px{how}",
-            "tiles",
-            f"tiles of {px} x {px} px that {what} touch",
-        )
-        for suffix, how, what in (
-            ("", "", "bounding boxes"),
-            ("_exact", ", exactly", "the triangles themselves"),
+        (f"tiles_{px}{suffix}", f"tiles of {px} px{mode}", "tiles", f"{px}x{px} px {tiles}")
+        for suffix, mode, tiles in (
+            ("", "", "tiles that overlap bounding boxes"),
+            ("_exact", ", exact", "tiles that overlap triangles"),
         )
         for px in (16, 32, 64)
     ),
-    ("quads", "quads", "quads", "2x2 quads shaded"),
-    ("partial_quads", "partial quads", "quads", "2x2 quads shaded of which a lane covers nothing"),
-    ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks touched"),
+    ("quads", "quads", "quads", "shaded 2x2 quads"),
+    ("partial_quads", "partial quads", "quads", "shaded 2x2 quads with helper lanes"),
+    ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks with a covered pixel"),
     ("fragments", "fragments", "pixels", "covered pixels"),
-    ("hits", "hits", "pixels", "covered pixels, found by testing"),
-    (
-        "depth_ties",
-        "ties of depth",
-        "pixels",
-        "depth tests that rounding decides, so that devices may differ",
-    ),
-    ("samples_passed", "samples passed", "samples", "covered samples, by the driver's own query"),
+    ("hits", "hits", "pixels", "covered pixels, as found by testing"),
+    ("depth_ties", "depth ties", "pixels", "depth tests that depend on a device's rounding"),
+    ("samples_passed", "samples passed", "samples", "covered samples, by the driver's query"),
 )
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
 
@@ -63,7 +53,7 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
     "helper_lanes": {"heading": "helpers", "best_case": 0.0},
     "bbox_tests": {"heading": "tests"},
     "partial_quads": {"best_case": 0.0},
-    **{same: {"better": "none"} for same in ("fragments", "hits", "depth_ties", "samples_passed")},
+    **{name: {"better": "none"} for name in ("fragments", "hits", "depth_ties", "samples_passed")},
 }
 """Further properties of some counters."""
 
@@ -74,16 +64,16 @@ COUNTERS = {
 """Counters of the built-in rasterisers, in display order."""
 
 _registered = dict(COUNTERS)
-"""Built-in counters, then those that third parties' rasterisers registered."""
+"""Built-in counters, then counters registered by third-party rasterisers."""
 
 
 def describe(name: str) -> Counter:
-    """Return the counter called `name`; an unregistered one is taken to measure work."""
+    """Return the counter called `name`; for an unregistered one, lower is better."""
     return _registered.get(name) or Counter(name, name.replace("_", " "))
 
 
 def register(counters: Iterable[Counter]) -> None:
-    """Register a third party's counters; built-in counters cannot be replaced."""
+    """Register third-party counters; built-in counters cannot be replaced."""
     _registered.update({counter.name: counter for counter in counters} | COUNTERS)
 
 

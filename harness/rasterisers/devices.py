@@ -18,6 +18,7 @@ import sysconfig
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,8 +85,8 @@ def vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
 
     patterns : of the driver's manifest; the first match is used
     """
-    manifests = (path for each in patterns for path in sorted(Path("/").glob(each.lstrip("/"))))
-    icd = next(manifests, None)
+    matches = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
+    icd = next(chain.from_iterable(matches), None)
     if icd is None:
         return None
     # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.

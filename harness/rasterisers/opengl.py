@@ -22,11 +22,11 @@ from harness.rasterisers.base import (
     Rasteriser,
     Sample,
     Triangles,
-    batches,
-    per_polygon,
+    split_batches,
+    sum_per_polygon,
 )
 from harness.rasterisers.context import Context
-from harness.rasterisers.reference import SHADED, visible
+from harness.rasterisers.reference import SHADED, predict_visible
 from triangulators.devices import is_software, matches
 
 KEEP_ALPHA = (True, True, True, False)
@@ -42,9 +42,9 @@ class GLRasteriser(Rasteriser):
     `context` is the open context, `ctx` moderngl's view of it; `device` gains the driver's strings.
     """
 
-    known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
+    device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
     remedies: ClassVar[Mapping[str, str]] = {
-        "gpu": "EGL finds no such GPU; install its vendor's driver, or choose llvmpipe",
+        "gpu": "install the vendor's driver, or choose llvmpipe",
         "zink": f"run: {devices.INSTALL_VULKAN}",
         "": f"run: {devices.INSTALL}",
     }
@@ -70,8 +70,7 @@ class GLRasteriser(Rasteriser):
         if not matches(self.drawn_by or device.name, renderer):
             self.context.close()
             raise NoRasteriserError(
-                f"asked for {device.name}, but OpenGL opened '{renderer}'; "
-                f"{self.remedy(device.name)}"
+                f"{device.name}: OpenGL opened '{renderer}' instead; {self.remedy(device.name)}"
             )
         if self.ctx.version_code < context.MODERN:
             self.context.require(*context.OLDER_EXTENSIONS)
@@ -108,9 +107,9 @@ class OpenGL(GLRasteriser):
     """OpenGL 3.3 or later with storage buffers in fragment shaders, through EGL, no window."""
 
     name = "opengl"
-    shades = True
-    cuts = True
-    deep = True
+    shades_fragments = True
+    supports_scissor = True
+    supports_depth = True
     counters: ClassVar[tuple[str, ...]] = (*SHADED, "samples_passed")
 
     def __init__(self, device: Device) -> None:
@@ -135,7 +134,7 @@ class OpenGL(GLRasteriser):
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(SHADED)), np.int64)
         passed = 0
-        for part in batches(frame, triangles):
+        for part in split_batches(frame, triangles):
             totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
             # Drawn again without counting, as storage writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
@@ -150,17 +149,17 @@ class OpenGL(GLRasteriser):
         fragments, quads, helpers, _ = counters.values()
         if (4 * quads != fragments + helpers).any():
             raise NoRasteriserError(
-                "the OpenGL driver does not tell which lanes of a quad are helpers"
+                f"{self.device.name}: the OpenGL driver does not report helper invocations"
             )
         counters["samples_passed"] = np.array(passed, np.int64)
         if frame.depths is not None:
-            ties = visible(frame, triangles)["depth_ties"]
+            ties = predict_visible(frame, triangles)["depth_ties"]
             if options.samples == 1 and abs(fragments.sum() - passed) > ties.sum():
                 raise NoRasteriserError(
-                    "the OpenGL driver does not test depth before it shades; choose another "
-                    "device, or depth=none"
+                    f"{self.device.name}: the OpenGL driver does not test depth before shading; "
+                    "choose another device, or depth=none"
                 )
-            counters["depth_ties"] = per_polygon(frame, triangles, ties)
+            counters["depth_ties"] = sum_per_polygon(frame, triangles, ties)
         return counters
 
     def _tally(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:

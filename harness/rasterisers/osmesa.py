@@ -68,7 +68,7 @@ class OSMesa(OpenGL):
     """The same shaders and counters as `opengl`, on the software driver inside libOSMesa."""
 
     name = "osmesa"
-    known: ClassVar[tuple[str, ...]] = ("osmesa",)
+    device_names: ClassVar[tuple[str, ...]] = ("osmesa",)
     remedies: ClassVar[Mapping[str, str]] = {"": f"run: {INSTALL} (Mesa 25.1 dropped it)"}
     drawn_by: ClassVar[str] = "llvmpipe"
 

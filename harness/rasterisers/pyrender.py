@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
     Stopwatch,
     Triangles,
 )
-from harness.rasterisers.reference import colours
+from harness.rasterisers.reference import polygon_colours
 from harness.rasterisers.spans import DEEPEST
 from triangulators.devices import is_software, matches
 
@@ -52,10 +52,10 @@ class Pyrender(Rasteriser):
     """Extruded roofs in perspective through pyrender's off-screen renderer."""
 
     name = "pyrender"
-    lacking = "samples and shaders of its own choice"
+    limitation = "fixed samples and shaders"
     counters: ClassVar[tuple[str, ...]] = ()
-    deep = True
-    known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
+    supports_depth = True
+    device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
     module: ClassVar[str] = "pyrender"
     remedies: ClassVar[Mapping[str, str]] = {
         "osmesa": f"run: {osmesa.INSTALL}",
@@ -88,21 +88,21 @@ class Pyrender(Rasteriser):
             import pyrender
         except ImportError as error:
             raise NoRasteriserError(
-                f"pyrender cannot be loaded: {error}; {self.remedy()}"
+                f"pyrender: import failed ({error}); {self.remedy()}"
             ) from error
         self.pyrender: Any = pyrender
         try:
             self.renderer: Any = pyrender.OffscreenRenderer(8, 8)
         except Exception as error:  # pyrender passes on any exception of PyOpenGL
             raise NoRasteriserError(
-                f"pyrender cannot open {device.name}: {error}; {self.remedy(device.name)}"
+                f"pyrender on {device.name}: {error}; {self.remedy(device.name)}"
             ) from error
         from OpenGL import GL
 
         renderer = GL.glGetString(GL.GL_RENDERER).decode()
         if not matches("llvmpipe" if device.software else device.name, renderer):
             self.close()
-            raise NoRasteriserError(f"asked for {device.name}, but pyrender opened '{renderer}'")
+            raise NoRasteriserError(f"{device.name}: pyrender opened '{renderer}' instead")
         details = {**device.details, "renderer": renderer}
         self.device = replace(device, software=is_software(renderer), details=details)
 
@@ -114,7 +114,7 @@ class Pyrender(Rasteriser):
         return {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        return _Drawn(self, frame, triangles)
+        return _SceneDrawing(self, frame, triangles)
 
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if frame.viewing is not None and frame.depths is None:
@@ -122,7 +122,7 @@ class Pyrender(Rasteriser):
         return super()._ready(frame, triangles, options)
 
 
-class _Drawn(Drawing):
+class _SceneDrawing(Drawing):
     """Scenes of pyrender: one city, or the views of a model."""
 
     def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
@@ -176,12 +176,12 @@ class _Drawn(Drawing):
 def camera_pose(width: float, height: float) -> np.ndarray:
     """Return the (4, 4) pose of a camera that looks at the city's centre from the south."""
     plan = np.cos(ELEVATION) * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH)])
-    away = np.array([*plan, np.sin(ELEVATION)])
-    right = np.cross([0.0, 0.0, 1.0], away)
+    backward = np.array([*plan, np.sin(ELEVATION)])
+    right = np.cross([0.0, 0.0, 1.0], backward)
     right /= np.linalg.norm(right)
     pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(away, right), away
-    pose[:3, 3] = np.array([width / 2, height / 2, 0.0]) + DISTANCE * max(width, height) * away
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(backward, right), backward
+    pose[:3, 3] = np.array([width / 2, height / 2, 0.0]) + DISTANCE * max(width, height) * backward
     return pose
 
 
@@ -201,7 +201,7 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
     plan = frame.points / SUBPIXEL
     roof = np.column_stack([plan, heights])
     ground = np.column_stack([plan, np.zeros(len(plan))])
-    paint = colours(owner).view(np.uint8).reshape(-1, 4) / 255
+    paint = polygon_colours(owner).view(np.uint8).reshape(-1, 4) / 255
     dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
 
     # Walls have separate vertices, which have the wall's colour instead of the roof's.
@@ -230,7 +230,7 @@ def projected(frame: Frame, triangles: Triangles) -> Solid:
         used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # pyrender rejects empty meshes
     points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
     owner = np.searchsorted(frame.grid.vertex_offsets, used, side="right").astype(np.int32) - 1
-    paint = colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
+    paint = polygon_colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
     return Solid(
         points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
     )

@@ -17,13 +17,13 @@ from harness.grid import SUBPIXEL
 from harness.rasterisers import spans
 from harness.rasterisers.base import (
     Counters,
+    CpuRasteriser,
     Drawing,
-    OnCpu,
     Options,
     Sample,
     Stopwatch,
     Triangles,
-    per_polygon,
+    sum_per_polygon,
 )
 from triangulators.compute.kernels import njit
 
@@ -53,7 +53,7 @@ def predict(
     return dict(zip(COUNTED, values, strict=True))
 
 
-def visible(
+def predict_visible(
     frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
 ) -> dict[str, NDArray[np.int64]]:
     """Return the counters of triangles (m, 3) drawn in their order with a depth test, (m,) each.
@@ -67,14 +67,16 @@ def visible(
     begins = np.array([0, *(rows.stop for rows in draws)], np.int64)
     if picture is None:
         picture = np.zeros((frame.height, frame.width), np.uint32)
-    paint = colours(frame.owner(triangles))
+    paint = polygon_colours(frame.owner(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
     fragments, quads, partial, ties = spans.count_visible(*arrays, picture).T
     counts = (fragments, quads, 4 * quads - fragments, partial, ties)
     return dict(zip((*SHADED, "depth_ties"), counts, strict=True))
 
 
-def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+def count_outline_quads(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None]
+) -> NDArray[np.int64]:
     """Return the number of 2x2 blocks that each polygon covers, (p,); -1 for a part that is None.
 
     Drawing a polygon in one piece shades these blocks: a lower bound for every triangulation.
@@ -86,39 +88,41 @@ def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray
     return np.where([part is None for part in parts], -1, counts)
 
 
-def quads_of(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
     """Return the number of 2x2 blocks that each polygon's triangles (m, 3) shade, (p,)."""
     triangles = frame.join(parts)
-    return per_polygon(frame, triangles, predict(frame.points, triangles, frame.window)["quads"])
+    return sum_per_polygon(
+        frame, triangles, predict(frame.points, triangles, frame.window)["quads"]
+    )
 
 
-class Reference(OnCpu):
+class Reference(CpuRasteriser):
     """Scan conversion in Numba, row by row, on one core."""
 
     name = "reference"
-    lacking = "one sample a pixel and no fragment work"
+    limitation = "one sample per pixel and no fragment work"
     counters: ClassVar[tuple[str, ...]] = COUNTED
-    cuts = True
-    deep = True
+    supports_scissor = True
+    supports_depth = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         if frame.depths is not None:
-            counts = visible(frame, triangles)
-            return {name: per_polygon(frame, triangles, each) for name, each in counts.items()}
+            counts = predict_visible(frame, triangles)
+            return {name: sum_per_polygon(frame, triangles, n) for name, n in counts.items()}
         predicted = predict(frame.points, triangles, frame.window)
-        return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
+        return {name: sum_per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        return _Filling(frame, triangles)
+        return _FillDrawing(frame, triangles)
 
 
-class _Filling(Drawing):
+class _FillDrawing(Drawing):
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
         self.frame = frame
         self.triangles = triangles
-        self.colours = colours(frame.owner(triangles))
+        self.colours = polygon_colours(frame.owner(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
-        self._rasterise(self.triangles[:0])  # compiles
+        self._rasterise(self.triangles[:0])  # compile the kernel
 
     def sample(self, repeats: int) -> Sample:
         watch = Stopwatch()
@@ -129,18 +133,18 @@ class _Filling(Drawing):
     def _rasterise(self, triangles: Triangles) -> None:
         frame = self.frame
         if frame.depths is not None:
-            visible(frame, triangles, self.picture)
+            predict_visible(frame, triangles, self.picture)
         else:
             spans.fill(frame.points, triangles, self.colours, self.picture, frame.window)
 
 
-def colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
+def polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
     """Return an opaque colour for each polygon number, little-endian RGBA in (m,) uint32."""
     mixed = (polygons.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
     return (mixed >> np.uint32(8)) | np.uint32(0xFF404040)
 
 
-def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
+def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
     """Return a sentence for each counter in both that differs for some polygon."""
     sentences = []
     for name, values in expected.items():
@@ -157,7 +161,7 @@ def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str
 
 
 TILES = (16, 32, 64)
-"""Tile sides, px."""
+"""Tile sides in px."""
 
 
 def predict_tiles(
@@ -248,16 +252,16 @@ def tile_span(
     return left, right
 
 
-class Binning(OnCpu):
+class Binning(CpuRasteriser):
     """A binner on the CPU, which counts but cannot be timed."""
 
     name = "binning"
     counters: ClassVar[tuple[str, ...]] = tuple(
-        f"tiles_{side}{how}" for side in TILES for how in ("", "_exact")
+        f"tiles_{side}{suffix}" for side in TILES for suffix in ("", "_exact")
     )
     timed = False
-    cuts = True
+    supports_scissor = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         tiles = predict_tiles(frame.points, triangles, frame.window)
-        return {name: per_polygon(frame, triangles, tiles[name]) for name in self.counters}
+        return {name: sum_per_polygon(frame, triangles, tiles[name]) for name in self.counters}

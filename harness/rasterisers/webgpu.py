@@ -23,17 +23,17 @@ from harness.rasterisers.base import (
     Sample,
     Stopwatch,
     Triangles,
-    batches,
     check_size,
-    shader,
+    read_shader,
+    split_batches,
 )
 from harness.rasterisers.reference import SHADED, predict
 from scenes.spec import install
 
 FORMAT = "rgba8unorm"
 
-TWELVE = 12
-"""Sum that the pixels of one quad add to its counter; see shaders/count.wgsl."""
+QUAD_COUNT_SCALE = 12
+"""Sum that the pixels of a quad add to its counter; see shaders/count.wgsl."""
 
 MAX_LANES = 2**30
 """Maximum lanes of one counting draw; its counters stay below 3 * 2**30."""
@@ -49,13 +49,16 @@ STEPS = (1, 2, 4, 8, 16)
 PROBE_PX, PROBES = 64, 80
 """Viewport and number of triangles for detecting the device's grid."""
 
-DRAWN = [
-    {"array_stride": size, "attributes": [{"format": kind, "offset": 0, "shader_location": place}]}
-    for place, (kind, size) in enumerate((("sint32x2", 8), ("uint32", 4)))
+DRAW_BUFFERS = [
+    {
+        "array_stride": size,
+        "attributes": [{"format": kind, "offset": 0, "shader_location": location}],
+    }
+    for location, (kind, size) in enumerate((("sint32x2", 8), ("uint32", 4)))
 ]
 """Vertex buffers for drawing: a vertex's point, and its polygon."""
 
-COUNTED = [
+COUNT_BUFFERS = [
     {
         "array_stride": 28,
         "step_mode": "instance",
@@ -79,17 +82,23 @@ class WebGPU(Rasteriser):
     """WebGPU without a window; its shaders cannot detect helper lanes, which follow from quads."""
 
     name = "webgpu"
-    shades = True
-    lacking = "one sample a pixel"
+    shades_fragments = True
+    limitation = "one sample per pixel"
     counters: ClassVar[tuple[str, ...]] = SHADED
-    cuts = True
-    known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "swiftshader", "warp")
+    supports_scissor = True
+    device_names: ClassVar[tuple[str, ...]] = (
+        "gpu0",
+        "lavapipe",
+        "llvmpipe",
+        "swiftshader",
+        "warp",
+    )
     module = "wgpu"
     remedies: ClassVar[Mapping[str, str]] = {
         "lavapipe": f"run: {devices.INSTALL_VULKAN}",
         "llvmpipe": f"run: {devices.INSTALL}",
         "swiftshader": "run: apt-get install -y chromium, which brings it along",
-        "": "WebGPU finds no such adapter; install its vendor's driver, or choose another",
+        "": "install the vendor's driver, or choose another device",
     }
 
     @classmethod
@@ -116,8 +125,8 @@ class WebGPU(Rasteriser):
         self._target: Any = None
         self.max_size = int(limits["max-texture-dimension-2d"])
         self._step = 1
-        self.draw = self._pipeline("draw", "shade", WRITE_ALL, DRAWN)
-        self._tally = self._pipeline("count", "count", KEEP_ALPHA, COUNTED)
+        self.draw = self._pipeline("draw", "shade", WRITE_ALL, DRAW_BUFFERS)
+        self._tally = self._pipeline("count", "count", KEEP_ALPHA, COUNT_BUFFERS)
         step = self._find_step()
         self._step = step or 1
         bits = None if step is None else (SUBPIXEL // step).bit_length() - 1
@@ -159,10 +168,10 @@ class WebGPU(Rasteriser):
         frame = self._on_grid(frame)
         polygons = len(frame.grid)
         totals = np.zeros((polygons, 3), np.int64)
-        for part in batches(frame, triangles, MAX_LANES):
+        for part in split_batches(frame, triangles, MAX_LANES):
             totals += self._tally_once(frame, part).reshape(polygons, 3)
         fragments = totals[:, 0]
-        quads, full = np.rint(totals[:, 1:] / (TWELVE, 4)).astype(np.int64).T
+        quads, full = np.rint(totals[:, 1:] / (QUAD_COUNT_SCALE, 4)).astype(np.int64).T
         values = (fragments, quads, 4 * quads - fragments, quads - full)
         return dict(zip(SHADED, values, strict=True))
 
@@ -225,7 +234,7 @@ class WebGPU(Rasteriser):
 
     def _pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
         """Build a pipeline from a file in shaders/ with the fragment shader `entry`."""
-        module = self.gpu.create_shader_module(code=shader(f"{name}.wgsl"))
+        module = self.gpu.create_shader_module(code=read_shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
             layout="auto",
             vertex={"module": module, "entry_point": "place", "buffers": buffers},
@@ -254,8 +263,8 @@ def _find_adapter(device: Device) -> Any:
         if all(adapter.info[name] == device.details[name] for name in ("device", "backend_type")):
             return adapter
     raise NoRasteriserError(
-        f"asked for {device.name}, but WebGPU has no adapter '{device.details['device']}' on "
-        f"{device.details['backend_type']}; {WebGPU.remedy(device.name)}"
+        f"{device.name}: WebGPU adapter '{device.details['device']}' on "
+        f"{device.details['backend_type']} not found; {WebGPU.remedy(device.name)}"
     )
 
 

@@ -16,7 +16,7 @@ from harness.frame import Frame, View, bare_frame, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Triangles, find_device, get
-from harness.rasterisers.reference import disagreements, predict
+from harness.rasterisers.reference import find_disagreements, predict
 from harness.workers.worker import Worker
 from triangulators import triangulate
 
@@ -123,7 +123,9 @@ def test_counters_equal_the_reference_for_every_polygon(workers, rasteriser, nam
         }
         assert expected
         assert counted.keys() >= expected.keys()
-        report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, expected)]
+        report += [
+            f"{triangulator}: {text}" for text in find_disagreements(frame, counted, expected)
+        ]
     totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in expected.items())
     print(f"\n{rasteriser}, {name}, {scene}, {size} px, {len(frame.polygons)} polygons: {totals}")
     for line in report:

@@ -11,7 +11,7 @@ from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.pool import MeasuringPool
 from harness.metrics.registry import LEAST, OUTLINE, find_metric
-from harness.rasterisers.reference import outlines
+from harness.rasterisers.reference import count_outline_quads
 from harness.results.record import LeastQuads
 from harness.workers.worker import TaskError, Worker
 from scenes import load
@@ -33,7 +33,7 @@ def test_it_lies_between_the_outline_and_every_triangulation():
     assert (found[OUTLINE] <= found[LEAST]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         parts = [triangulate(polygon, name) for polygon in frame.polygons]
-        of_polygon = lower_limits.quads_of(frame, parts)
+        of_polygon = lower_limits.count_quads(frame, parts)
         assert (found[LEAST] <= of_polygon).all()
         assert (found[LEAST] < of_polygon).any()
 
@@ -113,7 +113,9 @@ def test_it_is_counted_by_pixels_whatever_the_triangulation(scene, name):
     frame = make_frame(load(scene).polygons, View(128))
     parts = [triangulate(polygon, name) for polygon in frame.polygons]
     x, y = np.meshgrid(np.arange(128) + 0.5, np.arange(128) + 0.5)
-    for polygon, count in zip(frame.polygons, outlines(frame, parts).tolist(), strict=True):
+    for polygon, count in zip(
+        frame.polygons, count_outline_quads(frame, parts).tolist(), strict=True
+    ):
         inside = shapely.contains_xy(polygon, x, y)
         quads = inside.reshape(64, 2, 64, 2).any(axis=(1, 3))
         edge = shapely.distance(shapely.points(x, y), polygon.boundary) == 0
@@ -124,4 +126,4 @@ def test_it_is_counted_by_pixels_whatever_the_triangulation(scene, name):
 def test_a_polygon_without_triangles_has_none():
     frame = make_frame([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)], View(64))
     part = triangulate(frame.polygons[0], "ear-clipping")
-    assert outlines(frame, [part, None]).tolist()[1] == -1
+    assert count_outline_quads(frame, [part, None]).tolist()[1] == -1

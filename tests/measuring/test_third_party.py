@@ -158,8 +158,8 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
     ("name", "code", "parts"),
     [
         ("theirs:Dying", 3, ["no rasteriser is left"]),
-        ("theirs:cut", 2, ["not a harness.rasterisers.Rasteriser"]),
-        ("theirs:nothing", 2, ["cannot be loaded", "nothing"]),
+        ("theirs:cut", 2, ["not a subclass of harness.rasterisers.Rasteriser"]),
+        ("theirs:nothing", 2, ["import failed", "nothing"]),
     ],
 )
 def test_a_rasteriser_that_cannot_be_used_is_one_line(block, harness, module, name, code, parts):

@@ -16,7 +16,7 @@ from harness.metrics.per_view import describe_views, over_views
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers import Options
-from harness.rasterisers.reference import Reference, outlines, quads_of
+from harness.rasterisers.reference import Reference, count_outline_quads, count_quads
 from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
 from harness.settings import MODEL_TRIANGULATORS
@@ -101,8 +101,8 @@ def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
     frame = frame_of(scene, view_of(scene))
     parts = original_triangulation(frame).parts
     assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
-    assert np.array_equal(limits(frame, parts), quads_of(frame, parts))
-    assert (quads_of(frame, parts) > outlines(frame, parts)).all()
+    assert np.array_equal(limits(frame, parts), count_quads(frame, parts))
+    assert (count_quads(frame, parts) > count_outline_quads(frame, parts)).all()
 
 
 def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monkeypatch):

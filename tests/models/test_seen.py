@@ -14,7 +14,7 @@ from harness.models import views
 from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.rasterisers import Options
-from harness.rasterisers.base import submission
+from harness.rasterisers.base import order_submission
 from harness.rasterisers.reference import predict
 from harness.triangulating.carrying import carry_to_views, original_triangulation
 from harness.triangulating.recipes import parse
@@ -187,7 +187,7 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
-    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
     for span in frame.draws(rows):
         own = rows[span]
         if len(own) == 0:
@@ -208,7 +208,7 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     for height in (0, 5, 2):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path)))
-    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
     seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
     assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 

@@ -34,7 +34,7 @@ class Charger(MockRasteriser):
     """Times follow `COSTS`; the device is named scripted."""
 
     name = "charging"
-    shades = True
+    shades_fragments = True
     counters_by_draw: ClassVar[dict[bytes, dict[str, int]]] = {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:

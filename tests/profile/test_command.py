@@ -119,7 +119,7 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
 
 def test_unusable_devices_are_refused_in_one_line(harness):
     assert_refused(
-        run_profile(harness, "MissingCharger"), "no device works here", code=NO_RASTERISER
+        run_profile(harness, "MissingCharger"), "no usable device found", code=NO_RASTERISER
     )
     assert_refused(run_profile(harness, "Charger", "--device", "none"), "none")
     assert_refused(

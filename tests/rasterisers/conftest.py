@@ -11,7 +11,7 @@ from harness.errors import NoRasteriserError
 from harness.frame import Frame, bare_frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
-from harness.rasterisers.reference import disagreements
+from harness.rasterisers.reference import find_disagreements
 from harness.workers.worker import Worker
 
 Coordinates = list[list[int]]
@@ -61,7 +61,7 @@ def require_reference_counts(on_device: tuple[str, Call], reference: Rasteriser,
     exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
     assert exact
     assert drawn.keys() >= exact.keys()
-    assert disagreements(frame, drawn, exact) == []
+    assert find_disagreements(frame, drawn, exact) == []
     if "samples_passed" in drawn:
         assert drawn["samples_passed"] == exact["fragments"].sum()
     return exact

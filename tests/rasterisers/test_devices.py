@@ -6,7 +6,7 @@ import numpy as np
 
 from harness.measuring import tasks
 from harness.rasterisers import Options, get, names
-from harness.rasterisers.reference import SHADED, disagreements
+from harness.rasterisers.reference import SHADED, find_disagreements
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
     loose_triangles,
@@ -63,7 +63,7 @@ def test_softpipe_counts_consistently_and_differences_are_named(reference):
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
     exact = reference.count(frame, triangles, Options())
     assert abs(drawn["fragments"] - exact["fragments"]).sum() < 0.01 * exact["fragments"].sum()
-    for found in disagreements(frame, drawn, exact):
+    for found in find_disagreements(frame, drawn, exact):
         name, polygon, count, expected = TOLD.fullmatch(found).groups()
         assert name in SHADED
         assert drawn[name][int(polygon)] == int(count) != int(expected)
@@ -87,5 +87,5 @@ def test_disagreements_name_counter_and_polygon():
     frame, _ = loose_triangles([[0, 0], [512, 0], [0, 512]] * 3, 8)
     expected = {"fragments": np.array([1, 2, 3]), "blocks": np.array([1, 1, 1])}
     drawn = {"fragments": np.array([1, 5, 4]), "samples_passed": np.array(10)}
-    (found,) = disagreements(frame, drawn, expected)
+    (found,) = find_disagreements(frame, drawn, expected)
     assert found == "fragments differ in 2 of 3 polygons; polygon 1: 5 instead of 2"

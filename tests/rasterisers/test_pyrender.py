@@ -12,7 +12,7 @@ from harness.frame import Frame, View, frame_of, make_frame, view_of
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
-from harness.rasterisers.base import Triangles, submission
+from harness.rasterisers.base import Triangles, order_submission
 from harness.rasterisers.pyrender import extrude
 from harness.rasterisers.reference import Reference
 from harness.triangulating.carrying import original_triangulation
@@ -118,7 +118,7 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
         found[depth] = frame_of(scene, view_of(scene))
     frame = found["file"]
     device = find_device("pyrender", "llvmpipe")
-    rows = submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
             worker.call(pictures.image, "pyrender", device, found["none"], rows, Options())

@@ -10,7 +10,7 @@ from shapely import Polygon, box
 from harness.errors import UsageError
 from harness.frame import UNBOUNDED
 from harness.rasterisers import Options, find_device, get, spans
-from harness.rasterisers.reference import TILES, colours, count_tiles, predict
+from harness.rasterisers.reference import TILES, count_tiles, polygon_colours, predict
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
@@ -57,7 +57,7 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     picture = pictures.image_of(reference, frame, triangles, Options())
     assert picture.shape == (SIZE, SIZE, 4)
     mask = covered(frame.points)[::-1]
-    colour = colours(np.zeros(1, np.int32)).view(np.uint8)
+    colour = polygon_colours(np.zeros(1, np.int32)).view(np.uint8)
     assert (picture[mask] == colour).all()
     assert not picture[~mask].any()
 
@@ -83,7 +83,7 @@ def test_every_repeat_is_drawn(reference, monkeypatch):
 
 def test_multisampling_is_refused_in_one_line(reference):
     frame, triangles = random_triangles(seed=4, size=64, number=2, grid=1)
-    with pytest.raises(UsageError, match="one sample a pixel"):
+    with pytest.raises(UsageError, match="one sample per pixel"):
         reference.count(frame, triangles, Options(samples=4))
 
 
@@ -155,5 +155,5 @@ def test_binning_cannot_be_timed():
     frame, triangles = random_triangles(seed=2, size=64, number=2, grid=1)
     binning = get("binning")(find_device("binning"))
     assert not binning.timed
-    with pytest.raises(UsageError, match="no time to measure"):
+    with pytest.raises(UsageError, match="only counts"):
         binning.prepare(frame, triangles, Options())

@@ -13,7 +13,7 @@ from harness.frame import Frame, bare_frame, frame_of, view_of
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
-from harness.rasterisers.reference import disagreements
+from harness.rasterisers.reference import find_disagreements
 from harness.triangulating.carrying import carry_to_views, original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -73,8 +73,8 @@ def test_counters_with_depth_test_equal_the_reference_except_ties(on_device, dee
     for rows in found:
         exact = reference.count(frame, rows, NATIVE)
         assert exact["depth_ties"].sum() < 0.001 * exact["fragments"].sum()
-        if not get(rasteriser).deep:
-            with pytest.raises(UsageError, match="cannot force the depth test before shading; use"):
+        if not get(rasteriser).supports_depth:
+            with pytest.raises(UsageError, match="does not test depth before shading; use"):
                 call(tasks.count, frame, rows, NATIVE)
             continue
         drawn = call(tasks.count, frame, rows, NATIVE)
@@ -88,7 +88,7 @@ def test_counters_with_depth_test_equal_the_reference_except_ties(on_device, dee
 
 def test_pictures_with_depth_test_equal_the_reference_except_ties(on_device, deep, reference):
     rasteriser, call = on_device
-    if not get(rasteriser).deep:
+    if not get(rasteriser).supports_depth:
         return
     frame, (rows, _) = deep
     images = [
@@ -100,12 +100,12 @@ def test_pictures_with_depth_test_equal_the_reference_except_ties(on_device, dee
     # and what is drawn afterwards without depths is not tested
     flat = replace(frame, viewing=replace(frame.viewing, depths=None))
     counted = call(tasks.count, flat, rows, NATIVE)
-    assert disagreements(flat, counted, reference.count(flat, rows, NATIVE)) == []
+    assert find_disagreements(flat, counted, reference.count(flat, rows, NATIVE)) == []
 
 
 def test_views_are_timed_with_depths_too(on_device, seen, deep):
     rasteriser, call = on_device
-    deep_rows = (deep[1][0], np.empty((0, 3), np.int32)) if get(rasteriser).deep else ()
+    deep_rows = (deep[1][0], np.empty((0, 3), np.int32)) if get(rasteriser).supports_depth else ()
     for case in ((seen[0], seen[1][0]), *((deep[0], rows) for rows in deep_rows)):
         assert call(seconds, case) > 0
 
@@ -179,7 +179,7 @@ def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):
     frame, rows = partly_hidden()
     drawn, exact = (each.count(frame, rows, NATIVE) for each in (llvmpipe, reference))
     assert drawn["fragments"].tolist() == [144, 196 - 144]
-    assert disagreements(frame, drawn, exact) == []
+    assert find_disagreements(frame, drawn, exact) == []
 
 
 def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpipe, monkeypatch):
@@ -187,7 +187,7 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
     result, tally = llvmpipe.context.result, llvmpipe._tally
     with monkeypatch.context() as late:
         late.setattr(llvmpipe.context, "result", lambda query: result(query) - 1)
-        with pytest.raises(NoRasteriserError, match="does not test depth before it shades"):
+        with pytest.raises(NoRasteriserError, match="does not test depth before shading"):
             llvmpipe.count(*case)
     with monkeypatch.context() as untold:
         untold.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0])

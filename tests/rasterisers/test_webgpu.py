@@ -11,7 +11,7 @@ from harness.errors import NoRasteriserError, UsageError
 from harness.grid import coarsen
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
-from harness.rasterisers.reference import SHADED, disagreements
+from harness.rasterisers.reference import SHADED, find_disagreements
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import Call, loose_triangles, random_triangles, worker_on
 
@@ -30,7 +30,7 @@ def test_options_change_no_count_and_no_picture(on_device, reference):
     for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
         drawn = on_device(tasks.count, frame, triangles, options)
         assert set(drawn) == set(SHADED)
-        assert disagreements(frame, drawn, exact) == []
+        assert find_disagreements(frame, drawn, exact) == []
         drawn = on_device(pictures.image, frame, triangles, options)
         assert np.array_equal(
             drawn, pictures.image_of(reference, frame, triangles, replace(options, work=0))
@@ -45,7 +45,7 @@ def test_long_slivers_need_more_than_32_bits(on_device, reference):
     beside = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
     frame, triangles = loose_triangles(np.concatenate([ends, beside], axis=1), size)
     drawn = on_device(tasks.count, frame, triangles, Options())
-    assert disagreements(frame, drawn, reference.count(frame, triangles, Options())) == []
+    assert find_disagreements(frame, drawn, reference.count(frame, triangles, Options())) == []
     assert drawn["fragments"].sum() > 50_000
 
 
@@ -112,7 +112,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
     assert step == 16
     on_it = frame.with_points(coarsen(frame.points, 16))
-    assert disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
+    assert find_disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
     assert np.array_equal(picture, pictures.image_of(reference, on_it, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
@@ -125,16 +125,16 @@ def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
         assert (details["step"], details["subpixel_bits"]) == (16, 4)
         counted = call(tasks.count, frame, triangles, Options())
         picture = call(pictures.image, frame, triangles, Options())
-    assert disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
+    assert find_disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
     assert np.array_equal(picture, pictures.image_of(reference, moved, triangles, Options()))
 
 
 def test_unsupported_options_are_refused(on_device):
     frame, triangles = loose_triangles([[256, 256], [2000, 256], [256, 2000]], 64)
     assert not get("webgpu").supports(Options(samples=4))
-    with pytest.raises(UsageError, match="one sample a pixel"):
+    with pytest.raises(UsageError, match="one sample per pixel"):
         on_device(tasks.count, frame, triangles, Options(samples=4))
-    with pytest.raises(UsageError, match="64x64 px is more than the device's 32; lower --resol"):
+    with pytest.raises(UsageError, match="64x64 px exceeds the device's maximum of 32"):
         on_device(count_where_32_px_are_most, frame, triangles, Options())
 
 
@@ -204,8 +204,8 @@ def test_missing_wgpu_gets_an_install_command(monkeypatch):
 def test_default_rasteriser(monkeypatch):
     from harness import rasterisers
 
-    assert rasterisers.usual() == "opengl"
+    assert rasterisers.default_rasteriser() == "opengl"
     monkeypatch.setattr(get("opengl"), "devices", classmethod(lambda cls: []))
-    assert rasterisers.usual() == "webgpu"
+    assert rasterisers.default_rasteriser() == "webgpu"
     monkeypatch.setattr(get("webgpu"), "devices", classmethod(lambda cls: []))
-    assert rasterisers.usual() == "opengl"
+    assert rasterisers.default_rasteriser() == "opengl"

@@ -14,7 +14,7 @@ from harness.measuring.plan import Plan
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.rasterisers.base import per_polygon
+from harness.rasterisers.base import sum_per_polygon
 from harness.rasterisers.reference import predict
 from harness.report.page import write_report
 from harness.results import drawings
@@ -92,7 +92,7 @@ def write_many(path: Path, devices: int) -> Path:
         counted = predict(frame.points, triangles[name])
         predicted = predict_polygons(frame.polygons, parts)
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
-            key: per_polygon(frame, triangles[name], column) for key, column in counted.items()
+            key: sum_per_polygon(frame, triangles[name], column) for key, column in counted.items()
         }
     drawings.write(store, frame, triangles)
     values = random.Random(0)
