@@ -1,4 +1,4 @@
-"""The page in Chromium, on SwiftShader: a rasteriser that shares no code with Mesa."""
+"""The measuring page in Chromium on SwiftShader, a rasteriser that shares no code with Mesa."""
 
 import json
 from pathlib import Path
@@ -26,25 +26,25 @@ def page(small_run, tmp_path_factory) -> Path:
     return file
 
 
-def opened(browser: Chromium, page: Path) -> None:
-    """Open the page without having it begin by itself, and let it be quick."""
+def open_page(browser: Chromium, page: Path) -> None:
+    """Open the page without starting it, with a short measurement."""
     browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
 
 
 @pytest.fixture(scope="module")
-def whole(gpu_browser, page) -> SimpleNamespace:
-    """A measurement that nobody disturbed, and what the page showed, saved and asked for."""
-    opened(gpu_browser, page)
+def undisturbed(gpu_browser, page) -> SimpleNamespace:
+    """Return the result of an undisturbed measurement, texts of the page, and its requests."""
+    open_page(gpu_browser, page)
     result = measure(gpu_browser)
-    asked = {"shown": "document.body.innerText", "device": "$('device').innerText"}
-    asked |= {"saved": "savedText()", "address": "location.href"}
-    told = {name: gpu_browser.evaluate(text) for name, text in asked.items()}
-    return SimpleNamespace(result=result, requests=list(gpu_browser.requests), **told)
+    expressions = {"shown": "document.body.innerText", "device": "$('device').innerText"}
+    expressions |= {"saved": "savedText()", "address": "location.href"}
+    values = {name: gpu_browser.evaluate(text) for name, text in expressions.items()}
+    return SimpleNamespace(result=result, requests=list(gpu_browser.requests), **values)
 
 
-def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run, tmp_path):
-    result = whole.result
+def test_page_counts_as_expected_and_its_result_is_a_run(undisturbed, harness, small_run, tmp_path):
+    result = undisturbed.result
     assert result["problem"] is None
     assert result["complete"]
     assert [len(view["cases"]) for view in result["views"]] == [3, 3]
@@ -60,12 +60,12 @@ def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run
             "(reference)",
             "(the base again)",
         }
-    assert "All counters are the expected ones." in whole.shown
-    assert "ear-clipping drawn a second time" in whole.shown
-    assert whole.requests == [whole.address.split("#")[0]]
+    assert "All counters are the expected ones." in undisturbed.shown
+    assert "ear-clipping drawn a second time" in undisturbed.shown
+    assert undisturbed.requests == [undisturbed.address.split("#")[0]]
 
     file = tmp_path / "saved.json"
-    file.write_text(whole.saved)
+    file.write_text(undisturbed.saved)
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
     require_ok(harness("import", str(file), "--out", "browser", "--run", run))
@@ -75,25 +75,25 @@ def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run
     assert all(record["time"]["median_s"] > 0 for record in records)
 
 
-def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(whole):
-    """Vulkan asks for 4 bits of sub-pixel precision, and SwiftShader has no more."""
-    assert whole.result["device"]["step"] == 16
-    assert "moved to it first" in whole.device
+def test_swiftshader_has_exact_counters_on_its_coarse_grid(undisturbed):
+    """Vulkan requires 4 bits of sub-pixel precision; SwiftShader has exactly these."""
+    assert undisturbed.result["device"]["step"] == 16
+    assert "moved to it first" in undisturbed.device
 
 
-def test_the_pages_reference_is_ours(browser, page):
+def test_reference_of_the_page_equals_python(browser, page):
     frame, rows = random_triangles(seed=3, size=128, number=200, grid=1)
     expected = Reference().count(frame, rows, Options())
     browser.open(page, MEASUREMENT_ENDED)
-    made = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
-    given = f"{json.dumps({**made, 'polygons': 200})}, {rows.ravel().tolist()}"
-    counted = browser.evaluate(f"countExactly({given})")
+    fields = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
+    arguments = f"{json.dumps({**fields, 'polygons': 200})}, {rows.ravel().tolist()}"
+    counts = browser.evaluate(f"countExactly({arguments})")
     for name in TOLD:
-        assert counted[name] == expected[name].tolist()
+        assert counts[name] == expected[name].tolist()
 
 
-def test_counters_that_differ_are_said(gpu_browser, page):
-    opened(gpu_browser, page)
+def test_differing_counters_are_reported(gpu_browser, page):
+    open_page(gpu_browser, page)
     gpu_browser.evaluate(
         "{ const exactly = countExactly; countExactly = (frame, rows) => { "
         "const found = exactly(frame, rows); return { ...found, quads: found.fragments }; };"
@@ -106,8 +106,8 @@ def test_counters_that_differ_are_said(gpu_browser, page):
     )
 
 
-def test_a_stop_keeps_what_was_measured(gpu_browser, page):
-    opened(gpu_browser, page)
+def test_stopped_measurement_is_retained(gpu_browser, page):
+    open_page(gpu_browser, page)
     gpu_browser.evaluate("PACE.quick = 60; start(); null")
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
     gpu_browser.evaluate("$('stop').click(); null")
@@ -121,8 +121,8 @@ def test_a_stop_keeps_what_was_measured(gpu_browser, page):
     assert "What was measured is kept" in gpu_browser.evaluate("$('notice').textContent")
 
 
-def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
-    opened(gpu_browser, page)
+def test_measurements_of_a_lost_device_are_retained(gpu_browser, page):
+    open_page(gpu_browser, page)
     gpu_browser.evaluate(
         "{ const make = Painter; globalThis.seen = null;"
         " const count = Painter.prototype.count;"
@@ -140,7 +140,7 @@ def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
     assert not gpu_browser.evaluate("$('start').disabled")
 
 
-def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
+def test_page_without_webgpu_names_browsers_with_webgpu(browser, page):
     browser.open(page, MEASUREMENT_ENDED)
     notice = browser.evaluate("$('notice').textContent")
     assert "WebGPU" in notice
@@ -150,8 +150,8 @@ def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
     assert browser.evaluate("$('answer').textContent") == "Nothing was measured."
 
 
-# Drawings in a world where time passes only as they say: with a cost of their own, noise of 1 %,
-# and a timer that may show multiples of a step alone.
+# Simulated drawings with given costs and noise of 1 %, and a timer with an optional step; only
+# drawing advances the clock.
 SIMULATED = """
 (async () => {
   let now = 0, seed = 1;
@@ -177,41 +177,41 @@ SIMULATED = """
 """
 
 
-def simulated(browser: Chromium, ratio: float, step: float) -> dict[str, float]:
+def simulate_ratio(browser: Chromium, ratio: float, step: float) -> dict[str, float]:
     return browser.evaluate(SIMULATED.replace("STEP", str(step)).replace("RATIO", str(ratio)))
 
 
 @pytest.mark.parametrize("ratio", [0.7, 1.0, 1.05])
-def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
+def test_timer_with_steps_of_100_us_gives_the_same_ratio(browser, page, ratio):
     browser.open(page, MEASUREMENT_ENDED)
-    fine = simulated(browser, ratio, 0)
-    coarse = simulated(browser, ratio, 1e-4)
+    fine = simulate_ratio(browser, ratio, 0)
+    coarse = simulate_ratio(browser, ratio, 1e-4)
     assert coarse["epochs"] >= 6
     assert abs(coarse["value"] / fine["value"] - 1) < 0.005
     assert abs(coarse["value"] / ratio - 1) < 0.005
     assert coarse["high"] / coarse["low"] < 1.02
 
 
-def test_a_timers_step_is_found(browser, page):
+def test_step_of_a_timer_is_detected(browser, page):
     browser.open(page, MEASUREMENT_ENDED)
     assert browser.evaluate("stepOf([300000, 500000, 12300000])") == pytest.approx(1e-4)
     assert browser.evaluate("stepOf([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
     assert browser.evaluate("stepOf([1001, 2003])") == pytest.approx(1e-9)
 
 
-def test_figures_equal_ours(browser, page):
-    """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
+def test_statistics_of_the_page_equal_python(browser, page):
+    """Intervals differ only by the expansion of Student's quantile in JavaScript."""
     from harness.metrics.per_polygon import ranks
     from harness.stats.intervals import of_any_run, paired_ratio
 
     browser.open(page, MEASUREMENT_ENDED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
     base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
-    ours = of_any_run(paired_ratio(samples, base, [2] * 6))
-    theirs = browser.evaluate(f"pairedRatio({samples}, {base}, [2, 2, 2, 2, 2, 2])")
-    assert theirs["value"] == pytest.approx(ours.value, rel=1e-12)
-    assert theirs["low"] == pytest.approx(ours.low, abs=1e-4)
-    assert theirs["high"] == pytest.approx(ours.high, abs=1e-4)
+    expected = of_any_run(paired_ratio(samples, base, [2] * 6))
+    actual = browser.evaluate(f"pairedRatio({samples}, {base}, [2, 2, 2, 2, 2, 2])")
+    assert actual["value"] == pytest.approx(expected.value, rel=1e-12)
+    assert actual["low"] == pytest.approx(expected.low, abs=1e-4)
+    assert actual["high"] == pytest.approx(expected.high, abs=1e-4)
     assert browser.evaluate("rankCorrelation([1, 2, 3, 4], [10, 20, 20, 40])") == pytest.approx(
         0.9486833
     )

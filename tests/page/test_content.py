@@ -1,4 +1,4 @@
-"""What a page holds is what the run drew."""
+"""The content of a measuring page equals the drawings of the run."""
 
 import base64
 from dataclasses import replace
@@ -15,36 +15,36 @@ from harness.results import drawings
 from tests.conftest import assert_refused, require_ok
 
 
-def decoded(text: str, kind: str) -> np.ndarray:
+def decode(text: str, kind: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
-def test_frames_triangles_and_counts_are_the_runs(small_run):
+def test_page_contains_frames_triangles_and_counts_of_the_run(small_run):
     content = content_of(small_run)
     assert content["base"] == "ear-clipping"
     assert [view["resolution"] for view in content["views"]] == [128, 64]
     for view in content["views"]:
-        where = View(view["resolution"], view["rotation"], view["fit"])
-        kept = drawings.read(small_run, where)
-        points = decoded(view["points"], "<i4").reshape(-1, 2)
-        assert np.array_equal(points, kept.points)
+        view_id = View(view["resolution"], view["rotation"], view["fit"])
+        drawing = drawings.read(small_run, view_id)
+        points = decode(view["points"], "<i4").reshape(-1, 2)
+        assert np.array_equal(points, drawing.points)
         assert sum(view["sizes"]) == len(points)
         for name, case in view["cases"].items():
-            rows = decoded(case["rows"], "<u4").reshape(-1, 3)
-            assert np.array_equal(rows, kept.triangles[name])
+            rows = decode(case["rows"], "<u4").reshape(-1, 3)
+            assert np.array_equal(rows, drawing.triangles[name])
             predicted = predict(points, rows.astype(np.int32))
             for counter in TOLD:
-                assert decoded(case[counter], "<u4").sum() == predicted[counter].sum()
+                assert decode(case[counter], "<u4").sum() == predicted[counter].sum()
             assert case["record"]["triangles"] == len(rows)
 
 
-def test_one_triangulation_is_nothing_to_compare(small_run):
-    alone = replace(small_run, records=small_run.records[:1])
+def test_run_with_one_triangulation_is_refused(small_run):
+    single = replace(small_run, records=small_run.records[:1])
     with pytest.raises(InputError, match="nothing to draw"):
-        content_of(alone)
+        content_of(single)
 
 
-def test_the_command_writes_one_file(harness, small_run):
+def test_command_writes_one_file(harness, small_run):
     out, _ = require_ok(harness("page", str(small_run.path), "-o", "page.html"))
     assert "page: page.html" in out
     assert_refused(harness("page", "nowhere"), "nowhere")

@@ -1,4 +1,4 @@
-"""Small summaries of devices, and the table of those in results/devices."""
+"""Summaries of devices, and the table of summaries in results/devices."""
 
 import json
 from dataclasses import replace
@@ -12,7 +12,7 @@ from tests.conftest import assert_refused, require_ok
 from tests.paths import ROOT
 
 
-def test_an_imported_run_has_a_summary(harness, saved):
+def test_imported_run_has_a_summary(harness, saved):
     require_ok(harness("import", str(saved()), "--out", "phone", "--summary", "phone.json"))
     summary = json.loads(Path("phone.json").read_text())
     assert summary["device"] == "apple-metal-3-safari"
@@ -21,13 +21,13 @@ def test_an_imported_run_has_a_summary(harness, saved):
     assert [view["resolution"] for view in summary["views"]] == [64, 128]
     for view in summary["views"]:
         assert set(view["triangulators"]) == {"delaunay", "optimal:half-perimeter"}
-        for told in view["triangulators"].values():
-            value, low, high = told["time"]
+        for metrics in view["triangulators"].values():
+            value, low, high = metrics["time"]
             assert low < value < high
-            assert 0.5 < told["quads"] < 1.5
+            assert 0.5 < metrics["quads"] < 1.5
 
 
-def test_a_run_of_ours_has_one_too(harness, small_run):
+def test_measured_run_has_a_summary(harness, small_run):
     assert_refused(harness("import", str(small_run.path)), "give --summary FILE")
     require_ok(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
@@ -35,7 +35,7 @@ def test_a_run_of_ours_has_one_too(harness, small_run):
     assert_refused(harness(*arguments), "one rasteriser on one device that was timed, not of 0")
 
 
-def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, small_run):
+def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run):
     file = device_summaries.write_summary(small_run, tmp_path / "cpu.json")
     once = json.loads(file.read_text())
     assert json.loads(device_summaries.write_summary(small_run, file).read_text()) == once
@@ -51,32 +51,32 @@ def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, s
 
 
 def test_a_summary_has_the_drivers_name_of_the_device(small_run):
-    known = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
-    told = device_summaries.summarise(
-        replace(small_run, facts={**small_run.facts, "devices": known})
+    devices = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
+    summary = device_summaries.summarise(
+        replace(small_run, facts={**small_run.facts, "devices": devices})
     )
-    assert (told["renderer"], told["driver"]) == ("the CPU itself", "7")
+    assert (summary["renderer"], summary["driver"]) == ("the CPU itself", "7")
     assert device_summaries.summarise(replace(small_run, facts={}))["renderer"] == "cpu"
 
 
-def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
+def test_summary_of_a_software_device_refuses_another_cpu(tmp_path, small_run):
     file = tmp_path / "cpu.json"
-    one, other = (
+    first, second = (
         replace(small_run, facts={**small_run.facts, "cpu": {"label": label}})
         for label in ("AMD EPYC 25/17, 512-bit", "Xeon 6/143, 512-bit")
     )
-    device_summaries.write_summary(one, file)
+    device_summaries.write_summary(first, file)
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
     assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.table(tmp_path)
     with pytest.raises(
         IncompatibleRunsError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"
     ):
-        device_summaries.write_summary(other, file)
-    gpu = [record.with_id(device="gpu0") for record in one.records]
-    assert device_summaries.summarise(replace(one, records=gpu))["cpu"] == ""
+        device_summaries.write_summary(second, file)
+    gpu = [record.with_id(device="gpu0") for record in first.records]
+    assert device_summaries.summarise(replace(first, records=gpu))["cpu"] == ""
 
 
-def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
+def test_table_has_a_row_for_each_view(tmp_path, small_run):
     device_summaries.write_summary(small_run, tmp_path / "cpu.json")
     lines = device_summaries.table(tmp_path).splitlines()
     assert len(lines) == 2 + 2
@@ -87,13 +87,13 @@ def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
 @pytest.mark.parametrize(
     "file", sorted((ROOT / "results" / "devices").glob("*.json")), ids=lambda file: file.stem
 )
-def test_what_people_brought_can_be_read(file):
+def test_contributed_summaries_are_readable(file):
     summary = json.loads(file.read_text())
     assert summary["format"] == device_summaries.FORMAT
     assert summary["version"] <= device_summaries.VERSION
     for view in summary["views"]:
-        for told in view["triangulators"].values():
-            value, low, high = told["time"]
+        for metrics in view["triangulators"].values():
+            value, low, high = metrics["time"]
             assert 0 < low <= value <= high
-    called = {"gpu0": "NVIDIA H200"}.get(summary["device"], summary["device"])
-    assert f"`{called}`" in device_summaries.table(file.parent)
+    label = {"gpu0": "NVIDIA H200"}.get(summary["device"], summary["device"])
+    assert f"`{label}`" in device_summaries.table(file.parent)

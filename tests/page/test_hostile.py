@@ -1,4 +1,4 @@
-"""Names that are markup, in every field of a run and of an imported result: no script runs."""
+"""Markup in every field of a run and of an imported result does not run scripts."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ from tests.records import lines_of
 
 MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
 PLAIN = {"key", "status", "scene_hash", "fit", "timer", "verdict", "created", "order", "hash"}
-"""Fields that hold one of few words, or digits: other text there is refused."""
+"""Fields with a fixed set of values or digits, in which other text is refused."""
 
 HOVER = """(() => {
   const count = PLOT.getOption().series.length;
@@ -23,36 +23,36 @@ HOVER = """(() => {
 })()"""
 
 
-def hostile(value: Any, field: str = "") -> Any:
-    """Put markup behind every text, and behind every name of a field that is nobody's."""
+def add_markup(value: Any, field: str = "") -> Any:
+    """Append markup to all strings, except in the fields `PLAIN`."""
     if isinstance(value, dict):
-        return {name: hostile(each, name) for name, each in value.items()}
+        return {name: add_markup(item, name) for name, item in value.items()}
     if isinstance(value, list):
-        return [hostile(each, field) for each in value]
+        return [add_markup(item, field) for item in value]
     return value + MARKUP if isinstance(value, str) and field not in PLAIN else value
 
 
-def opened_safely(browser: Chromium, file: Path) -> None:
+def open_safely(browser: Chromium, file: Path) -> None:
     browser.open(file)
     assert MARKUP in browser.evaluate("document.body.textContent")
     assert not browser.evaluate("'hacked' in window")
-    # whatever was made of names is text: none of their elements is there
+    # names are inserted as text, so that their elements do not exist
     assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
 
 
-def test_the_report_of_a_run(browser, small_run, tmp_path):
-    (tmp_path / "run.json").write_text(json.dumps(hostile(small_run.facts)))
-    lines = [json.dumps(hostile(record)) + "\n" for record in lines_of(small_run)]
+def test_report_of_a_run_runs_no_script(browser, small_run, tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps(add_markup(small_run.facts)))
+    lines = [json.dumps(add_markup(record)) + "\n" for record in lines_of(small_run)]
     (tmp_path / "cases.jsonl").write_text("".join(lines))
     (tmp_path / "polygons").symlink_to(small_run.path / "polygons")
-    opened_safely(browser, write_report(read_run(tmp_path)))
+    open_safely(browser, write_report(read_run(tmp_path)))
     browser.evaluate(HOVER.replace("PLOT", "chart.plot"))
     browser.evaluate("new Promise((done) => setTimeout(done, 50))")
     assert not browser.evaluate("'hacked' in window")
     assert browser.evaluate("document.querySelectorAll('img').length") == 0
 
 
-def test_the_report_of_an_imported_result(browser, saved, tmp_path):
+def test_report_of_an_imported_result_runs_no_script(browser, saved, tmp_path):
     def change(result: dict[str, Any]) -> None:
         for view in result["views"]:
             for part in ("cases", "times"):
@@ -61,16 +61,16 @@ def test_the_report_of_an_imported_result(browser, saved, tmp_path):
                     for name, each in view[part].items()
                 }
             for case in view["cases"].values():
-                case["record"] = hostile(case["record"])
+                case["record"] = add_markup(case["record"])
             view["scene"] += MARKUP
         for part in ("page", "browser", "device"):
-            result[part] = hostile(result[part])
+            result[part] = add_markup(result[part])
 
     folder = import_result(read_result(saved(change)), tmp_path / "run", f"phone{MARKUP}")
-    opened_safely(browser, write_report(read_run(folder)))
+    open_safely(browser, write_report(read_run(folder)))
 
 
-def test_the_measuring_page_and_its_tooltips(browser, small_run, tmp_path, saved):
+def test_measuring_page_and_tooltips_run_no_script(browser, small_run, tmp_path, saved):
     page = tmp_path / "page.html"
     write_page(content_of(small_run), page)
     browser.open(page, MEASUREMENT_ENDED)

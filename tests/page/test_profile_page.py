@@ -1,4 +1,4 @@
-"""The page that profiles a device, on a GPU that charges known costs, and on SwiftShader."""
+"""The profiling page, on a simulated GPU with known costs and on SwiftShader."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from harness.page.page_data import STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, aspects
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.law import COSTS as OF_CRITERIA
+from harness.profile.law import COSTS as CRITERIA_TERMS
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import amount
@@ -27,68 +27,68 @@ from tests.profile.charging import COSTS
 
 
 @pytest.fixture
-def waiting(browser, profile_page) -> Chromium:
-    """The page, which does not begin by itself."""
+def loaded(browser, profile_page) -> Chromium:
+    """Return the browser with the loaded page, not started."""
     browser.open(profile_page, REPORT_READY, fragment="wait")
     return browser
 
 
-def test_the_page_is_small_and_its_draws_are_those_of_python(waiting, profile_page):
+def test_page_is_small_and_its_draws_equal_python(loaded, profile_page):
     assert profile_page.stat().st_size < 500_000
-    waiting.evaluate(f"{WORLD}; null")
+    loaded.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
-        waiting.evaluate(f"globalThis.made = designOf({seed}); null")
+        loaded.evaluate(f"globalThis.made = designOf({seed}); null")
         draws = design.draws(seed)
         for step in (1, 16):
-            sums = waiting.evaluate(f"sumsOf(made, {step})")
+            sums = loaded.evaluate(f"sumsOf(made, {step})")
             assert sums == [design.snapped(draw, step).checksum for draw in draws]
-    assert waiting.requests == [f"{profile_page.resolve().as_uri()}"]
+    assert loaded.requests == [f"{profile_page.resolve().as_uri()}"]
 
 
-def test_what_it_holds_is_counted_by_the_exact_reference(waiting):
-    grids = waiting.evaluate("state.page.grids")
+def test_counters_in_the_page_equal_the_reference(loaded):
+    grids = loaded.evaluate("state.page.grids")
     assert list(grids) == [str(step) for step in STEPS]
-    for step, place in ((1, 20), (4, 80), (16, 100)):
-        draw = design.snapped(design.draws()[place], step)
-        read_text = {name: values[place] for name, values in grids[str(step)]["counters"].items()}
+    for step, index in ((1, 20), (4, 80), (16, 100)):
+        draw = design.snapped(design.draws()[index], step)
+        read_text = {name: values[index] for name, values in grids[str(step)]["counters"].items()}
         assert read_text == counters(draw)
-        assert grids[str(step)]["checksums"][place] == draw.checksum
+        assert grids[str(step)]["checksums"][index] == draw.checksum
 
 
 @pytest.fixture(scope="module")
 def synthetic() -> dict[str, Any]:
-    """Times that follow a law, with errors of their own and of each epoch."""
+    """Return draws, counters and times that follow a law with errors of draws and of epochs."""
     draws = design.draws()
     rows = design_of([counters(draw) for draw in draws])
     truth = np.array([COSTS.get(name, 0.0) for name in TERMS])
     random = np.random.default_rng(0)
-    missed = np.exp(0.05 * random.standard_normal(len(rows)))
-    epochs = rows @ truth * missed * np.exp(0.01 * random.standard_normal((8, len(rows))))
+    deviations = np.exp(0.05 * random.standard_normal(len(rows)))
+    epochs = rows @ truth * deviations * np.exp(0.01 * random.standard_normal((8, len(rows))))
     return {"draws": draws, "rows": rows, "epochs": epochs}
 
 
-def test_its_law_is_that_of_python(waiting, synthetic):
-    fitted = waiting.evaluate("state.page.fitted")
+def test_law_of_the_page_equals_python(loaded, synthetic):
+    fitted = loaded.evaluate("state.page.fitted")
     places = fitted["places"]
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
-    groups = [draws[place].group for place in places]
-    ours = law.fit(rows[places], epochs[:, places], groups)
-    few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
-    given = json.dumps({"epochs": epochs.tolist()})
-    theirs = waiting.evaluate(f"{WORLD}; fitAs({given})")
-    assert theirs["rows"] == rows.tolist()
-    assert theirs["seconds"] == pytest.approx(ours.costs.tolist(), rel=1e-6)
-    for place, end in enumerate(("low", "high")):
-        assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-5, abs=1e-15)
-    assert theirs["shown"] == ours.shown.tolist()
-    for own, parts in zip(theirs["sums"], law.SUMS.values(), strict=True):
+    groups = [draws[index].group for index in places]
+    expected = law.fit(rows[places], epochs[:, places], groups)
+    fewest = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
+    argument = json.dumps({"epochs": epochs.tolist()})
+    actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
+    assert actual["rows"] == rows.tolist()
+    assert actual["seconds"] == pytest.approx(expected.costs.tolist(), rel=1e-6)
+    for end, values in zip(("low", "high"), expected.intervals.T.tolist(), strict=True):
+        assert actual[end] == pytest.approx(values, rel=1e-5, abs=1e-15)
+    assert actual["shown"] == expected.shown.tolist()
+    for total, parts in zip(actual["sums"], law.SUMS.values(), strict=True):
         weights = np.array([parts.get(term, 0.0) for term in TERMS])
-        found = ours.sum_of(weights, law.CONFIDENCE)
-        assert [own["seconds"], own["low"], own["high"]] == pytest.approx(found, rel=1e-5)
-        assert own["shown"] == ours.is_shown(weights)
-    assert theirs["r2_over"] == pytest.approx(ours.r2_over, abs=1e-9)
-    assert theirs["r2_within"] == pytest.approx(ours.r2_within, abs=1e-9)
-    assert [list(TERMS)[place] for place in theirs["fewest"]] == list(few)
+        ends = [total[name] for name in ("seconds", "low", "high")]
+        assert ends == pytest.approx(expected.sum_of(weights, law.CONFIDENCE), rel=1e-5)
+        assert total["shown"] == expected.is_shown(weights)
+    assert actual["r2_over"] == pytest.approx(expected.r2_over, abs=1e-9)
+    assert actual["r2_within"] == pytest.approx(expected.r2_within, abs=1e-9)
+    assert [list(TERMS)[index] for index in actual["fewest"]] == list(fewest)
 
 
 ASPECTS = """(() => {
@@ -98,50 +98,50 @@ ASPECTS = """(() => {
 })()"""
 
 
-def test_what_it_says_of_thin_triangles_is_what_python_says(waiting, synthetic):
+def test_times_of_thin_triangles_equal_python(loaded, synthetic):
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draw.group for draw in draws]
-    ours = law.fit(rows, epochs, groups)
+    fitted = law.fit(rows, epochs, groups)
     times = Measured(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
-    low, high = ours.intervals.T.tolist()
-    shown = {"seconds": ours.costs.tolist(), "low": low, "high": high}
-    given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
-    theirs = waiting.evaluate(ASPECTS % given)
-    for own, other in zip(aspects(draws, rows, times, ours), theirs, strict=True):
+    low, high = fitted.intervals.T.tolist()
+    shown = {"seconds": fitted.costs.tolist(), "low": low, "high": high}
+    argument = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
+    actual = loaded.evaluate(ASPECTS % argument)
+    for expected, found in zip(aspects(draws, rows, times, fitted), actual, strict=True):
         for name in ("area", "aspects"):
-            assert other[name] == own[name]
+            assert found[name] == expected[name]
         for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
-            assert other[name] == pytest.approx(own[name], rel=1e-3)
+            assert found[name] == pytest.approx(expected[name], rel=1e-3)
         shares = {
-            each["name"]: [each["value"], each["low"], each["high"]] for each in other["shares"]
+            each["name"]: [each["value"], each["low"], each["high"]] for each in found["shares"]
         }
-        assert list(shares) == list(own["shares"])
-        for name, ends in own["shares"].items():
+        assert list(shares) == list(expected["shares"])
+        for name, ends in expected["shares"].items():
             assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
 
 
-def test_rounds_tell_it_what_they_tell_python(waiting):
-    """Of a machine whose speed changes, draws that are noisy, and a control a little apart."""
+def test_evaluation_of_rounds_equals_python(loaded):
+    """Use a machine whose speed changes, noisy draws, and a slightly deviating control."""
     random = np.random.default_rng(1)
     epochs, size = [2, 3, 2, 2], 6
     speed = np.exp(0.1 * random.standard_normal(sum(epochs)))
     names = [*map(str, range(size)), CONTROL, EMPTY]
     samples = {
-        name: (1e-3 * (1 + place) * speed * random.uniform(0.95, 1.05, len(speed))).tolist()
-        for place, name in enumerate([*names[:size], "3", EMPTY])
+        name: (1e-3 * (1 + index) * speed * random.uniform(0.95, 1.05, len(speed))).tolist()
+        for index, name in enumerate([*names[:size], "3", EMPTY])
     }
     samples[CONTROL] = (np.array(samples["3"]) * random.uniform(1.0, 1.04, len(speed))).tolist()
-    ours = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
+    expected = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
     read_text = {name: {"samples_s": values} for name, values in samples.items()}
-    given = json.dumps({"times": read_text, "epochs": [2, 0, 3, 2, 2]})
-    theirs = waiting.evaluate(f"measuredOf({given}, {size})")
-    assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
-    assert theirs["drift"] == pytest.approx(ours.drift)
-    assert theirs["empty_s"] == pytest.approx(ours.empty)
-    control = [theirs["control"][name] for name in ("value", "low", "high")]
-    wanted = [ours.control.value, ours.control.low, ours.control.high]
+    argument = json.dumps({"times": read_text, "epochs": [2, 0, 3, 2, 2]})
+    actual = loaded.evaluate(f"measuredOf({argument}, {size})")
+    assert np.array(actual["epochs"]) == pytest.approx(expected.epochs, rel=1e-9)
+    assert actual["drift"] == pytest.approx(expected.drift)
+    assert actual["empty_s"] == pytest.approx(expected.empty)
+    control = [actual["control"][name] for name in ("value", "low", "high")]
+    expected_control = [expected.control.value, expected.control.low, expected.control.high]
     # Student's quantile with three degrees of freedom is 1 % too small by its expansion.
-    assert np.log(control) == pytest.approx(np.log(wanted), rel=0.02, abs=1e-4)
+    assert np.log(control) == pytest.approx(np.log(expected_control), rel=0.02, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -154,49 +154,50 @@ def test_rounds_tell_it_what_they_tell_python(waiting):
         (0.9, 0.96, 1.0, "One draw under two names"),
     ],
 )
-def test_what_makes_times_untrustworthy_is_told(waiting, low, high, drift, trouble):
+def test_untrustworthy_times_are_reported(loaded, low, high, drift, trouble):
     control = json.dumps({"value": (low + high) / 2, "low": low, "high": high})
-    found = waiting.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
-    assert trouble in found
-    assert bool(found) == bool(trouble)
+    problem = loaded.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
+    assert trouble in problem
+    assert bool(problem) == bool(trouble)
 
 
 SAME_CHANCE = "(() => { let s = 1; return () => (s = s * 16807 % 2147483647) / 2147483647; })()"
-"""Random numbers that are the same at every call (Park and Miller, 1988)."""
+"""Reproducible random numbers (Park and Miller, 1988)."""
 
 
-def test_its_advice_is_the_least_of_the_criteria(waiting):
-    scenes = waiting.evaluate("state.page.scenes")
+def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
+    scenes = loaded.evaluate("state.page.scenes")
     assert list(scenes) == ["city"]
     rows = {name: np.array(each) for name, each in scenes["city"].items()}
     assert list(rows) == ["ear-clipping", *CRITERIA]
-    assert {each.shape for each in rows.values()} == {(8, len(OF_CRITERIA) - 1)}
-    for place, term in enumerate(OF_CRITERIA[1:]):
-        coefficients = [0.0] * len(OF_CRITERIA)
-        coefficients[1 + place] = 1e-9
-        found = waiting.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
-        sums = {name: each[:, place].sum() for name, each in rows.items()}
-        least = min(CRITERIA, key=lambda name: sums[name])
-        assert found["triangulator"] == least, term
+    assert {each.shape for each in rows.values()} == {(8, len(CRITERIA_TERMS) - 1)}
+    for index, term in enumerate(CRITERIA_TERMS[1:]):
+        coefficients = [0.0] * len(CRITERIA_TERMS)
+        coefficients[1 + index] = 1e-9
+        advice = loaded.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
+        sums = {name: costs[:, index].sum() for name, costs in rows.items()}
+        best = min(CRITERIA, key=lambda name: sums[name])
+        assert advice["triangulator"] == best, term
         for name in CRITERIA:
-            assert found["regret"][name] == pytest.approx(sums[name] / sums[least] - 1, abs=1e-9)
-        logs = np.log(rows[least][:, place] / rows["ear-clipping"][:, place])
-        (saved,) = found["saved"]
+            regret = sums[name] / sums[best] - 1
+            assert advice["regret"][name] == pytest.approx(regret, abs=1e-9)
+        logs = np.log(rows[best][:, index] / rows["ear-clipping"][:, index])
+        (saved,) = advice["saved"]
         assert saved["value"] == pytest.approx(1 - np.exp(logs.mean()))
         if np.ptp(logs) > 1e-6:
             ends = [1 - np.exp(end) for end in mean_interval(logs)]
             reach = ends[0] - ends[1]
             assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
             assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
-    assert waiting.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
+    assert loaded.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
 
 
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
-def test_it_writes_seconds_as_python_does(waiting, value):
-    assert waiting.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
+def test_format_of_seconds_equals_python(loaded, value):
+    assert loaded.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
 
 
-def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(profiled):
+def test_page_reports_the_known_costs_of_a_gpu(profiled):
     result = profiled["result"]
     assert result["complete"]
     assert result["problem"] is None
@@ -222,22 +223,22 @@ def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(profiled):
     assert profiled["widths"] == [360, 360]
 
 
-def test_its_coefficients_are_those_that_python_fits(profiled, waiting):
-    plain = waiting.evaluate("state.page.plain")
-    rows = np.array(waiting.evaluate("state.page.grids[1].predicted"))[plain["places"]]
+def test_coefficients_of_the_page_equal_python(profiled, loaded):
+    plain = loaded.evaluate("state.page.plain")
+    rows = np.array(loaded.evaluate("state.page.grids[1].predicted"))[plain["places"]]
     truth = rows @ np.array(profiled["coefficients"])
-    found = solve(rows, truth, plain["labels"])
-    assert found == pytest.approx(profiled["coefficients"], rel=1e-3, abs=1e-14)
+    coefficients = solve(rows, truth, plain["labels"])
+    assert coefficients == pytest.approx(profiled["coefficients"], rel=1e-3, abs=1e-14)
 
 
-def test_a_gpu_timer_is_used_where_there_is_one(browser, profile_page):
+def test_gpu_timer_is_used_if_available(browser, profile_page):
     open_page(browser, profile_page, "timer: true, noise: 0")
     result = measure(browser)
     assert result["timer"]["timer"] == "gpu"
     assert "The GPU's timer goes in steps of" in read_text(browser, "traps")
 
 
-def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, profile_page):
+def test_measurements_of_a_lost_gpu_are_evaluated(browser, profile_page):
     open_page(browser, profile_page, "at: { 4500: ({ lose }) => lose() }")
     result = measure(browser)
     assert "lost the GPU (it was unplugged)" in result["problem"]
@@ -248,7 +249,7 @@ def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, profile_p
     assert not browser.evaluate("$('save').disabled")
 
 
-def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, profile_page):
+def test_counters_of_a_gpu_that_is_lost_early_are_retained(browser, profile_page):
     open_page(browser, profile_page, "at: { 300: ({ lose }) => lose() }")
     result = measure(browser)
     assert len(result["draws"]) == 135
@@ -257,7 +258,7 @@ def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, profile_page):
     assert "Too little was timed to say what a triangle costs." in read_text(browser, "answer")
 
 
-def test_a_hidden_page_waits_and_draws_its_round_again(browser, profile_page):
+def test_hidden_page_waits_and_repeats_the_round(browser, profile_page):
     slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
     open_page(browser, profile_page, f"at: {{ 4000: () => hide() }}, {slow}")
     result = measure(browser)
@@ -271,7 +272,7 @@ def test_a_hidden_page_waits_and_draws_its_round_again(browser, profile_page):
     assert browser.evaluate("$('notice').hidden")
 
 
-def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, profile_page):
+def test_gpu_that_slows_down_is_an_error(browser, profile_page):
     open_page(browser, profile_page, "slower: (drawn) => 1 + drawn / 6000")
     result = measure(browser)
     assert "The device's speed changed by a factor of" in result["problem"]
@@ -279,7 +280,7 @@ def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, profile_page):
     assert "The device's speed changed by a factor of" in read_text(browser, "notice")
 
 
-def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, profile_page):
+def test_slow_device_has_fewer_parts_and_a_note(browser, profile_page):
     open_page(browser, profile_page, "scale: 200")
     result = measure(browser)
     assert result["limited"]
@@ -288,22 +289,22 @@ def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, profil
     assert "The time limit of 4 minutes ended it after" in read_text(browser, "traps")
 
 
-def test_a_far_too_slow_device_is_told_so(browser, profile_page):
+def test_much_too_slow_device_is_reported(browser, profile_page):
     open_page(browser, profile_page, "scale: 20000")
     result = measure(browser)
     assert result["law"] is None
     assert "ended it before a first round" in read_text(browser, "answer")
 
 
-def test_counters_that_differ_are_said(browser, profile_page):
+def test_differing_counters_are_reported(browser, profile_page):
     open_page(browser, profile_page, "wrong: 7")
     assert measure(browser)["differing"] == 1
-    said = "Counters differ from the exact ones in 1 of 135 draws."
-    assert said in read_text(browser, "answer")
-    assert said in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
+    message = "Counters differ from the exact ones in 1 of 135 draws."
+    assert message in read_text(browser, "answer")
+    assert message in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
 
 
-def test_a_browser_that_makes_other_draws_is_refused(browser, profile_page):
+def test_browser_with_other_draws_is_refused(browser, profile_page):
     open_page(browser, profile_page)
     browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
     assert measure(browser)["draws"] == []
@@ -325,7 +326,7 @@ def test_without_webgpu_it_says_which_browsers_have_it(browser, profile_page):
     assert browser.evaluate("$('save').disabled")
 
 
-def test_names_that_are_markup_run_no_script(browser, profile_page):
+def test_markup_in_names_runs_no_script(browser, profile_page):
     open_page(browser, profile_page, f"describe: {json.dumps(MARKUP)}")
     browser.evaluate(
         f"const {{ draws, terms, scenes }} = state.page, markup = {json.dumps(MARKUP)};"
@@ -341,7 +342,7 @@ def test_names_that_are_markup_run_no_script(browser, profile_page):
     assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
 
 
-def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
+def test_page_needs_a_run_or_profile(harness, monkeypatch):
     for arguments in ((), ("somewhere", "--profile")):
         assert_refused(
             harness("page", *arguments), "give its folder, or --profile alone", code=BAD_INPUT
@@ -354,23 +355,23 @@ def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
 
 
 @pytest.mark.parametrize("work", [0, 64])
-def test_a_draws_arithmetic_reaches_its_shader(waiting, work):
-    waiting.evaluate("globalThis.GPUBufferUsage = {}; null")
+def test_fragment_work_of_a_draw_reaches_the_shader(loaded, work):
+    loaded.evaluate("globalThis.GPUBufferUsage = {}; null")
     painter = "{ buffer: (content) => content, group() {}, hasTimer: false }"
     frame = f"{{ size: 8, points: [], owner: [], work: {work} }}"
     drawing = f"new Drawing({painter}, {frame}, [])"
-    assert waiting.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
+    assert loaded.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
 
 
-def test_noise_makes_no_draw_shorter_than_nothing(waiting, synthetic):
+def test_noise_does_not_give_negative_ratios(loaded, synthetic):
     epochs = synthetic["epochs"].tolist()
     nothing = {ends: [0.0] * len(TERMS) for ends in ("seconds", "low", "high")}
-    given = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
-    found = waiting.evaluate(ASPECTS % given)
-    assert all(ratio > 0 for each in found for ratio in each["ratios"])
+    argument = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
+    aspects_found = loaded.evaluate(ASPECTS % argument)
+    assert all(ratio > 0 for each in aspects_found for ratio in each["ratios"])
 
 
-def test_swiftshader_counts_what_the_page_expects(gpu_browser, profile_page):
+def test_swiftshader_counters_equal_the_expected_ones(gpu_browser, profile_page):
     gpu_browser.open(profile_page, REPORT_READY, fragment="wait")
     differing = gpu_browser.evaluate(f"{WORLD}; differencesOf([1, 40, 60, 75, 90, 110])")
     assert differing == [0] * 12

@@ -1,4 +1,4 @@
-"""What a profiling page saved becomes a profile; what contradicts itself is refused in one line."""
+"""Import of the file of a profiling page, and refusal of inconsistent files."""
 
 import functools
 import json
@@ -19,15 +19,15 @@ from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
 from tests.page.conftest import write_saved
-from tests.page.test_hostile import MARKUP, hostile
+from tests.page.test_hostile import MARKUP, add_markup
 from tests.profile.charging import COSTS
 
 DRAWS = functools.cache(design.draws)
 COUNTED: dict[tuple[int, int], dict[str, int]] = {}
 
 
-def counted_once(draw: design.Draw) -> dict[str, int]:
-    """Return a draw's counters, which all tests share; a draw is known by its checksum."""
+def count_once(draw: design.Draw) -> dict[str, int]:
+    """Return the counters of a draw, cached by checksum for all tests."""
     key = draw.checksum, draw.work
     if key not in COUNTED:
         COUNTED[key] = counters(draw)
@@ -35,10 +35,10 @@ def counted_once(draw: design.Draw) -> dict[str, int]:
 
 
 @pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Draws are made and counted once; workers are here, and advice looks at few polygons."""
+def _short_measurements(monkeypatch):
+    """Make and count draws once, use workers in this process and few polygons for the advice."""
     monkeypatch.setattr(design, "draws", DRAWS)
-    monkeypatch.setattr("harness.page.profile_result.counters", counted_once)
+    monkeypatch.setattr("harness.page.profile_result.counters", count_once)
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
@@ -46,7 +46,7 @@ def brief(monkeypatch):
 
 @pytest.fixture
 def saved(profiled, tmp_path) -> Callable[..., str]:
-    """Write what the page saved, changed by a function of the result, with a digest that fits."""
+    """Return a function that writes the page's file, changed by a function, with a valid digest."""
 
     def write(change: Callable[[dict[str, Any]], object] = lambda result: None) -> str:
         result = deepcopy(profiled["result"])
@@ -56,7 +56,7 @@ def saved(profiled, tmp_path) -> Callable[..., str]:
     return write
 
 
-def test_the_pages_file_is_a_profile(harness, profiled):
+def test_file_of_the_page_becomes_a_profile(harness, profiled):
     Path("saved.json").write_text(profiled["saved"])
     out, err = require_ok(
         harness("import", "saved.json", "--out", "p.json", "--device", "my phone")
@@ -80,7 +80,7 @@ def test_the_pages_file_is_a_profile(harness, profiled):
 
 
 @pytest.mark.parametrize("name", ["llvmpipe (LLVM 15.0.7)", "Microsoft Basic Render Driver"])
-def test_a_program_on_the_processor_is_no_gpu(harness, saved, name):
+def test_software_adapter_is_recorded_as_software(harness, saved, name):
     file = saved(lambda result: result["device"].update(description=name))
     assert harness("import", file, "--out", "p.json")[0] == 0
     assert json.loads(Path("p.json").read_text())["device"]["software"]
@@ -90,24 +90,24 @@ def times(result: dict[str, Any], name: str) -> list[float]:
     return result["times"][name]["samples_s"]
 
 
-def slower(result: dict[str, Any], first: int) -> None:
-    """Let all draws take twice as long from a round on."""
-    for each in result["times"].values():
-        each["samples_s"][first:] = [2 * value for value in each["samples_s"][first:]]
+def slow_down(result: dict[str, Any], first: int) -> None:
+    """Double the times of all draws from a round on."""
+    for draw in result["times"].values():
+        draw["samples_s"][first:] = [2 * value for value in draw["samples_s"][first:]]
 
 
-def without(number: int) -> Callable[[dict[str, Any]], None]:
-    """Leave all epochs out but the first few, from all times alike."""
+def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
+    """Return a change that removes all epochs after the first `number`."""
 
     def change(result: dict[str, Any]) -> None:
         del result["epochs"][number:]
-        for each in result["times"].values():
-            del each["samples_s"][sum(result["epochs"]) :]
+        for draw in result["times"].values():
+            del draw["samples_s"][sum(result["epochs"]) :]
 
     return change
 
 
-FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
+FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and here it is"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
@@ -121,14 +121,14 @@ FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "is not that of its times"),
     "terms": (lambda r: r["law"]["seconds"].pop("near"), "its law has other terms"),
-    "times": (lambda r: slower(r, 0), "is not that of its times"),
+    "times": (lambda r: slow_down(r, 0), "is not that of its times"),
     "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),
     "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
     "missing": (lambda r: r["times"].pop("40"), "not all of its 135 draws were timed"),
     "strange": (lambda r: r["times"].update({"x": r["times"]["4"]}), "not all of its 135 draws"),
-    "few": (without(3), "after 3 of at least 4 epochs"),
+    "few": (truncate_epochs(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),
     "no timer": (lambda r: r.update(timer=None), "tell no law"),
     "field": (lambda r: r.update(more=1), "more: Extra inputs are not permitted"),
@@ -136,9 +136,9 @@ FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", FORGED)
-def test_what_contradicts_itself_is_refused_in_one_line(harness, saved, name):
-    change, message = FORGED[name]
+@pytest.mark.parametrize("name", FORGERIES)
+def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
+    change, message = FORGERIES[name]
     code, out, err = harness("import", saved(change))
     assert code == BAD_INPUT
     assert out == ""
@@ -154,12 +154,12 @@ def test_what_contradicts_itself_is_refused_in_one_line(harness, saved, name):
         (lambda text: text.replace("device profile", "device story", 1), "not a file that a"),
     ],
 )
-def test_a_damaged_file_is_refused(harness, profiled, change, message):
+def test_damaged_file_is_refused(harness, profiled, change, message):
     Path("saved.json").write_text(change(profiled["saved"]))
     assert_refused(harness("import", "saved.json"), message, code=BAD_INPUT)
 
 
-def test_options_of_runs_are_refused(harness, saved):
+def test_options_for_runs_are_refused(harness, saved):
     assert_refused(
         harness("import", saved(), "--summary", "s.json"),
         "neither --run nor --summary",
@@ -167,21 +167,21 @@ def test_options_of_runs_are_refused(harness, saved):
     )
 
 
-def test_what_went_wrong_on_the_page_is_said(harness, saved):
+def test_problems_of_the_page_are_reported(harness, saved):
     def change(result: dict[str, Any]) -> None:
-        without(5)(result)
+        truncate_epochs(5)(result)
         result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
         result["limited"], result["law"] = True, None
 
     _, err = require_ok(harness("import", saved(change)))
-    for told in ("a problem: The browser lost the GPU.", "was stopped", "hidden", "time limit"):
-        assert told in err
+    for part in ("a problem: The browser lost the GPU.", "was stopped", "hidden", "time limit"):
+        assert part in err
     assert Path("results/profiles/webgpu-a-test-s-gpu-chrome.json").exists()
 
 
-def test_a_device_that_became_slower_is_kept_apart(harness, saved):
+def test_profile_of_a_device_that_slowed_down_is_refused(harness, saved):
     def change(result: dict[str, Any]) -> None:
-        slower(result, sum(result["epochs"]) // 2)
+        slow_down(result, sum(result["epochs"]) // 2)
         result["law"] = None
 
     assert_refused(
@@ -192,10 +192,10 @@ def test_a_device_that_became_slower_is_kept_apart(harness, saved):
     assert Path("p.refused.json").exists()
 
 
-def test_names_that_are_markup_are_names(harness, saved):
+def test_markup_in_names_is_escaped(harness, saved):
     def change(result: dict[str, Any]) -> None:
         for part in ("device", "browser", "started", "ended", "timer"):
-            result[part] = hostile(result[part], "")
+            result[part] = add_markup(result[part], "")
 
     out, _ = require_ok(harness("import", saved(change), "--out", "profiles/p.json"))
     assert MARKUP not in out

@@ -1,4 +1,4 @@
-"""What a page saved becomes a run like any other; what it did not save is refused."""
+"""Import of the file of a measuring page as a run, and refusal of other files."""
 
 import json
 import random
@@ -22,7 +22,7 @@ from tests.records import lines_of
 from triangulators.polygon_arrays import PolygonArray
 
 
-def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
+def test_imported_run_is_a_regular_run(harness, saved, small_run):
     out, _ = require_ok(
         harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
     )
@@ -31,9 +31,9 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
     assert {record["rasteriser"] for record in records} == {"webgpu"}
     for record in records:
         (original,) = [
-            each
-            for each in lines_of(small_run)
-            if all(each[name] == record[name] for name in ("triangulator", "resolution"))
+            record_of_run
+            for record_of_run in lines_of(small_run)
+            if all(record_of_run[name] == record[name] for name in ("triangulator", "resolution"))
         ]
         assert record["predicted"] == original["predicted"]
         for name in SHADED:
@@ -49,14 +49,14 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
     assert harness("history", "phone")[0] in (0, 5)
 
 
-def test_without_the_run_it_has_totals_alone(harness, saved):
+def test_import_without_the_run_has_only_totals(harness, saved):
     require_ok(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
     assert {record["device"] for record in lines_of(read_run(Path("phone")))} == {"my-phone"}
     assert not Path("phone/polygons").exists()
     assert harness("report", "phone")[0] == 0
 
 
-def test_what_went_wrong_on_the_page_is_said(harness, saved):
+def test_problems_of_the_page_are_reported(harness, saved):
     def change(result: dict[str, Any]) -> None:
         result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
         result["views"][0]["cases"]["delaunay"]["differing"] = 3
@@ -73,7 +73,7 @@ def test_what_went_wrong_on_the_page_is_said(harness, saved):
     assert len(untimed) == 3
 
 
-def test_another_scenes_run_is_refused(harness, saved, small_run):
+def test_run_of_another_scene_is_refused(harness, saved, small_run):
     def change(result: dict[str, Any]) -> None:
         for view in result["views"]:
             for case in view["cases"].values():
@@ -98,34 +98,34 @@ def test_another_scenes_run_is_refused(harness, saved, small_run):
         ),
     ],
 )
-def test_what_is_no_result_is_one_line(harness, tmp_path, content, message):
+def test_invalid_files_are_refused_in_one_line(harness, tmp_path, content, message):
     file = tmp_path / "saved.json"
     file.write_bytes(content)
     assert_refused(harness("import", str(file), "--out", "phone"), message)
     assert not Path("phone").exists()
 
 
-def test_a_file_that_is_not_there(harness):
+def test_missing_file_is_refused(harness):
     assert_refused(harness("import", "nowhere.json"), "nowhere.json: No such file")
 
 
-WRONG = (None, "", "1", -1, -0.5, 1e300, True, [], {}, [None], {"": 0}, "\x00", "x" * 20_000)
+WRONG_VALUES = (None, "", "1", -1, -0.5, 1e300, True, [], {}, [None], {"": 0}, "\x00", "x" * 20_000)
 
 
-def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Return the path to each value inside."""
-    inside = (
+def list_paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the paths to all values in a JSON document."""
+    items = (
         value.items()
         if isinstance(value, dict)
         else enumerate(value)
         if isinstance(value, list)
         else ()
     )
-    return [path, *(found for key, each in inside for found in places(each, (*path, key)))]
+    return [path, *(inner for key, item in items for inner in list_paths(item, (*path, key)))]
 
 
-def changed(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
-    """Return a copy with another value in one place."""
+def replace_value(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
+    """Return a copy with another value at a path."""
     copy = json.loads(json.dumps(result))
     if not path:
         return value
@@ -136,43 +136,42 @@ def changed(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
     return copy
 
 
-def test_a_thousand_changed_results(tmp_path, small_run):
-    """Half have bytes changed, which the digest tells; half have their digest, and a wrong value.
+def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
+    """Half of the files have changed bytes, the others a wrong value and a valid digest.
 
-    A value that is as good as the one before is read; everything else is refused in one line, and
-    what was read makes a run.
+    Files with an allowed value are imported as a run; all others are refused in one line.
     """
     rng = random.Random(0)
     result = make_result(small_run)
-    whole = write_saved(result, tmp_path / "whole.json").read_bytes()
-    everywhere = places(result)
+    content_before = write_saved(result, tmp_path / "whole.json").read_bytes()
+    paths = list_paths(result)
     messages = []
     for number in range(1000):
         file = tmp_path / "changed.json"
         if number % 2:
-            content = bytearray(whole)
+            content = bytearray(content_before)
             for _ in range(rng.randint(1, 4)):
-                at = rng.randrange(len(content))
-                content[at] = (content[at] + rng.randrange(1, 256)) % 256
+                index = rng.randrange(len(content))
+                content[index] = (content[index] + rng.randrange(1, 256)) % 256
             file.write_bytes(content[: rng.choice([len(content), rng.randrange(len(content))])])
         else:
-            path, value = rng.choice(everywhere), rng.choice(WRONG)
-            write_saved(changed(result, path, value), file)
+            path, value = rng.choice(paths), rng.choice(WRONG_VALUES)
+            write_saved(replace_value(result, path, value), file)
         try:
-            found = read_result(file)
+            parsed = read_result(file)
         except HarnessError as error:
             messages.append(str(error))
             continue
-        assert not number % 2, "damage that the digest did not tell"
-        assert allowed(path, value), (path, value)
-        import_result(found, tmp_path / f"run-{number}", device_name(found))
+        assert not number % 2, "damage not detected by the digest"
+        assert is_allowed(path, value), (path, value)
+        import_result(parsed, tmp_path / f"run-{number}", device_name(parsed))
         assert read_run(tmp_path / f"run-{number}").problems == []
     assert 600 < len(messages) < 1000
     assert all("\n" not in message and len(message) < 1000 for message in messages)
 
 
-def allowed(path: tuple[Any, ...], value: Any) -> bool:
-    """Whether a value may stand in that place."""
+def is_allowed(path: tuple[Any, ...], value: Any) -> bool:
+    """Return whether a value is allowed at a path."""
     name = str(path[-1])
     texts = ("harness", "created", "started", "ended", "browser", "vendor", "architecture")
     if isinstance(value, str):
@@ -194,23 +193,23 @@ def first_case(result):
     return next(iter(result["views"][0]["cases"].values()))
 
 
-def all_zero(result):
+def set_zero(result):
     for case in result["views"][0]["cases"].values():
         case["counters"] = {name: [0] * len(each) for name, each in case["counters"].items()}
 
 
-def one_more_fragment_than_lanes(result):
+def add_fragment_beyond_lanes(result):
     counters = first_case(result)["counters"]
     counters["fragments"][0] = 4 * counters["quads"][0] + 1
 
 
-def a_partial_quad_without_a_helper(result):
+def add_partial_quad_without_helper(result):
     counters = first_case(result)["counters"]
     lanes = 4 * counters["quads"][0] - counters["fragments"][0]
     counters["partial_quads"][0] = lanes // 3 - 1
 
 
-MADE_UP = [
+IMPOSSIBLE = [
     (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "counters of 19"),
     (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
     (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
@@ -220,23 +219,23 @@ MADE_UP = [
     (lambda r: first_case(r)["counters"].update(quads=[10**9] * 20), "fewer than one pixel"),
     (lambda r: r["views"][0]["times"]["delaunay"].update(samples_s=[0.0] * 12), "took no time"),
     (lambda r: first_case(r)["record"].update(scene_hash="1" * 64), "of different scenes"),
-    (all_zero, "nothing was drawn: all counters are zero"),
+    (set_zero, "nothing was drawn: all counters are zero"),
     (lambda r: first_case(r)["record"].update(polygons=1000), "1000 polygons and counters of 20"),
-    (one_more_fragment_than_lanes, "fewer than one pixel, or more than four"),
-    (a_partial_quad_without_a_helper, "without a helper lane, or with more than three"),
+    (add_fragment_beyond_lanes, "fewer than one pixel, or more than four"),
+    (add_partial_quad_without_helper, "without a helper lane, or with more than three"),
     (lambda r: first_case(r)["record"].update(proven=1_000_000), "1000000 of 20 polygons proven"),
     (lambda r: first_case(r)["record"].update(triangles=1), "too few for its polygons"),
     (lambda r: r["views"].append(r["views"][0]), "one view is there twice"),
 ]
 
 
-@pytest.mark.parametrize(("change", "message"), MADE_UP)
-def test_a_made_up_result_is_refused(imported, change, message):
+@pytest.mark.parametrize(("change", "message"), IMPOSSIBLE)
+def test_impossible_results_are_refused(imported, change, message):
     with pytest.raises(HarnessError, match=message):
         imported(change)
 
 
-OF_THE_RUN = {
+CONTRADICTIONS = {
     "predicted": lambda r: first_case(r)["record"].update(
         predicted={**first_case(r)["record"]["predicted"], "half_perimeter": 1.0}
     ),
@@ -247,11 +246,11 @@ OF_THE_RUN = {
 }
 
 
-@pytest.mark.parametrize("change", OF_THE_RUN.values(), ids=OF_THE_RUN)
-def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change):
-    """It passes by itself; what the run's polygons and triangles say is another thing."""
+@pytest.mark.parametrize("change", CONTRADICTIONS.values(), ids=CONTRADICTIONS)
+def test_contradictions_to_the_run_are_refused(saved, small_run, tmp_path, change):
+    """The result is consistent, but contradicts the polygons and triangles of the run."""
 
-    def fitting(result):
+    def make_consistent(result):
         change(result)
         counters = first_case(result)["counters"]
         counters["fragments"] = [
@@ -261,84 +260,84 @@ def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change)
         lanes = [4 * q - f for f, q in zip(counters["fragments"], counters["quads"], strict=True)]
         counters["partial_quads"] = [-(-each // 3) for each in lanes]
 
-    result = read_result(saved(fitting))
+    result = read_result(saved(make_consistent))
     with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|do not differ"):
         import_result(result, tmp_path / "run", "phone", small_run)
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("rounds", [1, 2])
-def test_a_single_round_is_no_time_and_two_are(imported, rounds):
-    def few_rounds(result):
+def test_times_need_two_rounds(imported, rounds):
+    def truncate(result):
         for view in result["views"]:
             view["epochs"] = [rounds]
             for times in view["times"].values():
                 times["samples_s"] = times["samples_s"][:rounds]
 
-    assert {"time" in record for record in lines_of(imported(few_rounds))} == {rounds == 2}
+    assert {"time" in record for record in lines_of(imported(truncate))} == {rounds == 2}
 
 
 @pytest.mark.parametrize(("share", "reached"), [(0.009, True), (0.011, False)])
-def test_a_time_that_is_not_precise_says_so(imported, share, reached):
-    """Half of the samples are longer by a share of a millisecond, half shorter."""
+def test_imprecise_time_is_marked(imported, share, reached):
+    """Half of the samples are longer by a share of 1 ms, the others shorter."""
 
-    def spread(result):
+    def spread_times(result):
         times = result["views"][0]["times"]["delaunay"]
         times["samples_s"] = [1e-3 * (1 - share), 1e-3 * (1 + share)] * (ROUNDS // 2)
 
-    found = {
+    reached_by_case = {
         (record["triangulator"], record["resolution"]): record["time"]["precision_reached"]
-        for record in lines_of(imported(spread))
+        for record in lines_of(imported(spread_times))
     }
-    assert found["delaunay", 128] is reached
-    assert found["delaunay", 64]
+    assert reached_by_case["delaunay", 128] is reached
+    assert reached_by_case["delaunay", 64]
 
 
-def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
-    def left_out(result):
+def test_skipped_and_failed_polygons_are_included_in_the_counters(saved, tmp_path):
+    def skip_polygons(result):
         record = first_case(result)["record"]
         record["polygons"] -= 3
         record |= {"polygons_skipped": 1, "polygons_failed": 2}
 
-    def miscounted(result):
-        left_out(result)
+    def miscount(result):
+        skip_polygons(result)
         first_case(result)["record"]["polygons_skipped"] = 3
 
-    assert read_result(saved(left_out))
+    assert read_result(saved(skip_polygons))
     with pytest.raises(InputError, match="polygons and counters of"):
-        read_result(saved(miscounted))
+        read_result(saved(miscount))
 
 
-def test_a_last_polygon_without_triangles_covers_nothing():
+def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
-    kept = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
-    counted = counted_exactly(kept, np.array([(0, 1, 2)], np.int32))
-    assert [len(each) for each in counted] == [2, 2, 2]
-    assert [each[1] for each in counted] == [0, 0, 0]
-    assert min(each[0] for each in counted[:2]) > 0
+    geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
+    counts = counted_exactly(geometry, np.array([(0, 1, 2)], np.int32))
+    assert [len(each) for each in counts] == [2, 2, 2]
+    assert [each[1] for each in counts] == [0, 0, 0]
+    assert min(each[0] for each in counts[:2]) > 0
 
 
-def test_polygons_counted_otherwise_are_as_many_as_the_file_says(imported, small_run):
-    """Three have one fragment less than the reference counts."""
+def test_number_of_differing_polygons_is_verified(imported, small_run):
+    """Three polygons have one fragment less than counted by the reference."""
 
-    def changed(result):
+    def change_counts(result):
         counters = first_case(result)["counters"]
         numbers = enumerate(zip(*counters.values(), strict=True))
-        places = [k for k, (f, q, partial) in numbers if f > q and 4 * q - f < 3 * partial]
-        for place in places[:3]:
-            counters["fragments"][place] -= 1
+        list_paths = [k for k, (f, q, partial) in numbers if f > q and 4 * q - f < 3 * partial]
+        for index in list_paths[:3]:
+            counters["fragments"][index] -= 1
         first_case(result)["differing"] = 3
 
-    def miscounted(result):
-        changed(result)
+    def miscount(result):
+        change_counts(result)
         first_case(result)["differing"] = 2
 
-    assert lines_of(imported(changed, small_run))
+    assert lines_of(imported(change_counts, small_run))
     with pytest.raises(InputError, match="do not differ from the exact reference in 2"):
-        imported(miscounted, small_run)
+        imported(miscount, small_run)
 
 
-def test_the_renderer_is_what_the_browser_calls_it_or_the_device(imported):
+def test_renderer_is_the_description_or_the_device_name(imported):
     def described(result):
         result["device"]["description"] = "Apple M1"
 
@@ -347,8 +346,8 @@ def test_the_renderer_is_what_the_browser_calls_it_or_the_device(imported):
         assert device["details"]["renderer"] == renderer
 
 
-def only_triangles(result):
-    """All polygons are triangles, and one is drawn in full quads, one as not a pixel."""
+def use_only_triangles(result):
+    """Make all polygons triangles, one of which covers full quads and one no pixel."""
     for case in result["views"][0]["cases"].values():
         record, counters = case["record"], case["counters"]
         record |= {"triangles": record["polygons"], "vertices": 3 * record["polygons"]}
@@ -357,18 +356,18 @@ def only_triangles(result):
         counters["fragments"][1] = counters["quads"][1] = 0
 
 
-def no_polygons(result):
+def remove_polygons(result):
     for case in result["views"][0]["cases"].values():
         case["record"] |= dict.fromkeys(("polygons", "triangles", "vertices", "proven"), 0)
         case["counters"] = {"fragments": [], "quads": [], "partial_quads": []}
 
 
-def one_corner_less(result):
-    only_triangles(result)
+def remove_vertex(result):
+    use_only_triangles(result)
     first_case(result)["record"]["vertices"] -= 1
 
 
-def one_polygon_less(result):
+def remove_polygon(result):
     case = first_case(result)
     case["record"]["polygons"] -= 1
     for counts in case["counters"].values():
@@ -376,19 +375,19 @@ def one_polygon_less(result):
 
 
 @pytest.mark.parametrize(
-    ("least", "less", "message"),
+    ("minimum", "below", "message"),
     [
-        (only_triangles, one_corner_less, "too few for its polygons"),
-        (no_polygons, one_polygon_less, "of polygons"),
+        (use_only_triangles, remove_vertex, "too few for its polygons"),
+        (remove_polygons, remove_polygon, "of polygons"),
     ],
 )
-def test_the_least_that_there_may_be_is_read_and_a_little_less_refused(saved, least, less, message):
-    assert read_result(saved(least))
+def test_minimal_counts_are_read_and_smaller_ones_refused(saved, minimum, below, message):
+    assert read_result(saved(minimum))
     with pytest.raises(HarnessError, match=message):
-        read_result(saved(less))
+        read_result(saved(below))
 
 
-def test_a_file_may_be_as_large_as_the_largest(saved, monkeypatch):
+def test_file_above_the_size_limit_is_refused(saved, monkeypatch):
     file = saved()
     size = file.stat().st_size
     monkeypatch.setattr("harness.page.saved.MOST_BYTES", size)
@@ -399,7 +398,7 @@ def test_a_file_may_be_as_large_as_the_largest(saved, monkeypatch):
 
 
 @pytest.mark.parametrize(("step", "bits"), [(1, 8), (2, 7), (16, 4)])
-def test_the_grid_of_the_device_is_told(imported, step, bits):
+def test_grid_of_the_device_is_recorded(imported, step, bits):
     def one_view(result):
         result["device"]["step"] = step
         result["views"] = result["views"][:1]
@@ -415,7 +414,7 @@ def test_the_grid_of_the_device_is_told(imported, step, bits):
     assert facts["scene"]["polygons"] == 20
 
 
-def test_a_page_that_drew_nothing_makes_an_empty_run(imported):
+def test_page_without_drawings_gives_an_empty_run(imported):
     def nothing(result):
         for view in result["views"]:
             view |= {"cases": {}, "times": None, "epochs": []}
@@ -425,21 +424,21 @@ def test_a_page_that_drew_nothing_makes_an_empty_run(imported):
     assert run.facts["scene"] == {"name": "city:buildings=20", "hash": "", "polygons": 0}
 
 
-def test_what_covers_fewer_polygons_is_not_set_against_those_that_cover_all(imported):
-    """And a record says no more than the file does."""
+def test_coverage_of_partial_cases_is_not_compared(imported):
+    """A record has no fields that the file lacks."""
 
-    def left_out(result):
+    def skip_polygons(result):
         record = first_case(result)["record"]
         record |= {"polygons": record["polygons"] - 3, "polygons_skipped": 3}
         record.pop("proven", None)
 
-    own, *others = (r for r in lines_of(imported(left_out)) if r["resolution"] == 128)
-    assert own["coverage_error"] is None
-    assert {record["coverage_error"] for record in others} == {0}
-    assert "proven" not in own
+    partial, *complete = (r for r in lines_of(imported(skip_polygons)) if r["resolution"] == 128)
+    assert partial["coverage_error"] is None
+    assert {record["coverage_error"] for record in complete} == {0}
+    assert "proven" not in partial
 
 
-def test_of_one_case_the_scene_is_that_of_all(imported):
+def test_scene_of_a_single_case_is_the_scene_of_all(imported):
     def one(result):
         first = result["views"][0]["cases"]["delaunay"]
         for view in result["views"]:
@@ -449,23 +448,23 @@ def test_of_one_case_the_scene_is_that_of_all(imported):
     assert imported(one).facts["scene"] == imported(lambda _: None).facts["scene"]
 
 
-def test_a_single_drawing_was_timed_beside_the_reference(imported):
-    def alone(result):
+def test_single_drawing_with_the_reference_has_a_time(imported):
+    def keep_one(result):
         view = result["views"][0]
         names = ("(empty)", "(reference)", "delaunay")
         view["times"] = {name: view["times"][name] for name in names}
 
-    own = [r for r in lines_of(imported(alone)) if r["resolution"] == 128]
-    assert [r["triangulator"] for r in own if "time" in r] == ["delaunay"]
+    records = [r for r in lines_of(imported(keep_one)) if r["resolution"] == 128]
+    assert [r["triangulator"] for r in records if "time" in r] == ["delaunay"]
 
 
-def test_a_device_without_a_timer_has_no_times(imported):
+def test_device_without_a_timer_has_no_times(imported):
     run = imported(lambda result: result.update(timer=None))
     assert all("time" not in record for record in lines_of(run))
 
 
-def test_what_a_file_does_not_say_contradicts_nothing(imported, small_run, tmp_path):
-    def unsaid(result):
+def test_missing_fields_are_no_contradiction(imported, small_run, tmp_path):
+    def remove_field(result):
         first_case(result)["record"].pop("triangulate_s")
 
     def snapped(result):
@@ -475,19 +474,20 @@ def test_what_a_file_does_not_say_contradicts_nothing(imported, small_run, tmp_p
     def counted_otherwise(result):
         first_case(result)["counters"]["fragments"][0] += 1
 
-    bare = replace(small_run, path=tmp_path / "bare")  # no frames tell exact counters
-    for change, run in ((unsaid, small_run), (snapped, small_run), (counted_otherwise, bare)):
+    bare = replace(small_run, path=tmp_path / "bare")  # has no frames to verify counters with
+    cases = ((remove_field, small_run), (snapped, small_run), (counted_otherwise, bare))
+    for change, run in cases:
         assert lines_of(imported(change, run))
 
 
-def test_an_imported_run_keeps_frames_and_each_polygons_predictions(imported, small_run):
+def test_imported_run_has_frames_and_predictions(imported, small_run):
     run = imported(lambda _: None, small_run)
     for view in {record.id.view for record in run.records}:
-        own, known = (drawings.read(each, view) for each in (run, small_run))
-        assert own.points.tolist() == known.points.tolist()
+        imported_drawing, drawing = (drawings.read(each, view) for each in (run, small_run))
+        assert imported_drawing.points.tolist() == drawing.points.tolist()
     before = {(each.name, each.id.view): each for each in small_run.records}
     for record in run.records:
-        kept = columns_of(run, record)
-        known = columns_of(small_run, before[record.name, record.id.view])
+        columns = columns_of(run, record)
+        drawing = columns_of(small_run, before[record.name, record.id.view])
         for name in ("predicted_half_perimeter", "quads", "fragments"):
-            assert kept[name].tolist() == known[name].tolist()
+            assert columns[name].tolist() == drawing[name].tolist()

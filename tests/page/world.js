@@ -1,4 +1,4 @@
-/* A GPU of the tests: it charges known costs, counts exactly, and time passes only as it draws. */
+/* A simulated GPU with known costs and exact counters; only drawing advances the clock. */
 function makeWorld({ costs, noise = 0.002, scale = 1, slower = () => 1, timer = false, wrong = -1, describe = "a test's GPU", at = {} }) {
   let now = 0, drawn = 0, seed = 1, place = 0, lose;
   const random = () => { seed = (seed * 16807) % 2147483647; return seed / 2147483647; };
@@ -29,7 +29,7 @@ function makeWorld({ costs, noise = 0.002, scale = 1, slower = () => 1, timer = 
   };
 }
 
-/* Hides the page and, a moment later, shows it again. */
+/* Hide the page and show it again a moment later. */
 function hide() {
   Object.defineProperty(document, "hidden", { get: () => hide.now, configurable: true });
   const turn = (to) => { hide.now = to; document.dispatchEvent(new Event("visibilitychange")); };
@@ -37,7 +37,7 @@ function hide() {
   setTimeout(() => { hide.said = $("notice").textContent; turn(false); }, 30);
 }
 
-/* The law of given times. */
+/* Fit the law to given times. */
 async function fitAs({ epochs }) {
   const { places, labels, folds } = state.page.fitted;
   const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
@@ -49,7 +49,7 @@ async function fitAs({ epochs }) {
 
 const sumsOf = (made, step) => made.map(({ points, rows }) => checksumOf({ points: snapped(points, step), rows }));
 
-/* What the browser's own GPU counts of some draws, less what the page expects: fragments, quads, fragments, ... */
+/* Counters of some draws on the browser's GPU minus the expected ones: fragments, quads, fragments, ... */
 async function differencesOf(places) {
   const { device, info } = await openDevice(), painter = new Painter(device, info, state.page.shaders);
   const step = await findStep(painter), { counters } = state.page.grids[step], made = designOf(state.page.seed);
