@@ -84,44 +84,44 @@ def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted)
 
 
 def test_equal_helper_lanes_have_unequal_numbers_of_triangles(counted):
-    found = [each for _, each in select_kind(counted, "lanes")]
+    counts = [row for _, row in select_kind(counted, "lanes")]
     for equal in ("helper_lanes", "half_perimeter"):
-        assert max(each[equal] for each in found) < 1.05 * min(each[equal] for each in found)
-    assert all(one["triangles"] == 2 * other["triangles"] for one, other in pairwise(found))
+        assert max(row[equal] for row in counts) < 1.05 * min(row[equal] for row in counts)
+    assert all(first["triangles"] == 2 * second["triangles"] for first, second in pairwise(counts))
 
 
 def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
-    found = [each for _, each in select_kind(counted, "places")]
+    counts = [row for _, row in select_kind(counted, "places")]
     for equal in ("triangles", "fragments", "half_perimeter", "bbox_tests", "vertices", "set_up"):
-        assert len({each[equal] for each in found}) == 1, equal
-    pairs = [(each["helper_lanes"], each["blocks"]) for each in found]
+        assert len({row[equal] for row in counts}) == 1, equal
+    pairs = [(row["helper_lanes"], row["blocks"]) for row in counts]
     assert len(set(pairs)) == len(pairs)
     lanes, blocks = (sorted(column) for column in zip(*pairs, strict=True))
     assert lanes[-1] > 1.3 * lanes[0]
     assert blocks[-1] > 2 * blocks[0]
 
 
-def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
+def test_cuts_of_a_ring_differ_only_in_diagonals(counted):
     groups: dict[str, list[dict[str, int]]] = {}
-    for draw, found in select_kind(counted, "cuts"):
-        groups.setdefault(draw.group, []).append(found)
-    for group, found in groups.items():
-        assert len(found) == len(placing.WAYS)
+    for draw, counts in select_kind(counted, "cuts"):
+        groups.setdefault(draw.group, []).append(counts)
+    for group, counts in groups.items():
+        assert len(counts) == len(placing.WAYS)
         for equal in ("triangles", "fragments", "vertices"):
-            assert len({each[equal] for each in found}) == 1, (group, equal)
-        assert len({each["half_perimeter"] for each in found}) == len(found)
+            assert len({row[equal] for row in counts}) == 1, (group, equal)
+        assert len({row["half_perimeter"] for row in counts}) == len(counts)
 
 
-def test_vertices_work_and_a_second_filling_change_nothing_else(counted):
+def test_vertices_work_and_second_filling_are_isolated(counted):
     for kind, changed in (("vertices", {"vertices"}), ("work", {"work"})):
         groups: dict[str, list[dict[str, int]]] = {}
-        for draw, found in select_kind(counted, kind):
-            groups.setdefault(draw.group, []).append(found)
-        for found in groups.values():
-            different = {name for name in found[0] if len({each[name] for each in found}) > 1}
+        for draw, counts in select_kind(counted, kind):
+            groups.setdefault(draw.group, []).append(counts)
+        for counts in groups.values():
+            different = {name for name in counts[0] if len({row[name] for row in counts}) > 1}
             assert different == changed
-    once, again = (found for _, found in select_kind(counted, "twice")[:2])
-    ratios = {name: again[name] / once[name] for name in once if once[name]}
+    single, double = (counts for _, counts in select_kind(counted, "twice")[:2])
+    ratios = {name: double[name] / single[name] for name in single if single[name]}
     assert ratios.pop("vertices") == 1
     assert set(ratios.values()) == {2}
 

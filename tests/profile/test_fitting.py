@@ -68,14 +68,14 @@ def test_r2_within_polygons_ignores_their_size():
 def test_groups_are_weighted_by_their_draws():
     """Nine draws of a group, and one of another group that costs 2 % more."""
     columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]
-    (found,) = law.solve(columns, seconds, [*[0] * 9, 1])
-    assert found == pytest.approx(1.002, abs=0.001)
+    (cost,) = law.solve(columns, seconds, [*[0] * 9, 1])
+    assert cost == pytest.approx(1.002, abs=0.001)
 
 
 def test_noise_does_not_bias_costs():
     """Errors relative to the measured times would bias costs by 0.3 %."""
-    (found,) = law.solve(np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40)))
-    assert found == pytest.approx(1.0, abs=1e-3)
+    (cost,) = law.solve(np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40)))
+    assert cost == pytest.approx(1.0, abs=1e-3)
 
 
 def test_fit_continues_after_some_draws_are_exact():
@@ -276,7 +276,7 @@ def test_unconstrained_cost_may_be_negative():
 )
 def test_significance_is_decided_by_the_draw_with_the_largest_share(shares, weights, shown):
     costs = np.ones(2)
-    found = law.Law(costs, costs, np.eye(2) * 1e-12, 40, 1.0, 1.0, np.array(shares))
-    assert found.is_shown(np.array(weights, float)) == shown
+    fitted = law.Law(costs, costs, np.eye(2) * 1e-12, 40, 1.0, 1.0, np.array(shares))
+    assert fitted.is_shown(np.array(weights, float)) == shown
     # Student's interval with 20 degrees of freedom.
-    assert found.intervals - 1.0 == pytest.approx(2.086e-6 * np.array([[-1, 1]] * 2), rel=1e-3)
+    assert fitted.intervals - 1.0 == pytest.approx(2.086e-6 * np.array([[-1, 1]] * 2), rel=1e-3)

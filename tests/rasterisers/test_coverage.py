@@ -32,13 +32,13 @@ def test_t_junction_causes_a_coverage_error_under_rotation(llvmpipe, reference):
     errors = []
     for angle in ANGLES:
         frame = make_frame([ROOF], View(1024, angle))
-        whole = fragments(llvmpipe, frame, CONFORMING[0])
-        assert fragments(llvmpipe, frame, CONFORMING[1]) == whole
-        torn = fragments(llvmpipe, frame, WITH_T_JUNCTION)
-        assert torn - whole == fragments(reference, frame, WITH_T_JUNCTION) - fragments(
-            reference, frame, CONFORMING[0]
-        )
-        errors.append(torn - whole)
+        conforming = fragments(llvmpipe, frame, CONFORMING[0])
+        assert fragments(llvmpipe, frame, CONFORMING[1]) == conforming
+        with_t_junction = fragments(llvmpipe, frame, WITH_T_JUNCTION)
+        assert with_t_junction - conforming == fragments(
+            reference, frame, WITH_T_JUNCTION
+        ) - fragments(reference, frame, CONFORMING[0])
+        errors.append(with_t_junction - conforming)
     assert sum(error != 0 for error in errors) >= 3
     # A sliver of at most 1/256 px by the length of the side.
     assert max(abs(error) for error in errors) <= 1024 / 128
@@ -48,10 +48,10 @@ TRIANGULATORS = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal
 
 
 def helsinki() -> list[Polygon]:
-    rings = [entry["rings"] for entry in json.loads(find_shared_data("helsinki.json").read_text())]
-    polygons = [Polygon(each[0], each[1:]) for each in rings]
-    mended = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
-    return [polygon for polygon in mended if isinstance(polygon, Polygon)]
+    entries = json.loads(find_shared_data("helsinki.json").read_text())
+    polygons = [Polygon(entry["rings"][0], entry["rings"][1:]) for entry in entries]
+    repaired = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
+    return [polygon for polygon in repaired if isinstance(polygon, Polygon)]
 
 
 def city() -> list[Polygon]:
@@ -78,8 +78,8 @@ def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
             assert conforming.sum() > 0.98 * len(frame.polygons)
         if expected is None:
             expected = np.full(len(fragments), -1)
-        known = conforming & (expected >= 0)
-        assert (fragments[known] == expected[known]).all(), name
+        comparable = conforming & (expected >= 0)
+        assert (fragments[comparable] == expected[comparable]).all(), name
         expected = np.where(conforming & (expected < 0), fragments, expected)
     assert expected is not None
     assert (expected >= 0).all()

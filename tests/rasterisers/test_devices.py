@@ -1,4 +1,4 @@
-"""What each device counts and draws, each in a process of its own, against the reference."""
+"""Counters and pictures of each device, in separate processes, compared with the reference."""
 
 import re
 
@@ -52,19 +52,19 @@ def test_zink_tests_the_bounding_box_as_predicted(reference):
             require_reference_counts(("bounding-box", call), reference, *case)
 
 
-TOLD = re.compile(r"(\w+) differ in \d+ of \d+ polygons; polygon (\d+): (\d+) instead of (\d+)")
+SENTENCE = re.compile(r"(\w+) differ in \d+ of \d+ polygons; polygon (\d+): (\d+) instead of (\d+)")
 
 
 def test_softpipe_counts_consistently_and_differences_are_named(reference):
-    """Softpipe rounds edges in floating point: some pixels on an edge fall to the other side."""
+    """Softpipe rounds edges in floating point, so some pixels on an edge differ."""
     frame, triangles = random_triangles(seed=6, size=128, number=60, grid=128)
     with worker_on("opengl", "softpipe") as call:
         drawn = call(tasks.count, frame, triangles, Options())
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
     exact = reference.count(frame, triangles, Options())
     assert abs(drawn["fragments"] - exact["fragments"]).sum() < 0.01 * exact["fragments"].sum()
-    for found in find_disagreements(frame, drawn, exact):
-        name, polygon, count, expected = TOLD.fullmatch(found).groups()
+    for sentence in find_disagreements(frame, drawn, exact):
+        name, polygon, count, expected = SENTENCE.fullmatch(sentence).groups()
         assert name in SHADED
         assert drawn[name][int(polygon)] == int(count) != int(expected)
         assert exact[name][int(polygon)] == int(expected)
@@ -87,5 +87,5 @@ def test_disagreements_name_counter_and_polygon():
     frame, _ = loose_triangles([[0, 0], [512, 0], [0, 512]] * 3, 8)
     expected = {"fragments": np.array([1, 2, 3]), "blocks": np.array([1, 1, 1])}
     drawn = {"fragments": np.array([1, 5, 4]), "samples_passed": np.array(10)}
-    (found,) = find_disagreements(frame, drawn, expected)
-    assert found == "fragments differ in 2 of 3 polygons; polygon 1: 5 instead of 2"
+    (sentence,) = find_disagreements(frame, drawn, expected)
+    assert sentence == "fragments differ in 2 of 3 polygons; polygon 1: 5 instead of 2"

@@ -1,4 +1,4 @@
-"""The doctor: what works is measured, what is missing gets its fix."""
+"""The command `doctor`: working devices are measured, and missing ones get a fix."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Heatmaps: their numbers are the counters', and the picture holds what it should."""
+"""Heatmaps: sums equal the counters, and pictures contain the triangulations."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_single_pixel_has_three_helper_lanes():
     assert np.argwhere(helpers).tolist() == [[2, 2], [2, 3], [3, 2]]
 
 
-def test_the_picture_shows_the_triangulations_side_by_side(tmp_path):
+def test_picture_shows_triangulations_side_by_side(tmp_path):
     frame = make_frame([ELL], View(256, 10))
     files = []
     for names in (("delaunay",), ("delaunay", "ear-clipping", "fan")):
@@ -46,13 +46,13 @@ def test_the_picture_shows_the_triangulations_side_by_side(tmp_path):
     assert three.shape[1] > one.shape[1] + PANEL_PX
     assert three.shape[0] == one.shape[0]
     assert one.shape[0] > PANEL_PX
-    # White, the two palettes and the lines: it is not blank.
+    # White, two palettes and lines.
     assert len(np.unique(three @ [1, 1 << 8, 1 << 16])) > 20
 
 
 @pytest.mark.parametrize("reach", [8, 10])
-def test_triangles_lie_on_the_pixels_that_they_cover(tmp_path, reach):
-    """Of squares of whole quads, one of which ends where the viewport does."""
+def test_triangles_are_drawn_on_the_pixels_that_they_cover(tmp_path, reach):
+    """Draw squares of complete quads, one of which ends at the edge of the viewport."""
     points = np.array([[2, 2], [reach, 2], [reach, reach], [2, reach]], np.int32) * SUBPIXEL
     rows = np.array([[0, 1, 2], [0, 2, 3]])
     draw_heatmaps(bare_frame(10, points), {"both": rows}, tmp_path / "picture.png")

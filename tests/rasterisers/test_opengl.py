@@ -69,7 +69,7 @@ def test_fragment_work_changes_no_pixel(llvmpipe):
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])
 def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
-    """As calls on a CPU, as instances of one call on a GPU: llvmpipe can be told to do either."""
+    """A CPU has a call for each repeat, a GPU instances of one call; llvmpipe can use both."""
     frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software

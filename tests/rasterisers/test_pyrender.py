@@ -1,4 +1,4 @@
-"""Roofs through pyrender, in a process of its own."""
+"""Roofs through pyrender, in a separate process."""
 
 import pickle
 from itertools import pairwise
@@ -65,7 +65,7 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
     sky = np.rint(np.array(pyrender.SKY) * 255)
     built = (abs(picture - sky).max(axis=2) > 2).mean()
     assert 0.05 < built < 0.8
-    # The same roofs, cut differently, are the same picture.
+    # Another triangulation of the same roofs gives the same picture.
     assert (abs(picture.astype(int) - other).max(axis=2) > 2).mean() < 0.002
 
 
@@ -95,7 +95,7 @@ def test_walls_stand_under_the_rings(frame):
 
 
 def test_rings_close_on_themselves(frame):
-    # As a worker gets it, which is where walls are built.
+    # Pickled, as for the worker that builds the walls.
     solid = extrude(pickle.loads(pickle.dumps(frame)), np.empty((0, 3), np.int32))
     number = len(frame.points)
     following = solid.faces[:number, 1] - 2 * number
@@ -112,16 +112,16 @@ def test_unsupported_options_are_refused(frame):
 
 def test_views_of_a_model_are_drawn_in_projection(tmp_path):
     solid().export(tmp_path / "plate.glb")
-    found = {}
+    frames = {}
     for depth in ("none", "file"):
         scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)
-        found[depth] = frame_of(scene, view_of(scene))
-    frame = found["file"]
+        frames[depth] = frame_of(scene, view_of(scene))
+    frame = frames["file"]
     device = find_device("pyrender", "llvmpipe")
     rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
-            worker.call(pictures.image, "pyrender", device, found["none"], rows, Options())
+            worker.call(pictures.image, "pyrender", device, frames["none"], rows, Options())
         picture = worker.call(pictures.image, "pyrender", device, frame, rows, Options())
         assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
         assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0

@@ -78,7 +78,7 @@ def test_every_repeat_is_drawn(reference, monkeypatch):
         monkeypatch.setattr(spans, "fill", lambda _, triangles, *more: drawn.append(triangles))
         drawing.sample(10)
     assert len(drawn) == 10
-    assert all(each is triangles for each in drawn)
+    assert all(item is triangles for item in drawn)
 
 
 def test_multisampling_is_refused_in_one_line(reference):

@@ -1,4 +1,4 @@
-"""Rasterisers and devices by name, and what is said when one is missing."""
+"""Rasterisers and devices by name, and errors for missing ones."""
 
 import os
 from importlib.metadata import EntryPoint
@@ -33,9 +33,9 @@ def test_missing_opengl_gets_an_install_command(monkeypatch):
             find_device("opengl", name)
 
 
-def test_the_best_device_comes_first(monkeypatch):
-    found = (Device("gpu0", False), Device("llvmpipe", True))
-    monkeypatch.setattr(devices, "list_egl_devices", lambda: (found, ()))
+def test_best_device_is_listed_first(monkeypatch):
+    listed = (Device("gpu0", False), Device("llvmpipe", True))
+    monkeypatch.setattr(devices, "list_egl_devices", lambda: (listed, ()))
     assert find_device("opengl").name == "gpu0"
     assert find_device("reference").name == "cpu"
 
@@ -52,11 +52,11 @@ def test_the_best_device_comes_first(monkeypatch):
         ("gpu1", "llvmpipe (LLVM 15.0.6, 256 bits)", False),
     ],
 )
-def test_the_renderer_is_checked_against_the_name(name, renderer, expected):
+def test_renderer_must_match_the_device_name(name, renderer, expected):
     assert matches(name, renderer) is expected
 
 
-def test_devices_have_the_drivers_strings():
+def test_devices_have_strings_of_the_driver():
     device = find_device("opengl", "llvmpipe")
     assert device.software
     assert device.environment["LP_NUM_THREADS"] == "0"
@@ -65,22 +65,23 @@ def test_devices_have_the_drivers_strings():
 
 @pytest.fixture
 def plugin(monkeypatch):
-    """Install third parties' entry points, name -> module:object."""
+    """Return a function that installs third-party entry points, name=module:object."""
 
     def install(**points: str) -> None:
-        found = {name: EntryPoint(name, value, rasterisers.GROUP) for name, value in points.items()}
-        monkeypatch.setattr(rasterisers, "_plugins", lambda: found)
+        items = points.items()
+        entry_points = {name: EntryPoint(name, path, rasterisers.GROUP) for name, path in items}
+        monkeypatch.setattr(rasterisers, "_plugins", lambda: entry_points)
 
     return install
 
 
-def test_a_third_partys_rasteriser_is_found_by_its_entry_point(plugin):
+def test_third_party_rasteriser_is_loaded_by_entry_point(plugin):
     plugin(mine="harness.rasterisers.reference:Reference")
     assert "mine" in names()
     assert get("mine").name == "reference"
 
 
-def test_a_third_partys_rasteriser_cannot_replace_a_built_in_one(plugin):
+def test_third_party_rasteriser_cannot_replace_a_built_in_one(plugin):
     plugin(opengl="harness.rasterisers.reference:Reference")
     assert names().count("opengl") == 1
     assert get("opengl").name == "opengl"
@@ -100,23 +101,23 @@ def test_third_party_rasteriser_that_fails_to_load_is_refused(plugin, value, mes
 
 
 def test_first_working_environment_is_used(monkeypatch):
-    """Two ways to zink: only the second opens it, in its own environment."""
+    """Of two environments for zink, only the second opens zink."""
     answers = {
         "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
         "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
     }
-    ways = [
-        devices.Kind("zink", {"WAY": way}, ("egl", "software"))
-        for way in ("first", "second", "second")
+    kinds = [
+        devices.Kind("zink", {"WAY": name}, ("egl", "software"))
+        for name in ("first", "second", "second")
     ]
-    monkeypatch.setattr(devices, "_egl_kinds", lambda: ways)
+    monkeypatch.setattr(devices, "_egl_kinds", lambda: kinds)
     monkeypatch.setattr(
         devices,
         "run_probes",
-        lambda asked: [answers[environment["WAY"]] for _, environment in asked],
+        lambda probes: [answers[environment["WAY"]] for _, environment in probes],
     )
-    found, problems = devices.list_egl_devices.__wrapped__()
-    assert [(device.name, device.environment["WAY"]) for device in found] == [("zink", "second")]
+    working, problems = devices.list_egl_devices.__wrapped__()
+    assert [(device.name, device.environment["WAY"]) for device in working] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
 
 
@@ -128,9 +129,9 @@ def test_two_gpus_are_numbered(monkeypatch):
     monkeypatch.setattr(
         devices, "_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
     )
-    monkeypatch.setattr(devices, "run_probes", lambda asked: [{"devices": cards, "problems": []}])
-    found, problems = devices.list_egl_devices.__wrapped__()
-    assert [(d.name, d.details["egl_index"], d.software) for d in found] == [
+    monkeypatch.setattr(devices, "run_probes", lambda probes: [{"devices": cards, "problems": []}])
+    gpus, problems = devices.list_egl_devices.__wrapped__()
+    assert [(d.name, d.details["egl_index"], d.software) for d in gpus] == [
         ("gpu0", 0, False),
         ("gpu1", 2, False),
     ]
@@ -138,20 +139,20 @@ def test_two_gpus_are_numbered(monkeypatch):
 
 
 def test_hanging_or_crashing_driver_is_reported_as_a_problem(monkeypatch, tmp_path):
-    hangs, dies = tmp_path / "hangs.py", tmp_path / "dies.py"
-    hangs.write_text("import time; time.sleep(60)")
-    dies.write_text("import sys; sys.exit('segmentation fault')")
+    hanging, crashing = tmp_path / "hangs.py", tmp_path / "dies.py"
+    hanging.write_text("import time; time.sleep(60)")
+    crashing.write_text("import sys; sys.exit('segmentation fault')")
     monkeypatch.setattr(devices, "PROBE_SECONDS", 0.5)
-    for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
+    for program, problem in ((hanging, "no answer within"), (crashing, "segmentation fault")):
         monkeypatch.setattr(devices, "PROBE", program)
-        found, problems = devices.list_egl_devices.__wrapped__()
-        assert found == ()
-        assert all(problem in each for each in problems)
+        working, problems = devices.list_egl_devices.__wrapped__()
+        assert working == ()
+        assert all(problem in text for text in problems)
 
 
 @pytest.fixture
 def program(monkeypatch, tmp_path) -> Path:
-    """A program that finds one device, and counts how often it was asked."""
+    """Return a probe program that lists one device and counts its calls."""
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache" / "database.sqlite"))
     file = tmp_path / "probe.py"
     file.write_text(
@@ -162,7 +163,7 @@ def program(monkeypatch, tmp_path) -> Path:
     return file
 
 
-def times_asked(program: Path) -> int:
+def count_calls(program: Path) -> int:
     return len((program.parent / "asked").read_text())
 
 
@@ -172,18 +173,18 @@ def test_answers_are_cached_until_drivers_or_variables_change(program, monkeypat
     question = (("a",), {})
     for _ in range(3):
         assert devices.run_probes([question])[0]["devices"] == [{"renderer": "x"}]
-    assert times_asked(program) == 1
+    assert count_calls(program) == 1
     os.utime(drivers, (1, 1))
     devices.run_probes([question])
-    assert times_asked(program) == 2
+    assert count_calls(program) == 2
     monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
     devices.run_probes([question])
-    assert times_asked(program) == 3
+    assert count_calls(program) == 3
     devices.run_probes([(("a",), {"OTHER": "1"}), (("b",), {})])
-    assert times_asked(program) == 5
+    assert count_calls(program) == 5
     devices.clear_cache()
     devices.run_probes([question])
-    assert times_asked(program) == 6
+    assert count_calls(program) == 6
 
 
 def test_damaged_or_failed_answers_are_probed_again(program, tmp_path):
@@ -193,7 +194,7 @@ def test_damaged_or_failed_answers_are_probed_again(program, tmp_path):
         (file,) = (tmp_path / "cache" / "drivers").iterdir()
         file.write_text(damaged)
     assert devices.run_probes([question])[0]["problems"] == []
-    assert times_asked(program) == 3
+    assert count_calls(program) == 3
     program.write_text("raise SystemExit('no')")
     for _ in range(2):
         assert devices.run_probes([question])[0]["problems"] == ["the driver failed: no"]

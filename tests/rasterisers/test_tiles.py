@@ -1,4 +1,4 @@
-"""Map tiles on every device: cut at the tile's edge, each a call of its own; equal everywhere."""
+"""Map tiles on every device: clipped at the edge of the tile, each in a separate draw call."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ NATIVE = Options()
 
 @pytest.fixture(scope="session")
 def tiles() -> tuple[Frame, np.ndarray]:
-    """Two tiles of 128 px in a viewport of 256 px, with triangles that reach over their edges."""
+    """Return two tiles of 128 px in a viewport of 256 px, with triangles across their edges."""
     frame, triangles = random_triangles(seed=3, size=256, number=160, grid=128)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 100, 160]))
     return cut, triangles
@@ -39,21 +39,21 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     _, call = on_device
     for options in (NATIVE, Options(order="shuffled", seed=1)):
         require_reference_counts(on_device, reference, *tiles, options)
-    # What is drawn later hides what was drawn before, so this is of the order, too.
+    # Later triangles hide earlier ones, so that pictures depend on the order, too.
     assert np.array_equal(
         call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
     )
-    # The picture is the viewport's again where no scissor is set, and the other way round.
-    whole = replace(tiles[0], scissor=None)
-    image = call(pictures.image, whole, tiles[1], NATIVE)
-    assert np.array_equal(image, pictures.image_of(reference, whole, tiles[1], NATIVE))
+    # Without a scissor the picture has the size of the viewport again, and vice versa.
+    unclipped = replace(tiles[0], scissor=None)
+    image = call(pictures.image, unclipped, tiles[1], NATIVE)
+    assert np.array_equal(image, pictures.image_of(reference, unclipped, tiles[1], NATIVE))
     assert np.array_equal(
         call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
     )
 
 
 def test_reference_counts_only_pixels_of_the_window(reference, tiles):
-    """Against pictures in which each pixel is marked, one triangle at a time."""
+    """Compare with maps of the pixels of each triangle."""
     frame, triangles = tiles
     counted = reference.count(frame, triangles, NATIVE)
     quads = count_outline_quads(frame, [np.array([[0, 1, 2]], np.int32)] * 160)
@@ -79,7 +79,7 @@ def test_window_clips_the_picture_of_edge_functions(reference):
         assert counted["quads"][number] == blocks.sum()
 
 
-def test_bins_are_those_that_meet_the_window(tiles):
+def test_bins_overlap_the_window(tiles):
     binning = get("binning")(get("binning").devices()[0])
     big = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
     frame, triangles = loose_triangles(big, 256)
@@ -89,7 +89,7 @@ def test_bins_are_those_that_meet_the_window(tiles):
     assert counted["tiles_64"].tolist() == [4]
     triangle = shapely.Polygon(big)
     bins = [shapely.box(x, y, x + 4096, y + 4096) for x in _bins(16) for y in _bins(16)]
-    exact = sum(shapely.intersection(each, triangle).area > 0 for each in bins)
+    exact = sum(shapely.intersection(bin_, triangle).area > 0 for bin_ in bins)
     assert counted["tiles_16_exact"].tolist() == [exact]
 
 
@@ -106,7 +106,7 @@ def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):
         rows = order_submission(frame, triangles, Options(order=order))
         assert {*map(tuple, np.sort(rows))} == {*map(tuple, np.sort(triangles))}
         assert (frame.owner(rows[:100]) < 100).all()
-        by_neighbour = order in ("walk", "vertex-cache")  # none has any
+        by_neighbour = order in ("walk", "vertex-cache")  # no triangle has a neighbour
         assert np.array_equal(rows, triangles) == by_neighbour
 
 
@@ -131,26 +131,26 @@ def test_tiles_without_triangles_are_timed_too(on_device, tiles):
         assert call(seconds, (tiles[0], rows)) > 0
 
 
-class Uncut(Pyrender):
-    """A third party's that knows nothing of scissors."""
+class UnclippedRasteriser(Pyrender):
+    """A third-party rasteriser without support for scissors."""
 
     def __init__(self) -> None:
         pass
 
 
 def test_rasterisers_without_scissor_refuse_tiles(tiles):
-    uncut: Rasteriser = Uncut()
+    rasteriser: Rasteriser = UnclippedRasteriser()
     with pytest.raises(UsageError, match="pyrender does not support map tiles"):
-        uncut.count(*tiles, NATIVE)
-    assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
+        rasteriser.count(*tiles, NATIVE)
+    assert rasteriser._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
 
 
 def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)
-    kept = _view_counters(cut, counters).counters
-    assert set(kept) == set(counters)
+    sums = _view_counters(cut, counters).counters
+    assert set(sums) == set(counters)
     for name, values in counters.items():
-        assert kept[name] == (values[:100].sum(), 0, values[100:].sum())
+        assert sums[name] == (values[:100].sum(), 0, values[100:].sum())
     assert _view_counters(replace(frame, tiles=None), counters) is None

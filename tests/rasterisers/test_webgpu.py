@@ -1,4 +1,4 @@
-"""WebGPU on its adapters here, each in a process of its own, against the reference."""
+"""WebGPU on the adapters of this machine, in separate processes, compared with the reference."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -38,42 +38,42 @@ def test_options_change_no_count_and_no_picture(on_device, reference):
 
 
 def test_long_slivers_need_more_than_32_bits(on_device, reference):
-    """Products of their coordinates have 42 bits; the sign of their difference must be exact."""
+    """Products of coordinates have 42 bits; the sign of their difference must be exact."""
     rng = np.random.default_rng(5)
     size = 8192
     ends = rng.integers(256, (size - 1) * 256, (40, 2, 2))
-    beside = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
-    frame, triangles = loose_triangles(np.concatenate([ends, beside], axis=1), size)
+    apexes = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
+    frame, triangles = loose_triangles(np.concatenate([ends, apexes], axis=1), size)
     drawn = on_device(tasks.count, frame, triangles, Options())
     assert find_disagreements(frame, drawn, reference.count(frame, triangles, Options())) == []
     assert drawn["fragments"].sum() > 50_000
 
 
-def commands(name: str, device: Device, software: bool) -> tuple[list[int], list[float]]:
-    """Inside the worker: draw 10 times; returns the instances of each draw, and the seconds."""
+def record_instances(name: str, device: Device, software: bool) -> tuple[list[int], list[float]]:
+    """Draw 10 times in the worker; return the instances of each draw call, and the seconds."""
     from wgpu.backends import wgpu_native as wgpu
 
     opened = tasks._opened(name, device)
     frame, triangles = loose_triangles(np.array([[256, 256], [9000, 256], [256, 9000]]), 64)
-    drawn: list[int] = []
+    instances_drawn: list[int] = []
     draw = wgpu.GPURenderPassEncoder.draw_indexed
 
-    def noted(self: Any, count: int, instances: int = 1, *rest: Any) -> None:
-        drawn.append(instances)
-        draw(self, count, instances, *rest)
+    def record(self: Any, count: int, instances: int = 1, *arguments: Any) -> None:
+        instances_drawn.append(instances)
+        draw(self, count, instances, *arguments)
 
     with opened.prepare(frame, triangles, Options()) as drawing:
         drawing.one_pass = not software
-        wgpu.GPURenderPassEncoder.draw_indexed = noted
+        wgpu.GPURenderPassEncoder.draw_indexed = record
         try:
             sample = drawing.sample(10)
         finally:
             wgpu.GPURenderPassEncoder.draw_indexed = draw
-    return drawn, [sample.wall, sample.gpu or 1.0]
+    return instances_drawn, [sample.wall, sample.gpu or 1.0]
 
 
-def count_where_32_px_are_most(name: str, device: Device, *case: Any) -> None:
-    """Inside the worker."""
+def count_with_limit_of_32_px(name: str, device: Device, *case: Any) -> None:
+    """Count in the worker with a maximum viewport of 32 px."""
     opened = tasks._opened(name, device)
     before, opened.max_size = opened.max_size, 32
     try:
@@ -84,13 +84,13 @@ def count_where_32_px_are_most(name: str, device: Device, *case: Any) -> None:
 
 @pytest.mark.parametrize(("software", "drawn"), [(True, [1] * 10), (False, [10])])
 def test_every_repeat_is_drawn(on_device, software, drawn):
-    seen, seconds = on_device(commands, software)
-    assert seen == drawn
+    actual, seconds = on_device(record_instances, software)
+    assert actual == drawn
     assert min(seconds) > 0
 
 
-def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
-    """Inside the worker, where the device pretends to snap to 1/16 px."""
+def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
+    """Count and draw in the worker on a device that snaps to 1/16 px."""
     opened = tasks._opened(name, device)
     tally = opened._tally_once
 
@@ -109,11 +109,11 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
 
 def test_coarse_grid_is_detected_and_used(on_device, reference):
     frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
-    step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, Options())
+    step, counted, picture = on_device(count_on_coarse_grid, frame, triangles, Options())
     assert step == 16
-    on_it = frame.with_points(coarsen(frame.points, 16))
-    assert find_disagreements(on_it, counted, reference.count(on_it, triangles, Options())) == []
-    assert np.array_equal(picture, pictures.image_of(reference, on_it, triangles, Options()))
+    coarse = frame.with_points(coarsen(frame.points, 16))
+    assert find_disagreements(coarse, counted, reference.count(coarse, triangles, Options())) == []
+    assert np.array_equal(picture, pictures.image_of(reference, coarse, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
@@ -135,59 +135,63 @@ def test_unsupported_options_are_refused(on_device):
     with pytest.raises(UsageError, match="one sample per pixel"):
         on_device(tasks.count, frame, triangles, Options(samples=4))
     with pytest.raises(UsageError, match="64x64 px exceeds the device's maximum of 32"):
-        on_device(count_where_32_px_are_most, frame, triangles, Options())
+        on_device(count_with_limit_of_32_px, frame, triangles, Options())
 
 
-def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, str]:
-    unsaid = dict.fromkeys(("vendor", "architecture", "description"), "")
-    return {**unsaid, "device": device, "adapter_type": kind, "backend_type": backend}
+def make_adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, str]:
+    empty = dict.fromkeys(("vendor", "architecture", "description"), "")
+    return {**empty, "device": device, "adapter_type": kind, "backend_type": backend}
 
 
 @pytest.mark.parametrize(
-    ("system", "found", "names"),
+    ("system", "adapters", "names"),
     [
         (
             "linux",
             [
-                adapter("NVIDIA H100", "Vulkan"),
-                adapter("AMD Radeon", "Vulkan"),
-                adapter("NVIDIA H100/PCIe/SSE2", "OpenGL"),
-                adapter("llvmpipe (LLVM 15)", "Vulkan", "CPU"),
-                adapter("llvmpipe (LLVM 15)", "OpenGL", "CPU"),
+                make_adapter("NVIDIA H100", "Vulkan"),
+                make_adapter("AMD Radeon", "Vulkan"),
+                make_adapter("NVIDIA H100/PCIe/SSE2", "OpenGL"),
+                make_adapter("llvmpipe (LLVM 15)", "Vulkan", "CPU"),
+                make_adapter("llvmpipe (LLVM 15)", "OpenGL", "CPU"),
             ],
             ["gpu0: NVIDIA H100 on Vulkan", "gpu1: AMD Radeon on Vulkan"],
         ),
         (
             "linux",
-            [adapter("Mali-G52 (Panfrost)", "OpenGL", "IntegratedGPU")],
+            [make_adapter("Mali-G52 (Panfrost)", "OpenGL", "IntegratedGPU")],
             ["gpu0: Mali-G52 (Panfrost) on OpenGL"],
         ),
-        ("darwin", [adapter("Apple M3", "Metal", "IntegratedGPU")], ["gpu0: Apple M3 on Metal"]),
+        (
+            "darwin",
+            [make_adapter("Apple M3", "Metal", "IntegratedGPU")],
+            ["gpu0: Apple M3 on Metal"],
+        ),
         (
             "win32",
             [
-                adapter("NVIDIA RTX", "D3D12"),
-                adapter("Microsoft Basic Render Driver", "D3D12", "CPU"),
-                adapter("NVIDIA RTX", "Vulkan"),
+                make_adapter("NVIDIA RTX", "D3D12"),
+                make_adapter("Microsoft Basic Render Driver", "D3D12", "CPU"),
+                make_adapter("NVIDIA RTX", "Vulkan"),
             ],
             ["gpu0: NVIDIA RTX on D3D12", "warp: Microsoft Basic Render Driver on D3D12"],
         ),
     ],
 )
-def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, found, names):
+def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, adapters, names):
     monkeypatch.setattr(devices.sys, "platform", system)
     monkeypatch.setattr(devices, "vulkan_environment", lambda patterns: None)
-    answer = {"devices": found, "problems": []}
-    monkeypatch.setattr(devices, "run_probes", lambda asked: [answer for _ in asked])
-    of_system, problems = devices.list_webgpu_devices.__wrapped__()
+    answer = {"devices": adapters, "problems": []}
+    monkeypatch.setattr(devices, "run_probes", lambda probes: [answer for _ in probes])
+    listed, problems = devices.list_webgpu_devices.__wrapped__()
     described = [
         f"{device.name}: {device.details['device']} on {device.details['backend_type']}"
-        for device in of_system
+        for device in listed
         if device.name != "llvmpipe"
     ]
     assert described == names
-    assert [device.software for device in of_system] == [
-        not device.name.startswith("gpu") for device in of_system
+    assert [device.software for device in listed] == [
+        not device.name.startswith("gpu") for device in listed
     ]
     assert problems == ()
 

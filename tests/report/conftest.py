@@ -1,4 +1,4 @@
-"""The reports that a browser is shown."""
+"""Reports for the tests in a browser."""
 
 import itertools
 import json
@@ -41,7 +41,7 @@ def _usual_window(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of 60 footprints in two views, counted and timed by the CPU reference."""
+    """Return a run of 60 footprints in two views, counted and timed by the CPU reference."""
     path = tmp_path_factory.mktemp("report") / "city"
     plan = Plan(
         scene="city:buildings=60",
@@ -61,14 +61,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def page(browser: Chromium, folder: Path) -> Chromium:
-    """The report of that run, opened."""
+    """Return the browser with the report of that run."""
     browser.open(folder / "report.html")
     return browser
 
 
 @pytest.fixture
 def copy(folder: Path, tmp_path: Path) -> Path:
-    """A copy of that run, for a test to spoil."""
+    """Return a copy of that run, which a test may damage."""
     path = tmp_path / "copy"
     shutil.copytree(folder, path)
     return path
@@ -76,12 +76,12 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of 1,000 cases, of which a chart shows 800: without times against themselves."""
+    """Return a run of 1,000 cases; a chart shows 800, without those of the baseline."""
     return write_many(tmp_path_factory.mktemp("report") / "many", devices=1)
 
 
 def write_many(path: Path, devices: int) -> Path:
-    """Write a run of 1,000 cases a device: 200 views of 5 triangulators, one with polygons."""
+    """Write a run of 1,000 cases per device: 200 views of 5 triangulators, one with polygons."""
     store = Store.create(path)
     store.write_facts({"plan": {"triangulators": list(NAMES)}, "scene": {"name": "city"}})
     frame = make_frame(load("city:buildings=600", seed=0).polygons, View(256))
@@ -97,7 +97,7 @@ def write_many(path: Path, devices: int) -> Path:
     drawings.write(store, frame, triangles)
     values = random.Random(0)
     lines = []
-    for number, place in enumerate(
+    for number, condition in enumerate(
         itertools.product(
             ("opengl", "bounding-box"),
             [f"gpu{k}" for k in range(devices)],
@@ -105,7 +105,8 @@ def write_many(path: Path, devices: int) -> Path:
             [9.0 * k for k in range(10)],
         )
     ):
-        where = dict(zip(("rasteriser", "device", "resolution", "rotation"), place, strict=True))
+        names = ("rasteriser", "device", "resolution", "rotation")
+        fields = dict(zip(names, condition, strict=True))
         reference = [values.gauss(1e-3, 1e-5) for _ in range(20)]
         for rank, name in enumerate(NAMES):
             cost = 1.0 - 0.05 * rank
@@ -115,20 +116,20 @@ def write_many(path: Path, devices: int) -> Path:
                 "key": f"{number * len(NAMES) + rank:016x}",
                 "scene": "city",
                 "triangulator": name,
-                **where,
+                **fields,
                 "status": "ok",
                 "reason": None,
                 "polygons": 600,
                 "conforming": True,
                 "triangles": 8000,
                 "triangulate_s": 0.1,
-                "predicted": {each: cost * value for each, value in CRITERIA.items()}
+                "predicted": {criterion: cost * value for criterion, value in CRITERIA.items()}
                 | {"area": 1.8e5},
                 "counters": {"fragments": 180000, "quads": 70000, "helper_lanes": helpers},
                 "time": {"timer": "gpu", "samples_s": samples, "reference_s": reference},
             }
             lines.append(json.dumps(record) + "\n")
-            if place[2:] == (256, 0.0):
+            if condition[2:] == (256, 0.0):
                 store.write_arrays(record["key"], columns[name])
     store.close()
     (path / "cases.jsonl").write_text("".join(lines))

@@ -1,4 +1,4 @@
-"""What a report says, and what it makes of runs that lack something."""
+"""Content of reports, also of incomplete runs."""
 
 import copy
 import hashlib
@@ -33,76 +33,76 @@ opengl,llvmpipe,overdraw,helper_lanes,spearman_pooled,0.2,,,24
 """
 
 
-def records_of(folder: Path) -> list[dict]:
+def read_records(folder: Path) -> list[dict]:
     return [json.loads(line) for line in (folder / "cases.jsonl").read_text().splitlines()]
 
 
-def rewrite(folder: Path, records: list[dict]) -> None:
-    (folder / "cases.jsonl").write_text("".join(json.dumps(each) + "\n" for each in records))
+def write_records(folder: Path, records: list[dict]) -> None:
+    (folder / "cases.jsonl").write_text("".join(json.dumps(record) + "\n" for record in records))
 
 
-def test_the_chart_library_is_the_published_one():
+def test_chart_library_has_the_published_digest():
     static = resources.files("harness.report") / "static"
     content = (static / "echarts.common.min.js").read_bytes()
     assert hashlib.sha256(content).hexdigest().endswith(ECHARTS)
     assert "Apache License" in (static / "LICENSE-echarts.txt").read_text()
 
 
-def test_the_command_writes_one_file(copy, tmp_path):
+def test_command_writes_one_file(copy, tmp_path):
     out = tmp_path / "else" / "where.html"
     result = CliRunner().invoke(app, ["report", str(copy), "--out", str(out)])
     assert result.exit_code == 0
     assert "where.html" in result.output
-    text = out.read_text()
-    assert text.startswith("<!DOCTYPE html>")
+    content = out.read_text()
+    assert content.startswith("<!DOCTYPE html>")
     assert [
-        each
-        for each in ("src=", 'href="http', "@import", "url(")
-        if each in text.split("<script>")[0]
+        link
+        for link in ("src=", 'href="http', "@import", "url(")
+        if link in content.split("<script>")[0]
     ] == []
 
 
-def test_the_sentence_names_the_fastest_and_its_interval(copy):
-    records = records_of(copy)
+def test_answer_names_the_fastest_and_its_interval(copy):
+    records = read_records(copy)
     for record in records:
         factor = {"ear-clipping": 1.0, "optimal:half-perimeter": 0.8}.get(record["triangulator"], 2)
         record["time"]["samples_s"] = [factor * s for s in record["time"]["reference_s"]]
         record["time"]["median_s"] = factor * 1e-3
-    rewrite(copy, records)
+    write_records(copy, records)
     answer = content_of(read_run(copy))["groups"][0]["answer"]
     assert "by optimal:half-perimeter: it is shown to save 20.0 % of ear-clipping's" in answer
     assert "(95 % interval 19.4 to 20.6 %)" in answer
 
 
-def test_the_sentence_does_not_name_a_winner_where_none_is_shown(copy):
-    records = records_of(copy)
+def test_answer_without_significant_times_is_by_counters(copy):
+    records = read_records(copy)
     for record in records:
         record["time"]["samples_s"] = record["time"]["reference_s"]
-    rewrite(copy, records)
+    write_records(copy, records)
     answer = content_of(read_run(copy))["groups"][0]["answer"]
     assert "times show none to be faster" in answer
     assert "has the least by exact count" in answer
 
 
-def test_without_times_the_counters_rank(copy):
-    records = records_of(copy)
+def test_run_without_times_is_ranked_by_counters(copy):
+    records = read_records(copy)
     for record in records:
         del record["time"]
-    rewrite(copy, records)
+    write_records(copy, records)
     content = content_of(read_run(copy))
-    whole = [r for r in records if r["polygons"] == 60 and r["resolution"] == 256]
-    best = min(whole, key=lambda record: record["counters"]["helper_lanes"])
+    complete = [r for r in records if r["polygons"] == 60 and r["resolution"] == 256]
+    best = min(complete, key=lambda record: record["counters"]["helper_lanes"])
     answer = content["groups"][0]["answer"]
     assert "it has the least by exact count" in answer
     assert f"{best['counters']['helper_lanes']:,} helper lanes" in answer
 
 
-def test_failures_are_announced(copy, browser):
-    records = records_of(copy)
+def test_failures_are_listed(copy, browser):
+    records = read_records(copy)
     for record in records[:2]:
         record |= {"status": "failed", "reason": "crashed: SIGSEGV"}
         del record["time"], record["counters"]
-    rewrite(copy, records)
+    write_records(copy, records)
     browser.open(write_report(read_run(copy)))
     browser.evaluate("document.getElementById('show-failed').click()")
     assert browser.evaluate("document.getElementById('found').textContent") == "1 to 2 of 2"
@@ -111,7 +111,7 @@ def test_failures_are_announced(copy, browser):
 
 
 @pytest.mark.parametrize("lost", ["frames", "polygons", "run.json"])
-def test_a_run_that_lost_a_part_is_shown_without_it(copy, browser, lost):
+def test_run_with_missing_files_is_shown_without_them(copy, browser, lost):
     path = copy / lost
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     browser.open(write_report(read_run(copy)))
@@ -123,12 +123,12 @@ def test_a_run_that_lost_a_part_is_shown_without_it(copy, browser, lost):
     assert browser.errors == []
 
 
-def test_a_study_shows_its_matrix_with_intervals(copy, browser):
+def test_study_shows_the_matrix_with_intervals(copy, browser):
     (copy / "correlations.csv").write_text(CORRELATIONS)
     browser.open(write_report(read_run(copy)))
-    shown = browser.evaluate("document.getElementById('matrix').innerText")
-    assert "0.990" in shown
-    assert "0.985 to 0.995" in shown
+    matrix = browser.evaluate("document.getElementById('matrix').innerText")
+    assert "0.990" in matrix
+    assert "0.985 to 0.995" in matrix
     answer = browser.evaluate("document.getElementById('answer').textContent")
     assert answer == (
         "Half-perimeter H predicts the helper lanes of opengl on llvmpipe best (rank correlation "
@@ -144,7 +144,7 @@ def test_a_study_shows_its_matrix_with_intervals(copy, browser):
     assert browser.errors == []
 
 
-def test_a_study_without_cases_is_shown(tmp_path, browser):
+def test_study_without_cases_is_shown(tmp_path, browser):
     (tmp_path / "correlations.csv").write_text(CORRELATIONS)
     (tmp_path / "run.json").write_text('{"schema_version": 1}')
     browser.open(write_report(read_run(tmp_path)))
@@ -159,74 +159,74 @@ def test_a_study_without_cases_is_shown(tmp_path, browser):
         (CORRELATIONS.replace("0.99,", "much,"), "line 2: not a number"),
     ],
 )
-def test_a_broken_study_is_refused(copy, content, problem):
+def test_damaged_study_is_refused(copy, content, problem):
     (copy / "correlations.csv").write_text(content)
     with pytest.raises(InputError, match=problem):
         write_report(read_run(copy))
 
 
-def test_a_sample_of_polygons_is_fixed_and_in_order():
+def test_sample_of_polygons_is_reproducible_and_sorted():
     assert choose(5, 10).tolist() == [0, 1, 2, 3, 4]
-    chosen = choose(1000, 50)
-    assert chosen.tolist() == sorted(set(chosen.tolist()))
-    assert len(chosen) == 50
-    assert (chosen == choose(1000, 50)).all()
+    sample = choose(1000, 50)
+    assert sample.tolist() == sorted(set(sample.tolist()))
+    assert len(sample) == 50
+    assert (sample == choose(1000, 50)).all()
 
 
-def fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of each field of a record, however deep."""
+def list_fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the paths of all fields of a record at any depth."""
     if isinstance(value, dict):
         for name in value:
             yield (*above, name)
-            yield from fields(value[name], (*above, name))
+            yield from list_fields(value[name], (*above, name))
 
 
 @pytest.mark.parametrize("damage", ["missing", "null"])
 def test_each_field_may_be_damaged(damage):
     run = read_run(make_sample_run())
-    whole, *others = lines_of(run)
-    assert "least" in whole
+    record_of_run, *other_records = lines_of(run)
+    assert "least" in record_of_run
     ignored = set()
-    for path in fields(whole):
-        record = copy.deepcopy(whole)
-        inner = record
+    for path in list_fields(record_of_run):
+        record = copy.deepcopy(record_of_run)
+        parent = record
         for name in path[:-1]:
-            inner = inner[name]
+            parent = parent[name]
         if damage == "missing":
-            del inner[path[-1]]
+            del parent[path[-1]]
         else:
-            inner[path[-1]] = None
-        found = read_back(run.facts, [record, *others])
-        json.dumps(content_of(found), allow_nan=False)
-        if len(found.records) < len(run.records):
+            parent[path[-1]] = None
+        damaged_run = read_back(run.facts, [record, *other_records])
+        json.dumps(content_of(damaged_run), allow_nan=False)
+        if len(damaged_run.records) < len(run.records):
             ignored.add(path[0])
     assert {"key", "resolution", "rotation", "triangulator", "least"} <= ignored
     assert {"reason", "polygons", "outline_quads", "triangulate_s"}.isdisjoint(ignored)
 
 
-def damaged(change):
-    """Return a sound run of which a record, and its facts, were changed."""
+def change_run(change):
+    """Return a run after a change of its first record and its facts."""
     run = read_run(make_sample_run())
-    record, *others = lines_of(run)
+    record, *other_records = lines_of(run)
     facts = copy.deepcopy(run.facts)
     change(record, facts)
-    return read_back(facts, [record, *others])
+    return read_back(facts, [record, *other_records])
 
 
-def test_an_interval_of_one_end_is_no_record():
-    found = damaged(lambda record, _: record["time"].update(ci95_s=[0.1]))
-    assert len(found.records) == len(read_run(make_sample_run()).records) - 1
+def test_record_with_half_an_interval_is_ignored():
+    run = change_run(lambda record, _: record["time"].update(ci95_s=[0.1]))
+    assert len(run.records) == len(read_run(make_sample_run()).records) - 1
 
 
-def test_rounds_of_another_number_are_paired_with_none():
-    found = damaged(lambda record, _: record["time"]["samples_s"].append(0.1))
-    json.dumps(content_of(found), allow_nan=False)
-    first, second = found.records[:2]
+def test_times_with_other_rounds_are_not_paired():
+    run = change_run(lambda record, _: record["time"]["samples_s"].append(0.1))
+    json.dumps(content_of(run), allow_nan=False)
+    first, second = run.records[:2]
     assert time_ratio(first, second) is None
     assert time_ratio(second, second) is not None
 
 
-def test_a_plan_of_no_names_is_left_out():
-    found = damaged(lambda _, facts: facts["plan"].update(triangulators=[{"a": 1}]))
-    assert "plan" not in found.facts
-    assert any("plan is not usable" in line for line in found.problems)
+def test_invalid_plan_is_ignored():
+    run = change_run(lambda _, facts: facts["plan"].update(triangulators=[{"a": 1}]))
+    assert "plan" not in run.facts
+    assert any("plan is not usable" in line for line in run.problems)

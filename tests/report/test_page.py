@@ -1,4 +1,4 @@
-"""The report in a browser: it renders, its parts follow what is chosen, it asks nobody."""
+"""The report in a browser: rendering, reaction of its parts to choices, no network requests."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ POINT = """(() => {
 })()"""
 
 
-def texts(page: Chromium, selector: str) -> list[str]:
+def read_texts(page: Chromium, selector: str) -> list[str]:
     return page.evaluate(
         f"[...document.querySelectorAll({selector!r})].map((each) => each.textContent.trim())"
     )
@@ -32,20 +32,20 @@ def select(page: Chromium, name: str, value: str, event: str = "change") -> None
     )
 
 
-def table(page: Chromium, name: str) -> list[dict[str, str]]:
+def read_table(page: Chromium, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(page.evaluate(f"tables[{name!r}]()"))))
 
 
-def test_it_renders_without_errors_and_asks_for_nothing_outside_itself(page, folder):
-    assert texts(page, "h1") == ["city: what its triangulations cost to rasterise"]
-    assert texts(page, "#answer")[0].startswith("On cpu (reference, 256 px), ")
-    assert len(texts(page, "#ranking tbody tr")) == len(NAMES)
+def test_report_renders_without_errors_or_requests(page, folder):
+    assert read_texts(page, "h1") == ["city: what its triangulations cost to rasterise"]
+    assert read_texts(page, "#answer")[0].startswith("On cpu (reference, 256 px), ")
+    assert len(read_texts(page, "#ranking tbody tr")) == len(NAMES)
     assert page.evaluate("document.querySelectorAll('#chart canvas').length") > 0
     assert page.errors == []
     assert page.requests == [(folder / "report.html").resolve().as_uri()]
 
 
-def test_each_mark_is_drawn_once_in_its_triangulators_series(page):
+def test_each_mark_is_in_the_series_of_its_triangulator(page):
     counts = page.evaluate(
         "chart.plot.getOption().series.filter((s) => s.type === 'scatter')"
         ".map((s) => [s.name, s.data.length])"
@@ -57,44 +57,45 @@ def test_each_mark_is_drawn_once_in_its_triangulators_series(page):
     # Polygons whose triangulation is the base's are marks on 1, which are counted and not drawn.
     same = page.evaluate("chart.same")
     assert 0 < same < 60
-    assert f"{same} marks on 1" in texts(page, "#chart-note")[0]
+    assert f"{same} marks on 1" in read_texts(page, "#chart-note")[0]
     select(page, "scale", "absolute")
     assert page.evaluate("chart.marks.length") > len(marks) + same
 
 
 def test_conditions_change_every_part(page):
-    before = texts(page, "#answer")
-    page_options = texts(page, "#condition option")
+    before = read_texts(page, "#answer")
+    page_options = read_texts(page, "#condition option")
     assert len(page_options) == 2
     select(page, "condition", page_options[1])
-    assert "128 px, turned 30°" in texts(page, "#ranking caption")[0]
-    assert texts(page, "#answer") != before
+    assert "128 px, turned 30°" in read_texts(page, "#ranking caption")[0]
+    assert read_texts(page, "#answer") != before
     assert page.evaluate("group().view") == "128px-30deg-box"
     assert page.evaluate("chart.marks.length") > 0
-    assert "128 px" in texts(page, "#status")[0]
+    assert "128 px" in read_texts(page, "#status")[0]
     assert page.errors == []
 
 
-def test_hiding_a_triangulator_takes_it_out_of_chart_and_ranking(page):
+def test_hidden_triangulator_is_absent_from_chart_and_ranking(page):
     before = page.evaluate("chart.marks.length")
-    own = page.evaluate("chart.marks.filter((m) => m.case.row.triangulator === 'delaunay').length")
-    assert own > 0
+    names = page.evaluate("chart.marks.map((mark) => mark.case.row.triangulator)")
+    hidden = names.count("delaunay")
+    assert hidden > 0
     page.evaluate("document.querySelector('#names input[value=delaunay]').click()")
-    assert page.evaluate("chart.marks.length") == before - own
-    assert "delaunay" not in texts(page, "#ranking tbody th")
+    assert page.evaluate("chart.marks.length") == before - hidden
+    assert "delaunay" not in read_texts(page, "#ranking tbody th")
     page.evaluate("document.querySelector('#names input[value=delaunay]').click()")
     assert page.evaluate("chart.marks.length") == before
 
 
 @pytest.mark.parametrize("level", ["polygons", "cases"])
 @pytest.mark.parametrize("scale", ["ratio", "absolute"])
-def test_marks_are_polygons_or_cases_in_ratio_or_absolute(page, level, scale):
+def test_marks_are_polygons_or_cases_as_ratios_or_absolute(page, level, scale):
     select(page, "level", level)
     select(page, "scale", scale)
     assert page.evaluate("chart.marks.length") > 0
     titles = page.evaluate("chart.plot.getOption().xAxis.map((axis) => axis.name)")
-    wanted = ("ratio to ear-clipping",) if scale == "ratio" else ("[px", "[lanes]", "[quads]")
-    assert all(any(word in title for word in wanted) for title in titles)
+    expected = ("ratio to ear-clipping",) if scale == "ratio" else ("[px", "[lanes]", "[quads]")
+    assert all(any(word in title for word in expected) for title in titles)
     assert page.errors == []
 
 
@@ -104,9 +105,9 @@ def test_hover_shows_the_case_and_a_click_opens_its_heatmap(page):
     page.send("Input.dispatchMouseEvent", type="mouseMoved", x=x - 2, y=y)
     page.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
     page.wait("document.getElementById('chart').textContent.includes('measured')")
-    shown = texts(page, "#chart")[0]
-    assert name in shown
-    assert "reference on cpu" in shown
+    tooltip = read_texts(page, "#chart")[0]
+    assert name in tooltip
+    assert "reference on cpu" in tooltip
     page.click(x, y)
     page.wait("document.activeElement.id === 'heatmap-title'")
     assert page.evaluate("heat.k") == polygon
@@ -114,12 +115,12 @@ def test_hover_shows_the_case_and_a_click_opens_its_heatmap(page):
     assert page.errors == []
 
 
-def test_the_chart_can_be_read_and_used_with_the_keyboard(page):
+def test_chart_is_accessible_by_keyboard(page):
     page.evaluate("document.getElementById('chart').focus()")
     page.press("ArrowRight", 39)
-    first = texts(page, "#mark")[0]
+    first = read_texts(page, "#mark")[0]
     page.press("ArrowRight", 39)
-    second = texts(page, "#mark")[0]
+    second = read_texts(page, "#mark")[0]
     assert "measured helper lanes" in first
     assert first != second
     page.press("Enter", 13)
@@ -127,7 +128,7 @@ def test_the_chart_can_be_read_and_used_with_the_keyboard(page):
     assert page.errors == []
 
 
-def test_heatmaps_count_what_the_rasteriser_counted(page, folder):
+def test_heatmaps_equal_the_counters(page, folder):
     run = read_run(folder)
     for record in lines_of(run):
         if record["resolution"] != 256 or record["triangulator"] == "fan":
@@ -139,17 +140,17 @@ def test_heatmaps_count_what_the_rasteriser_counted(page, folder):
         )
         columns = read_arrays(run, record["key"])
         assert columns is not None
-        for place, name in enumerate(("fragments", "helper_lanes", "bbox_tests")):
-            assert [row[place] for row in counted] == columns[name].tolist(), name
+        for index, name in enumerate(("fragments", "helper_lanes", "bbox_tests")):
+            assert [row[index] for row in counted] == columns[name].tolist(), name
 
 
-def test_the_slider_and_the_gallery_change_the_picture(page):
+def test_slider_and_gallery_change_the_picture(page):
     select(page, "split", "20", "input")
     clip = page.evaluate("getComputedStyle(document.getElementById('canvas-right')).clipPath")
     assert "20%" in clip
-    caption = texts(page, "#heatmap-caption")
+    caption = read_texts(page, "#heatmap-caption")
     page.evaluate("document.querySelectorAll('#gallery button')[3].click()")
-    assert texts(page, "#heatmap-caption") != caption
+    assert read_texts(page, "#heatmap-caption") != caption
     pressed = page.evaluate(
         "[...document.querySelectorAll('#gallery button')].map((b) => b.ariaPressed)"
     )
@@ -159,45 +160,45 @@ def test_the_slider_and_the_gallery_change_the_picture(page):
 
 def test_cases_are_found_and_sorted(page):
     select(page, "find", "DELAUNAY 128", "input")
-    assert texts(page, "#cases tbody th") == ["delaunay"]
-    assert texts(page, "#found") == ["1 to 1 of 1"]
+    assert read_texts(page, "#cases tbody th") == ["delaunay"]
+    assert read_texts(page, "#found") == ["1 to 1 of 1"]
     select(page, "find", "256", "input")
-    column = texts(page, "#cases thead th").index("helper lanes")
+    column = read_texts(page, "#cases thead th").index("helper lanes")
     for direction in ("ascending", "descending"):
         page.evaluate(f"document.querySelectorAll('#cases thead button')[{column}].click()")
-        found = texts(page, f"#cases td:nth-child({column + 1})")
-        cells = [int(text.replace(",", "")) for text in found]
+        column_texts = read_texts(page, f"#cases td:nth-child({column + 1})")
+        cells = [int(text.replace(",", "")) for text in column_texts]
         assert cells == sorted(cells, reverse=direction == "descending")
         head = f"document.querySelectorAll('#cases thead th')[{column}].ariaSort"
         assert page.evaluate(head) == direction
     select(page, "state", "failed")
-    assert texts(page, "#found") == ["no case is like this"]
+    assert read_texts(page, "#found") == ["no case is like this"]
 
 
-def test_every_table_can_be_had_as_csv(page, folder):
+def test_every_table_has_a_csv_file(page, folder):
     records = lines_of(read_run(folder))
-    cases = {row["key"]: row for row in table(page, "cases")}
+    cases = {row["key"]: row for row in read_table(page, "cases")}
     assert set(cases) == {record["key"] for record in records}
     for record in records:
         row = cases[record["key"]]
         assert int(row["helper_lanes"]) == record["counters"]["helper_lanes"]
         assert float(row["draw_ms"]) == pytest.approx(1e3 * record["time"]["median_s"], rel=1e-5)
-    ranking = table(page, "ranking")
+    ranking = read_table(page, "ranking")
     assert [row["triangulator"] for row in ranking][-1] == "fan"
-    assert len(table(page, "chart")) == page.evaluate("chart.marks.length")
-    matrix = {(row["criterion"], row["measure"]) for row in table(page, "matrix")}
+    assert len(read_table(page, "chart")) == page.evaluate("chart.marks.length")
+    matrix = {(row["criterion"], row["measure"]) for row in read_table(page, "matrix")}
     assert ("half_perimeter", "helper_lanes") in matrix
-    pixels = table(page, "heatmap")
+    pixels = read_table(page, "heatmap")
     lanes = sum(int(row["lanes"]) for row in pixels)
-    shown = page.evaluate("Object.values(heat.maps).map((m) => m.fragments + m.helpers)")
-    assert lanes == sum(shown)
-    assert any(row["fact"] == "cpu" for row in table(page, "environment"))
+    lanes_of_maps = page.evaluate("Object.values(heat.maps).map((m) => m.fragments + m.helpers)")
+    assert lanes == sum(lanes_of_maps)
+    assert any(row["fact"] == "cpu" for row in read_table(page, "environment"))
     assert page.evaluate("document.querySelectorAll('[data-csv]').length") == len(
         page.evaluate("Object.keys(tables)")
     )
 
 
-def test_a_csv_button_downloads_the_file(page, tmp_path):
+def test_csv_button_downloads_the_file(page, tmp_path):
     page.send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     page.evaluate("document.querySelector('[data-csv=ranking]').click()")
     end = time.monotonic() + TIMEOUT_S
@@ -207,12 +208,12 @@ def test_a_csv_button_downloads_the_file(page, tmp_path):
     assert {row["triangulator"] for row in rows} == set(NAMES)
 
 
-def test_a_page_has_fifty_of_many_cases(browser, many):
+def test_table_of_cases_has_pages_of_fifty(browser, many):
     browser.open(many / "report.html")
-    assert texts(browser, "#found") == ["1 to 50 of 1,000"]
+    assert read_texts(browser, "#found") == ["1 to 50 of 1,000"]
     assert browser.evaluate("state.report.cases.length") == 1_000
     select(browser, "level", "cases")
     assert browser.evaluate("chart.marks.length") == 800
     browser.evaluate("document.getElementById('after').click()")
-    assert texts(browser, "#found") == ["51 to 100 of 1,000"]
+    assert read_texts(browser, "#found") == ["51 to 100 of 1,000"]
     assert browser.errors == []

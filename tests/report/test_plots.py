@@ -1,4 +1,4 @@
-"""Static plots: a paper's widths, units on the axes; and the estimates that they show."""
+"""Static plots: width, units on the axes, and estimates of counters."""
 
 import re
 from dataclasses import replace
@@ -26,7 +26,7 @@ LABELS = (
 )
 
 
-def test_plots_have_a_papers_width_and_labels_with_units(copy, monkeypatch):
+def test_plots_have_the_width_of_a_paper_and_labels_with_units(copy, monkeypatch):
     monkeypatch.setitem(STYLE, "savefig.dpi", PRINTED_DPI)
     plot_run(read_run(copy))
     svg = (copy / "plots" / f"{NAME}.svg").read_text()
@@ -39,7 +39,7 @@ def test_plots_have_a_papers_width_and_labels_with_units(copy, monkeypatch):
         assert picture.width == pytest.approx(200 * TWO_COLUMNS, abs=2)
 
 
-def test_each_view_has_its_own_plots(copy):
+def test_each_view_has_separate_plots(copy):
     names = {file.name for file in plot_run(read_run(copy))}
     assert "predicted-vs-measured-reference-cpu-128-30.svg" in names
     assert len(names) == 4
@@ -54,7 +54,7 @@ def test_colours_differ_in_lightness_or_hue_for_colour_blind_eyes():
     assert min(gaps) > 0.1
 
 
-def test_a_new_criterion_gets_its_bar_in_the_plot(copy, monkeypatch):
+def test_new_criterion_has_a_bar_in_the_plot(copy, monkeypatch):
     half = criteria.CRITERIA["half-perimeter"]
     new = replace(half, name="sparkle-length", label="sparkle", symbol="K")
     monkeypatch.setitem(criteria.CRITERIA, new.name, new)
@@ -69,39 +69,39 @@ def test_a_new_criterion_gets_its_bar_in_the_plot(copy, monkeypatch):
     assert "sparkle K" in svg
 
 
-TOLD = {"expected_quads": 30.0, "half_perimeter": 40.0, "overdraw": 25.0, "area": 60.0}
+FEATURES = {"expected_quads": 30.0, "half_perimeter": 40.0, "overdraw": 25.0, "area": 60.0}
 
 
-def test_the_formulas():
-    found = compute_estimates({**TOLD, "triangles": 7.0})
-    assert found == {
+def test_formulas_of_estimates():
+    estimates = compute_estimates({**FEATURES, "triangles": 7.0})
+    assert estimates == {
         "helper_lanes_by_quads": 4 * 30 - 60,
         "helper_lanes_by_half_perimeter": 40 + 7,
         "bbox_tests_by_overdraw": 25 + 60,
     }
-    assert "helper_lanes_by_half_perimeter" not in compute_estimates(TOLD)
+    assert "helper_lanes_by_half_perimeter" not in compute_estimates(FEATURES)
     prefixed = compute_estimates(
-        {PREDICTED + name: value for name, value in TOLD.items()}, PREDICTED
+        {PREDICTED + name: value for name, value in FEATURES.items()}, PREDICTED
     )
     assert prefixed[f"{PREDICTED}bbox_tests_by_overdraw"] == 85
 
 
-def test_each_has_the_unit_of_what_it_predicts():
-    for name, each in ESTIMATES.items():
+def test_estimates_have_the_unit_of_their_counter():
+    for name, estimate in ESTIMATES.items():
         figure = find_metric(PREDICTED + name)
-        assert figure.unit == find_metric(each.measure).unit
-        assert figure.title == f"{find_metric(each.measure).label} by {each.formula}"
+        assert figure.unit == find_metric(estimate.measure).unit
+        assert figure.title == f"{find_metric(estimate.measure).label} by {estimate.formula}"
 
 
-def test_the_error_is_a_share():
+def test_error_is_relative():
     measured = np.array([1.0, 2.0, 4.0, np.nan])
     assert error_of(measured * 1.05, measured) == pytest.approx(np.log(1.05))
     assert error_of(measured * [1.05, 1 / 1.05, 1.05, 1.0], measured) == pytest.approx(np.log(1.05))
     assert error_of(np.array([np.nan]), np.array([1.0])) is None
 
 
-def test_an_estimate_is_nearer_than_its_criterion(folder):
-    """Quads against helper lanes are in two units; 4Q - S against them in one."""
+def test_estimate_is_closer_than_its_criterion(folder):
+    """Expected quads have another unit than helper lanes; 4Q - S has the same."""
     run = read_run(folder)
     records = [record for record in run.records if record.id.view.resolution == 256]
     columns = {record.name: columns_of(run, record) for record in records}
@@ -110,8 +110,8 @@ def test_an_estimate_is_nearer_than_its_criterion(folder):
         for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
     }
     assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]
-    for record, own in zip(records, columns.values(), strict=True):
+    for record, column in zip(records, columns.values(), strict=True):
         if record.name == "fan":
             continue
-        predicted = own[f"{PREDICTED}helper_lanes_by_quads"].sum()
+        predicted = column[f"{PREDICTED}helper_lanes_by_quads"].sum()
         assert predicted == pytest.approx(record.counters["helper_lanes"], rel=0.05)

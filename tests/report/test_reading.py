@@ -1,4 +1,4 @@
-"""The report for every reader: dark or light, small or printed, with eyes or a screen reader."""
+"""Accessibility of the report: colour schemes, small windows, print, keyboard, screen readers."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def test_text_has_contrast_in_both_colour_schemes(browser, folder, scheme):
     assert browser.errors == []
 
 
-def test_the_colours_can_be_chosen_against_the_systems(page):
+def test_colours_can_differ_from_the_systems(page):
     before = page.evaluate("getComputedStyle(document.body).backgroundColor")
     for _ in range(2):
         page.evaluate("document.getElementById('theme').click()")
@@ -45,7 +45,7 @@ def test_the_colours_can_be_chosen_against_the_systems(page):
     assert page.evaluate("state.dark") is True
 
 
-def test_a_screen_reader_finds_landmarks_names_and_headings(page):
+def test_page_has_landmarks_names_and_headings(page):
     page.send("Accessibility.enable")
     nodes = [
         (node["role"]["value"], node.get("name", {}).get("value", ""))
@@ -64,7 +64,7 @@ def test_a_screen_reader_finds_landmarks_names_and_headings(page):
     assert all(later - earlier <= 1 for earlier, later in itertools.pairwise(levels))
 
 
-def test_structure_is_sound(page):
+def test_structure_of_the_page_is_valid(page):
     repeated = page.evaluate(
         "[...document.querySelectorAll('[id]')].map((e) => e.id)"
         ".filter((id, place, all) => all.indexOf(id) !== place)"
@@ -118,11 +118,11 @@ def test_titles_of_charts_are_within_their_panels(browser, folder, width, scheme
     room = width if width < 700 else width / 2
     titles = browser.evaluate(widths)
     assert len(titles) == 2
-    assert all(0 < wide < room and how == "break" for _, wide, how in titles)
+    assert all(0 < wide < room and overflow == "break" for _, wide, overflow in titles)
 
 
 @pytest.mark.parametrize("width", [360, 768, 1200, 1400, 1920])
-def test_the_ranking_is_seen_whole(browser, folder, width):
+def test_ranking_is_completely_visible(browser, folder, width):
     browser.resize(width, 900)
     browser.open(folder / "report.html")
     heads = "[...document.querySelectorAll('.ranking thead')].map((head) => head.offsetHeight)"
@@ -135,16 +135,16 @@ def test_the_ranking_is_seen_whole(browser, folder, width):
     assert browser.evaluate("document.querySelectorAll('.scroll table.ranking').length") > 0
 
 
-def test_the_chart_sets_helper_lanes_against_their_estimate_first(page):
-    shown = page.evaluate("['a', 'b'].map((side) => $(`criterion-${side}`).value)")
-    assert shown[0] == "helper_lanes_by_quads"
-    assert shown[1] != shown[0]
+def test_chart_first_shows_helper_lanes_by_their_estimate(page):
+    criteria = page.evaluate("['a', 'b'].map((side) => $(`criterion-${side}`).value)")
+    assert criteria[0] == "helper_lanes_by_quads"
+    assert criteria[1] != criteria[0]
     assert page.evaluate("state.report.estimates.helper_lanes_by_quads") == page.evaluate(
         "group().main"
     )
 
 
-def test_print_is_on_white_with_every_fact(browser, folder, tmp_path):
+def test_print_is_on_white_with_all_facts(browser, folder, tmp_path):
     browser.prefer("dark")
     browser.open(folder / "report.html")
     browser.evaluate("dispatchEvent(new Event('beforeprint'))")
