@@ -82,9 +82,7 @@ class Device:
         """Raise NoRasteriserError if a variable of the environment is not set."""
         for key, value in self.environment.items():
             if os.environ.get(key) != value:
-                raise NoRasteriserError(
-                    f"{self.name}: set {key}={value} before the driver is loaded"
-                )
+                raise NoRasteriserError(f"{self.name}: set {key}={value} before the driver loads")
 
 
 @dataclass(frozen=True)
