@@ -21,7 +21,7 @@ from harness.commands.index import COMMANDS, load
 from harness.metrics.registry import list_metrics
 from harness.page.device_summaries import plain_cell
 from harness.page.device_summaries import table as summaries
-from harness.profile.words import devices_table
+from harness.profile.report import devices_table
 from scenes.registry import ENTRIES
 from triangulators.criteria import CRITERIA
 from triangulators.registry import BUILTIN

@@ -20,7 +20,7 @@ import pandas as pd
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import View, make_frame
-from harness.profile.words import amount
+from harness.profile.report import format_seconds
 from harness.rasterisers.reference import predict
 from harness.stats.intervals import Ratio, of_any_run
 from harness.triangulating.recipes import parse
@@ -261,7 +261,7 @@ def _law_coverage() -> list[str]:
 def profile_term(term: str, profile: str) -> str:
     """Return the cost of a term of a device's law, "-" if it is not significant."""
     (found,) = json_values(f"reference/profiles/{profile}.json", f"terms.name={term}")
-    return amount(found["cost"]) if found["shown"] else "-"
+    return format_seconds(found["cost"]) if found["shown"] else "-"
 
 
 def cost_ps(profile: str, term: str) -> str:

@@ -32,14 +32,14 @@ from triangulators.errors import suggest
 if TYPE_CHECKING:
     from rich.table import Table
 
-MATTERS = 0.01
-"""Share of ear clipping's lanes, or of its draw's time, below which what is saved is nothing."""
+MIN_SAVED_SHARE = 0.01
+"""Smaller savings, as a share of the base's lanes or draw time, do not matter."""
 
-AGAIN_S, ROUNDS = 0.2, 3
-"""Triangulating all that takes less is timed so often; the least counts."""
+MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
+"""If triangulating takes less in all, it is timed in several rounds, and the minimum counts."""
 
 CONTRIBUTED = Path(__file__).parents[1] / "results" / "reference" / "profiles"
-"""Profiles that people brought; a wheel has none."""
+"""Contributed profiles; an installed wheel has none."""
 
 
 @dataclass(frozen=True)
@@ -50,52 +50,55 @@ class DeviceCosts:
     costs: NDArray[np.float64]
 
 
-EXACT = ("fragments", "quads", "helper_lanes", "partial_quads")
-"""What is counted: see `rasterisers.reference.predict`."""
+COUNTED = ("fragments", "quads", "helper_lanes", "partial_quads")
+"""Counters, see `rasterisers.reference.predict`."""
 
 Cost = dict[str, Any]
-"""What one triangulator's triangles cost: `EXACT`; `triangulate_s`, the seconds that it took; and
-`draw`, the time of a draw by a device's law in seconds, None without one."""
+"""Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; and `draw`, the
+modelled draw time in seconds, or None without a device."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """What a scene costs at one size.
+    """Costs of a scene at one size.
 
     resolution : side of the viewport in px, which the scene fills
-    polygons : counted: those that the grid leaves and that all triangulators do
-    left_out : polygons that the grid does not leave, or that some triangulator does not do
+    polygons : number of polygons that all triangulators triangulate
+    skipped : polygons that vanish on the grid, or that some triangulator does not triangulate
     polygon_px : median of the longer sides of their bounding boxes
     costs : by triangulator, the base first
     """
 
     resolution: int
     polygons: int
-    left_out: int
+    skipped: int
     polygon_px: float
     costs: dict[str, Cost]
 
     @property
     def covered(self) -> int:
-        """Pixels, however they are triangulated."""
+        """Covered pixels, equal for all triangulators."""
         return int(next(iter(self.costs.values()))["fragments"])
 
     @property
     def saved(self) -> dict[str, float]:
-        """Which share of the base's draw time each one saves, of its lanes without a law."""
+        """Share of the base's draw time, or of its lanes without a device, that each saves."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
         base = next(iter(spent.values()))
-        return {name: 1.0 - each / base if base else 0.0 for name, each in spent.items()}
+        return {name: 1.0 - cost / base if base else 0.0 for name, cost in spent.items()}
 
     @property
     def matters(self) -> bool:
-        """Whether something is saved, of enough pixels to tell."""
-        return max(self.saved.values()) >= MATTERS and self.covered >= MIN_PIXELS
+        """Whether savings reach `MIN_SAVED_SHARE`, over enough pixels for a conclusion."""
+        return max(self.saved.values()) >= MIN_SAVED_SHARE and self.covered >= MIN_PIXELS
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """What a scene costs at several sizes, the smallest first, and by which law, if by any."""
+    """Costs of a scene at several sizes, the smallest first.
+
+    device : the device whose draw times are modelled, or None
+    """
 
     scene: str
     device: DeviceCosts | None
@@ -103,156 +106,159 @@ class Sizes:
 
     @property
     def measure(self) -> str:
-        """What is saved."""
+        """Name of the saved quantity."""
         return f"draw time on {self.device.name}" if self.device else "shaded lanes"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON-ready values."""
+        """Return JSON-ready values."""
         return {
             "scene": self.scene,
             "device": self.device.name if self.device else None,
             "unit": "s" if self.device else None,
             "sizes": [asdict(size) for size in self.sizes],
             "matters_at": [size.resolution for size in self.sizes if size.matters],
-            "matters_share": MATTERS,
-            "sentence": sentence(self),
+            "matters_share": MIN_SAVED_SHARE,
+            "sentence": summarise(self),
         }
 
 
 def read_costs(name: str, *folders: Path) -> DeviceCosts:
-    """Return the law of a profile: a file, or the name of one in `folders` or brought by people.
+    """Return the costs of a profile: a file, or the name of one in `folders` or contributed.
 
     Raises
     ------
     UsageError
-        if there is none, or it was refused when it was made
+        if the profile is missing, invalid or refused
     """
-    known = {
+    profiles = {
         file.stem: file
         for folder in (CONTRIBUTED, *folders)
         for file in sorted(folder.glob("*.json"))
         if not file.stem.endswith(".refused")
     }
-    if name not in known and not Path(name).exists():
-        hint = suggest(name, sorted(known), cutoff=0.4, fallback="raster-harness profile makes one")
-        raise UsageError(f"no profile {name}: it is neither a file nor a name; {hint}")
-    return read_profile(known.get(name, Path(name)), _costs_of)
+    if name not in profiles and not Path(name).exists():
+        hint = suggest(
+            name, sorted(profiles), cutoff=0.4, fallback="raster-harness profile makes one"
+        )
+        raise UsageError(f"no profile {name}: neither a file nor a known name; {hint}")
+    return read_profile(profiles.get(name, Path(name)), _costs_of)
 
 
 def _costs_of(profile: Any) -> DeviceCosts:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
-    every = np.array([costs[term] for term in TERMS])
-    return DeviceCosts(str(profile["device"]["name"]), every)
+    return DeviceCosts(str(profile["device"]["name"]), np.array([costs[t] for t in TERMS]))
 
 
 def count_size(
     scene: Scene, recipes: Sequence[Recipe], view: View, device: DeviceCosts | None
 ) -> Size:
-    """Return what the scene costs at one size, by two or more `recipes`.
+    """Return the costs of the scene at one size, for two or more `recipes`.
 
     Raises
     ------
     UsageError
-        if the scene brings a view of its own along, or nothing of it can be drawn at this size
+        if the scene defines its view, or no polygon can be drawn at this size
     """
     frame = frame_of(scene, view)
-    made = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
-    done = np.all([[part is not None for part in each.parts] for each in made.values()], axis=0)
+    results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
+    done = np.all([result.drawn for result in results.values()], axis=0)
     if not done.any():
         raise UsageError(
-            f"{scene.name}: at {view.resolution} px no polygon is left that all triangulators do; "
-            "give a larger size, or fewer of them"
+            f"{scene.name}: no polygon that all triangulators can do at {view.resolution} px; "
+            "give a larger size, or fewer triangulators"
         )
-    seconds = [each.seconds for each in made.values()]
-    if sum(seconds) < AGAIN_S:
-        seconds = [min(each) for each in time_in_rounds(recipes, frame.polygons, ROUNDS, 0)]
+    seconds = [result.seconds for result in results.values()]
+    if sum(seconds) < MIN_TIMED_S:
+        rounds = time_in_rounds(recipes, frame.polygons, TIMED_ROUNDS, 0)
+        seconds = [min(samples) for samples in rounds]
     costs = {}
-    for (name, each), taken in zip(made.items(), seconds, strict=True):
-        parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
-        costs[name] = _cost(frame, frame.join(parts), taken, device)
+    for (name, result), cpu_s in zip(results.items(), seconds, strict=True):
+        parts = [part if ok else None for part, ok in zip(result.parts, done, strict=True)]
+        costs[name] = _cost(frame, frame.join(parts), cpu_s, device)
     low, high = frame.polygons.bounds()
-    middle = float(np.median((high - low)[done].max(axis=1)))
-    kept = int(done.sum())
-    return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
+    polygon_px = float(np.median((high - low)[done].max(axis=1)))
+    polygons = int(done.sum())
+    return Size(view.resolution, polygons, len(scene.polygons) - polygons, polygon_px, costs)
 
 
 def _cost(
     frame: Frame, triangles: NDArray[np.int32], seconds: float, device: DeviceCosts | None
 ) -> Cost:
-    counted = count_triangles(frame, triangles)
-    draw = None if device is None else float((design_of([counted]) @ device.costs)[0])
-    return {name: counted[name] for name in EXACT} | {"triangulate_s": seconds, "draw": draw}
+    counters = count_triangles(frame, triangles)
+    draw = None if device is None else float((design_of([counters]) @ device.costs)[0])
+    return {name: counters[name] for name in COUNTED} | {"triangulate_s": seconds, "draw": draw}
 
 
-def sentence(found: Sizes) -> str:
-    """Return whether it matters, at which sizes, and where most."""
-    base = next(iter(found.sizes[0].costs))
-    covered = max(size.covered for size in found.sizes)
+def summarise(sizes: Sizes) -> str:
+    """Return a sentence: whether the triangulator matters, at which sizes, and where most."""
+    base = next(iter(sizes.sizes[0].costs))
+    covered = max(size.covered for size in sizes.sizes)
     if covered < MIN_PIXELS:
-        return f"It cannot be told: {covered:,} pixels or fewer are covered. Give a larger size."
-    mattering = [size for size in found.sizes if size.matters]
-    ends = (mattering or found.sizes)[:: max(1, len(mattering or found.sizes) - 1)]
+        return f"Inconclusive: at most {covered:,} pixels are covered; give a larger size."
+    mattering = [size for size in sizes.sizes if size.matters]
+    ends = (mattering or sizes.sizes)[:: max(1, len(mattering or sizes.sizes) - 1)]
     across = " to ".join(str(size.resolution) for size in ends)
     if not mattering:
         return (
-            f"It does not matter for you: at {across} px no triangulator saves {MATTERS:.0%} of "
-            f"{base}'s {found.measure}."
+            f"It does not matter for you: at {across} px no triangulator saves "
+            f"{MIN_SAVED_SHARE:.0%} of {base}'s {sizes.measure}."
         )
-    most = max(mattering, key=lambda size: max(size.saved.values()))
-    best, saved = max(most.saved.items(), key=itemgetter(1))
+    largest = max(mattering, key=lambda size: max(size.saved.values()))
+    best, saved = max(largest.saved.items(), key=itemgetter(1))
     text = (
-        f"It matters at {across} px, most at {most.resolution} px, {_pixels(most.polygon_px, 2)} a "
-        f"polygon: {best} saves {saved:.1%} of {base}'s {found.measure}"
+        f"It matters at {across} px, most at {largest.resolution} px "
+        f"({_pixels(largest.polygon_px, 2)} per polygon): "
+        f"{best} saves {saved:.1%} of {base}'s {sizes.measure}"
     )
-    if found.device:
-        own, other = (most.costs[name] for name in (best, base))
-        more = own["triangulate_s"] - other["triangulate_s"]
-        draws = math.ceil(more / (other["draw"] - own["draw"]))
-        text += f", which pays after {count(draws, 'draw')}" if draws > 0 else ""
+    if sizes.device:
+        cost, base_cost = (largest.costs[name] for name in (best, base))
+        more = cost["triangulate_s"] - base_cost["triangulate_s"]
+        draws = math.ceil(more / (base_cost["draw"] - cost["draw"]))
+        text += f"; break-even after {count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
 
 
 def _pixels(side: float, digits: int) -> str:
-    """Write a side with so many digits, never as 1e+02."""
+    """Format a side with a number of digits, never as 1e+02."""
     return f"{side:,.0f} px" if side >= 10 ** (digits - 1) else f"{side:.{digits}g} px"
 
 
-def tables(found: Sizes) -> Iterator[Table]:
-    """Yield a table for each measure: the base's, and the others in ratio to it."""
+def make_tables(sizes: Sizes) -> Iterator[Table]:
+    """Yield a table for each quantity: the base's, and the others relative to it."""
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),
         ("partial_quads", "partial quads", 1.0, ",.0f"),
     ]
-    if found.device:
-        kinds.append(("draw", f"ms of a draw on {found.device.name}", 1e3, ".4g"))
-    base, *others = found.sizes[0].costs
-    heads = [f">{name}" for name in ("size", "a polygon", base, *others)]
-    for name, what, per, form in kinds:
-        shown = plain_table(f"{found.scene}: {what}; others in ratio to {base}", *heads)
-        for size in found.sizes:
-            own, *rest = (each[name] for each in size.costs.values())
-            ratios = (f"{each / own:.3f}" if own else "-" for each in rest)
+    if sizes.device:
+        kinds.append(("draw", f"ms of a draw on {sizes.device.name}", 1e3, ".4g"))
+    base, *others = sizes.sizes[0].costs
+    heads = [f">{name}" for name in ("size", "per polygon", base, *others)]
+    for name, quantity, unit, form in kinds:
+        table = plain_table(f"{sizes.scene}: {quantity}; others relative to {base}", *heads)
+        for size in sizes.sizes:
+            first, *costs = (cost[name] for cost in size.costs.values())
+            ratios = (f"{cost / first:.3f}" if first else "-" for cost in costs)
             sides = str(size.resolution), _pixels(size.polygon_px, 3)
-            shown.add_row(*sides, format(per * own, form), *ratios)
-        yield shown
+            table.add_row(*sides, format(unit * first, form), *ratios)
+        yield table
 
 
-def draw_chart(found: Sizes, file: Path) -> None:
-    """Draw what each triangulator saves against the size, as PNG or SVG by the file's ending."""
+def draw_chart(sizes: Sizes, file: Path) -> None:
+    """Draw the savings of each triangulator over the size, as PNG or SVG by the file's suffix."""
     import matplotlib
 
-    base = next(iter(found.sizes[0].costs))
-    at = [size.resolution for size in found.sizes]
+    base = next(iter(sizes.sizes[0].costs))
+    at = [size.resolution for size in sizes.sizes]
     with matplotlib.rc_context(STYLE):
         figure, (panel,) = grid((ONE_COLUMN, 2.3))
-        for name, look in looks(list(found.sizes[0].costs)).items():
-            saved = [100 * size.saved[name] for size in found.sizes]
+        for name, look in looks(list(sizes.sizes[0].costs)).items():
+            saved = [100 * size.saved[name] for size in sizes.sizes]
             panel.plot(at, saved, label=name, color=look.colour, marker=look.marker, markersize=4)
         panel.set_xscale("log", base=2)
         panel.set_xticks(at, [str(size) for size in at])
         panel.set_xlabel("side of the viewport, px")
-        panel.set_ylabel(f"saved of {base}'s\n{found.measure}, %")
+        panel.set_ylabel(f"saved of {base}'s\n{sizes.measure}, %")
         panel.legend(fontsize=7)
         content = io.BytesIO()
         figure.savefig(content, format=file.suffix.removeprefix(".").lower())

@@ -1,4 +1,4 @@
-"""`harness inspect`: where one polygon's triangulations cost, and whether it matters for a file."""
+"""`harness inspect`: heatmaps of a polygon's triangulations; savings for a file by size."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from harness.triangulating.recipes import Recipe
     from scenes import Scene
 
-SIDE_BY_SIDE = ("ear-clipping", "optimal:half-perimeter")
-COMPARED = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Default triangulators of the pictures, and of --sizes, which compares with the first."""
+PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
+SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
+"""Default triangulators of the picture, and of --sizes, which compares them with the first."""
 
 
-def _sizes(text: str) -> options.Several:
+def _parse_sizes(text: str) -> options.Several:
     """Parse 16-1024 as 16, 32, ... 1024: doubling sizes and the last one."""
     size = options.number(int, *RESOLUTIONS, " pixels")
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
     if first > last:
-        raise typer.BadParameter(f"{text!r} begins with the larger size")
+        raise typer.BadParameter(f"{text!r}: the first size is larger than the last")
     sizes = [first]
     while 2 * sizes[-1] < last:
         sizes.append(2 * sizes[-1])
@@ -45,7 +45,7 @@ def inspect(
     polygon: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Number of the polygon in the file: the first, with --sizes all of them."
+            min=0, help="Index of the polygon in the file; the first if absent, with --sizes all."
         ),
     ] = None,
     layer: options.Layer = None,
@@ -65,17 +65,17 @@ def inspect(
     sizes: Annotated[
         options.Several | None,
         typer.Option(
-            parser=_sizes,
+            parser=_parse_sizes,
             metavar="PX-PX",
-            help="Instead, say whether the triangulator matters for the file, by exact counts at "
-            "sizes of the viewport that double, for example 16-1024.",
+            help="Instead, report whether the triangulator matters for the file, by counts at "
+            "doubling viewport sizes, for example 16-1024.",
         ),
     ] = None,
     profile: Annotated[
         str | None,
         typer.Option(
-            help="With --sizes: a device's profile, which makes milliseconds of the counts. A "
-            "file, or the name of a contributed one, for example opengl-llvmpipe.",
+            help="With --sizes: a device's profile, which converts counts to milliseconds. A "
+            "file, or the name of a contributed profile, for example opengl-llvmpipe.",
         ),
     ] = None,
     as_json: options.Json = False,
@@ -94,10 +94,10 @@ def inspect(
         ),
     ] = None,
 ) -> None:
-    """Show where one polygon's triangulations cost, or whether the choice matters for a file.
+    """Draw where a polygon's triangulations cost, or report whether the choice matters for a file.
 
-    It draws overdraw and helper lanes of one polygon, side by side for several triangulators. With
-    --sizes it counts all polygons, without drawing, and says it in one sentence.
+    The picture shows overdraw and helper lanes of one polygon for several triangulators. With
+    --sizes, all polygons are counted without drawing, and the result is one sentence.
     """
     from harness.frame import View
     from harness.measuring.loading import load_scene
@@ -108,17 +108,19 @@ def inspect(
         raise UsageError("--every and --sizes are mutually exclusive")
     for name in ("profile", "as_json") if sizes is None else ("resolution",):
         if options.is_given(context, name):
-            reason = "goes with" if sizes is None else "is of one picture: leave it out, or"
+            reason = "requires" if sizes is None else "cannot be combined with"
             raise UsageError(f"--{name.removeprefix('as_')} {reason} --sizes")
-    usual = SIDE_BY_SIDE if sizes is None else COMPARED
-    recipes = parse_all(triangulator or usual, seed=seed)
+    default = PICTURE_TRIANGULATORS if sizes is None else SIZES_TRIANGULATORS
+    recipes = parse_all(triangulator or default, seed=seed)
     options.refuse_own_source(scene, out)
     scene = joined(scene, layer=layer, where=where)
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
     if polygon is not None and loaded.dropped:
-        typer.echo(f"polygon {polygon} is counted from 0 among the {len(loaded.polygons):,} left")
+        typer.echo(
+            f"polygon {polygon} is an index, from 0, of the {len(loaded.polygons):,} valid polygons"
+        )
     if every is not None:
         _list_every(loaded, polygon or 0, every, out)
     elif sizes is None:
@@ -127,7 +129,7 @@ def inspect(
         if polygon is not None:
             loaded = replace(loaded, polygons=loaded.polygons[polygon : polygon + 1])
         views = [View(size, rotation) for size in sizes]
-        _say_if_it_matters(loaded, recipes, views, profile, out, as_json=as_json)
+        _compare_sizes(loaded, recipes, views, profile, out, as_json=as_json)
 
 
 def _draw(
@@ -156,12 +158,12 @@ def _draw(
         else:
             drawn[str(recipe)] = part
     if not drawn:
-        raise InputError(f"no triangulator given can do polygon {polygon} of {scene.name}")
+        raise InputError(f"polygon {polygon} of {scene.name}: no triangulator succeeded")
     draw_heatmaps(frame, drawn, file)
     typer.echo(f"picture: {file}")
 
 
-def _say_if_it_matters(
+def _compare_sizes(
     scene: Scene,
     recipes: tuple[Recipe, ...],
     views: list[View],
@@ -175,29 +177,29 @@ def _say_if_it_matters(
 
     costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
-        raise UsageError(f"{recipes[0]} alone cannot be compared: name two or more")
+        raise UsageError(f"{recipes[0]} alone cannot be compared; give two or more triangulators")
     file = _prepare_file(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
     reporter = Reporter(quiet=as_json)
     for recipe in recipes:
         recipe.load()
-    found = []
+    counted = []
     with reporter.stage("counting", len(views)) as stage:
         for view in views:
-            found.append(viewport_sizes.count_size(scene, recipes, view, costs))
-            stage.complete(len(found))
-    most = max(found, key=lambda size: size.left_out)
-    if most.left_out:
+            counted.append(viewport_sizes.count_size(scene, recipes, view, costs))
+            stage.complete(len(counted))
+    worst = max(counted, key=lambda size: size.skipped)
+    if worst.skipped:
         reporter.warn(
-            f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as they "
-            f"vanish on the grid or not all triangulators do them: {most.left_out:,}"
+            f"polygons counted at {worst.resolution} px: {worst.polygons:,}; skipped, as they "
+            f"vanish on the grid or a triangulator fails: {worst.skipped:,}"
         )
-    answer = viewport_sizes.Sizes(scene.name, costs, tuple(found))
-    viewport_sizes.draw_chart(answer, file)
+    sizes = viewport_sizes.Sizes(scene.name, costs, tuple(counted))
+    viewport_sizes.draw_chart(sizes, file)
     if as_json:
-        typer.echo(json.dumps(answer.to_json(), indent=2, allow_nan=False))
+        typer.echo(json.dumps(sizes.to_json(), indent=2, allow_nan=False))
         return
-    Screen(highlight=False).print(*viewport_sizes.tables(answer), sep="\n\n")
-    typer.echo(viewport_sizes.sentence(answer))
+    Screen(highlight=False).print(*viewport_sizes.make_tables(sizes), sep="\n\n")
+    typer.echo(viewport_sizes.summarise(sizes))
     typer.echo(f"chart: {file}")
 
 
@@ -226,11 +228,11 @@ def _list_every(
         table = triangulation_table(scene.polygons[polygon], mode)
     except TriangulationError as reason:
         raise InputError(f"polygon {polygon} of {scene.name}: {reason}") from reason
-    with atomic.folder(folder, added=True) as made:
-        table.to_csv(made / "triangulations.csv", index=False)
+    with atomic.folder(folder, added=True) as output:
+        table.to_csv(output / "triangulations.csv", index=False)
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
-    shown = plain_table(None, *(f">{name}" for name in columns))
+    screen_table = plain_table(None, *(f">{name}" for name in columns))
     for row in table.head(10)[list(columns)].itertuples(index=False):
-        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
-    Screen(highlight=False).print(shown)
-    typer.echo(f"{len(table):,} triangulations; all in {folder}/triangulations.csv")
+        screen_table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
+    Screen(highlight=False).print(screen_table)
+    typer.echo(f"{len(table):,} triangulations; written to {folder}/triangulations.csv")

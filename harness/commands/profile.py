@@ -1,4 +1,4 @@
-"""`harness profile`: what a triangle, a lane and a pixel cost on a device."""
+"""`harness profile`: the costs of a triangle, a lane and a pixel on a device."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def profile(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Say what a triangle, a pixel and a helper lane cost on a device; how to triangulate there.
+    """Measure the costs of triangles, pixels and helper lanes on a device; recommend a criterion.
 
-    Some hundred designed draws, each kind of which isolates a cost or two, are timed for about a
-    minute. Their exact counters and their times give seconds for each cost, with intervals. It says
-    from which aspect on thin triangles are slow, and why. The file is also what optimal:calibrated
-    minimises (run --profile FILE); a picture lies beside it.
+    About a hundred designed draws, each kind of which isolates one or two costs, are timed for
+    about a minute. Their exact counters and times give seconds for each cost, with intervals, and
+    the aspect ratio from which thin triangles are slow, with the reasons. The file also has the
+    costs that optimal:calibrated minimises (run --profile FILE); a chart is written next to it.
     """
     from harness import rasterisers
     from harness.machine.environment import processor
@@ -55,14 +55,14 @@ def profile(
     name = rasteriser or rasterisers.default_rasteriser()
     backend = Backend(name, rasterisers.find_device(name, device))
     kind = rasterisers.get(name)
-    draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
+    draws = [draw for draw in design.make_draws(seed) if kind.supports(Options(work=draw.work))]
     with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
         step = pool.open(backend).details.get("step") or 1
-        draws = [design.snapped(draw, step) for draw in draws]
+        draws = [design.snap(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
         length = budget * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-            found = measured.measure(backend, pool, draws, timing, seed, stage.complete)
+            times = measured.measure(backend, pool, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
@@ -71,22 +71,22 @@ def profile(
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             **pool.describe()[backend.label],
         }
-        content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
-        add_advice(content, pool, found.trouble)
-    if len(found.rounds) < measured.EPOCHS:
+        content = profiles.profile(draws, [counters(draw) for draw in draws], times, facts, seed)
+        add_advice(content, pool, times.trouble)
+    if len(times.rounds) < measured.EPOCHS:
         typer.echo(
-            f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"
-            f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",
+            f"warning: slow device: {len(times.rounds)} of {measured.EPOCHS} epochs in "
+            f"{timing.limit_s:g} s, so intervals are wide; increase --budget",
             err=True,
         )
-    write_profile(content, out, found.trouble)
+    write_profile(content, out, times.trouble)
 
 
 def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:
     """Add the recommended criterion to a profile; mark the profile as refused if `trouble`."""
     from harness.profile import advice
 
-    content["advice"] = advice.advise(pool, content["coefficients"], content["seed"])
+    content["advice"] = advice.recommend(pool, content["coefficients"], content["seed"])
     content["refused"] = content["refused"] or bool(trouble)
 
 
@@ -101,22 +101,22 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
     InconclusiveError
         if it is refused
     """
-    from harness.profile import words
+    from harness.profile import report
     from harness.profile.profile import write_profile as write_file
 
     device = content["device"]
     name = file_stem(f"{device['rasteriser']}-{device['name']}")
     file = write_file(content, out or options.PROFILES / f"{name}.json")
-    for line in words.sentences(content):
+    for line in report.format_sentences(content):
         typer.echo(line)
-    Screen(highlight=False).print(words.table(content))
-    picture = words.plot(content, file)
+    Screen(highlight=False).print(report.make_table(content))
+    picture = report.draw_chart(content, file)
     typer.echo(f"profile: {file}, picture: {picture}")
     if trouble:
-        raise InconclusiveError(f"{trouble}: close other programs, and repeat; kept in {file}")
+        raise InconclusiveError(f"{trouble}: close other programs and repeat; saved as {file}")
     if content["refused"]:
         raise InconclusiveError(
-            f"the law explains too little (R2 {content['r2_over']:.2f} over all draws, "
-            f"{content['r2_within']:.2f} within groups): close other programs, or draw longer, "
-            f"e.g. with four times the --budget; kept in {file}"
+            f"the law fits too poorly (R2 {content['r2_over']:.2f} over all draws, "
+            f"{content['r2_within']:.2f} within groups): close other programs or raise --budget, "
+            f"e.g. four times; saved as {file}"
         )

@@ -14,7 +14,7 @@ from harness.metrics.groups import RecordGroup, groups_of
 from harness.metrics.per_polygon import rank_correlation
 from harness.metrics.processors import is_drawn_by_processor
 from harness.metrics.registry import predictions
-from harness.profile.words import model
+from harness.profile.report import device_model
 from harness.results.processors import may_be_same, processor_label
 from harness.results.run_folder import Run
 from harness.webpages import write_atomically
@@ -159,7 +159,7 @@ def table(folder: Path) -> str:
         summary = _read(file)
         for view in summary["views"]:
             where = (
-                f"`{model(summary['device'], summary)}`",
+                f"`{device_model(summary['device'], summary)}`",
                 summary["rasteriser"],
                 summary.get("cpu"),
             )

@@ -19,12 +19,12 @@ from harness.metrics.registry import predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import KEPT, counted_exactly
 from harness.profile import law
-from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
-from harness.profile.counted import IN_PX, TERMS, counters
-from harness.profile.design import DESIGN, Draw, draws, snapped
-from harness.profile.law import COSTS, costs_of
-from harness.profile.profile import fitted_of
-from harness.profile.words import BY_SUM
+from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
+from harness.profile.counted import PX_TERMS, TERMS, counters
+from harness.profile.design import DESIGN, Draw, make_draws, snap
+from harness.profile.law import COSTS, cost_rows
+from harness.profile.profile import select_fitted
+from harness.profile.report import SUM_SENTENCES
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
@@ -220,9 +220,9 @@ STEPS = (1, 2, 4, 8, 16)
 
 def content_of_profile(pool: MeasuringPool) -> ProfileContent:
     """Return everything that the page holds, JSON-ready; it makes the draws itself."""
-    made = draws(SEED)
-    fitted, plain = fitted_of(made)
-    sums = {name: terms_of(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
+    made = make_draws(SEED)
+    fitted, plain = select_fitted(made)
+    sums = {name: predict_terms(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
     return {
         "format": PROFILE_FORMAT,
         "version": VERSION,
@@ -230,15 +230,15 @@ def content_of_profile(pool: MeasuringPool) -> ProfileContent:
         "design": DESIGN,
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in ABOUT} for draw in made],
-        "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
+        "grids": {step: grid_of([snap(draw, step) for draw in made]) for step in STEPS},
         "fitted": _groups(made, fitted),
         "plain": _groups(made, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
         "sums": {
-            name: {"weights": [parts.get(term, 0) for term in TERMS], "words": BY_SUM[name]}
+            name: {"weights": [parts.get(term, 0) for term in TERMS], "words": SUM_SENTENCES[name]}
             for name, parts in law.SUMS.items()
         },
-        "in_px": IN_PX,
+        "in_px": PX_TERMS,
         "costs": COSTS,
         "base": BASE,
         "criteria": CRITERIA,
@@ -253,7 +253,7 @@ def content_of_profile(pool: MeasuringPool) -> ProfileContent:
 def grid_of(made: Sequence[Draw]) -> GridContent:
     """Return the checksum and the exact counters of each draw, and a criterion's terms of it."""
     counted = [counters(draw) for draw in made]
-    predicted = costs_of([(draw.frame, draw.triangles) for draw in made])
+    predicted = cost_rows([(draw.frame, draw.triangles) for draw in made])
     return {
         "checksums": [draw.checksum for draw in made],
         "counters": {name: [each[name] for each in counted] for name in counted[0]},
@@ -264,8 +264,11 @@ def grid_of(made: Sequence[Draw]) -> GridContent:
 def _groups(made: Sequence[Draw], places: list[int]) -> GroupsContent:
     """Return places among the draws, with the number of the group and of the fold of each."""
     labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
-    folds = law.folds_of(labels, SEED).tolist()
-    reach = [law.quantile(int(labels.max()) + 1, each) for each in (law.CONFIDENCE, law.OF_ALL)]
+    folds = law.assign_folds(labels, SEED).tolist()
+    reach = [
+        law.student_quantile(int(labels.max()) + 1, each)
+        for each in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
+    ]
     return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
 
 

@@ -21,7 +21,7 @@ from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
-from harness.profile.profile import check_profile, fitted_of, profile
+from harness.profile.profile import check_profile, profile, select_fitted
 from harness.stats.intervals import FEWEST_EPOCHS
 from triangulators.devices import is_software
 
@@ -92,7 +92,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
             "page anew"
         )
     step = result.device.step or 1
-    draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
+    draws = [design.snap(draw, step) for draw in design.make_draws(page.seed)]
     exact = [counters(draw) for draw in draws]
     _refuse_other_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
@@ -107,7 +107,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     times = {
         each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
     }
-    found = measured.of_times(times, names)
+    found = measured.normalise_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
     content = profile(draws, exact, found, _facts(result, name), page.seed)
     try:
@@ -151,7 +151,7 @@ def _refuse_other_law(
     if list(result.law.seconds) != list(TERMS):
         raise InputError(f"{file}: its law has other terms")
     rows = design_of(exact)
-    fitted, _ = fitted_of(draws)
+    fitted, _ = select_fitted(draws)
     seconds = solve(rows[fitted], found.times[fitted], [draws[n].group for n in fitted])
     shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():

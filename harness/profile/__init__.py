@@ -1,4 +1,4 @@
-"""A device's law: what a triangle, a lane and a pixel cost on it, from one design of draws.
+"""A device's law: the costs of a triangle, a lane and a pixel, from a design of draws.
 
 placing     triangles with integer coordinates, from a seed, without overlaps
 design      the draws; each kind isolates one or two terms
@@ -7,5 +7,5 @@ law         the fit: seconds for each term, intervals, explained variance
 measured    the times of the design on a device
 advice      aspect ratio from which thin triangles are slow; recommended criterion
 profile     the file format
-words       the law in sentences, as a table and as a chart
+report      the law as sentences, as a table and as a chart
 """

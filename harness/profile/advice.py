@@ -1,4 +1,4 @@
-"""Which criterion to triangulate by on a device, and what that saves, by its fitted model."""
+"""Recommended criterion for a device and its modelled savings; costs by aspect ratio."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,10 +18,10 @@ from harness.triangulating.recipes import parse
 from scenes import SceneError, load
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters"}
-"""What is triangulated, with its name in a sentence; one that is not installed is left out."""
+"""Scenes that are triangulated, with their names in sentences; missing ones are skipped."""
 
-POLYGONS = 48
-"""Of each scene, at equal steps from the smallest to the largest."""
+SCENE_POLYGONS = 48
+"""Polygons of each scene, at equal steps from the smallest to the largest."""
 
 RESOLUTION = 1024
 
@@ -31,65 +31,72 @@ CRITERIA = {
     "optimal:expected-quads": "Q",
     "optimal:overdraw": "A",
 }
-OWN = "optimal:calibrated"
+CALIBRATED_OPTIMUM = "optimal:calibrated"
 
-CLOSE = 0.005
-"""Regret up to which a criterion that needs no file will do as well as the device's own."""
+MAX_REGRET = 0.005
+"""Regret up to which a criterion that needs no file is recommended instead of the device's own."""
 
 
-def advise(
+def recommend(
     pool: MeasuringPool, coefficients: Mapping[str, float], seed: int = 0
 ) -> dict[str, Any] | None:
-    """Return what to triangulate by where draws take what `coefficients`, by `COSTS`, say.
+    """Return the recommended triangulator for a device with `coefficients` of `COSTS`.
 
-    None where no scene can be loaded, or the coefficients give no triangle a cost
+    None if no scene can be loaded, or if the coefficients give no triangle a cost.
     """
-    own = np.array([coefficients[term] for term in COSTS[1:]])
-    if not (own > 0).any():
+    weights = np.array([coefficients[term] for term in COSTS[1:]])
+    if not (weights > 0).any():
         return None
     costs = {}
     for scene in SCENES:
-        found = terms_of(pool, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
-        if found is not None:
-            costs[scene] = {name: rows @ own for name, rows in found.items()}
-    return choose(costs) if costs else None
+        sums = predict_terms(pool, scene, (BASE, *CRITERIA, CALIBRATED_OPTIMUM), seed, coefficients)
+        if sums is not None:
+            costs[scene] = {name: rows @ weights for name, rows in sums.items()}
+    return choose_triangulator(costs) if costs else None
 
 
-def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, Any]:
-    """Return the advice of (p,) seconds a polygon, by scene and triangulator, JSON-ready.
+def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, Any]:
+    """Return the recommendation for (p,) seconds by scene and triangulator, JSON-ready.
 
-    triangulator : a criterion's optimum, or the optimum for the device's own coefficients where
-        the regret of each criterion is more than `CLOSE`
-    regret : of each, what its triangulations cost above those of the device's own optimum, by the
-        model, mean over the scenes; the draw itself left out
-    saved : by scene, the share of ear clipping's time that the advice saves by the model, with its
-        95 % interval over polygons
+    triangulator : a criterion's optimum, or the optimum for the device's coefficients if the regret
+        of each criterion exceeds `MAX_REGRET`
+    regret : for each, modelled extra cost over the device's own optimum, mean over the scenes; the
+        cost of the draw itself is not counted
+    saved : by scene, the modelled share of ear clipping's time that the recommended triangulator
+        saves, with its 95 % interval over polygons
     """
     regret = {
-        name: float(np.mean([each[name].sum() / each[OWN].sum() - 1 for each in costs.values()]))
-        for name in (BASE, *CRITERIA, OWN)
+        name: float(
+            np.mean(
+                [
+                    times[name].sum() / times[CALIBRATED_OPTIMUM].sum() - 1
+                    for times in costs.values()
+                ]
+            )
+        )
+        for name in (BASE, *CRITERIA, CALIBRATED_OPTIMUM)
     }
     best = min(CRITERIA, key=lambda name: regret[name])
-    chosen = best if regret[best] <= CLOSE else OWN
+    chosen = best if regret[best] <= MAX_REGRET else CALIBRATED_OPTIMUM
     saved = {}
-    for scene, each in costs.items():
-        logs = np.log(each[chosen] / each[BASE])
+    for scene, times in costs.items():
+        logs = np.log(times[chosen] / times[BASE])
         low, high = mean_interval(logs)
         saved[scene] = (1.0 - np.exp([logs.mean(), high, low])).tolist()
     return {"triangulator": chosen, "regret": regret, "saved": saved}
 
 
-def terms_of(
+def predict_terms(
     pool: MeasuringPool,
     scene: str,
     triangulators: Sequence[str],
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return (p, 8) sums of `COSTS` but the draw's of a scene's polygons, by triangulator.
+    """Return (p, 8) sums of `COSTS[1:]` of a scene's polygons, by triangulator.
 
-    Of the polygons that all of them triangulate; None where there is none.
-    coefficients : what optimal:calibrated minimises
+    Only polygons that all of them triangulate; None if there are none.
+    coefficients : weights that optimal:calibrated minimises
     """
     try:
         polygons = load(scene, seed=seed, attributes=False).polygons
@@ -97,33 +104,31 @@ def terms_of(
         return None
     frame = make_frame(polygons, View(RESOLUTION))
     sizes = frame.grid.vertex_counts
-    # A triangle has one triangulation.
-    chosen = evenly(
-        [n for n in np.argsort(sizes, kind="stable").tolist() if sizes[n] > 3], POLYGONS
-    )
-    shown = frame.polygons.take(chosen)
-    found, kept = {}, np.ones(len(shown), np.bool_)
+    # A triangle has only one triangulation.
+    candidates = [n for n in np.argsort(sizes, kind="stable").tolist() if sizes[n] > 3]
+    sample = frame.polygons.take(evenly(candidates, SCENE_POLYGONS))
+    sums, complete = {}, np.ones(len(sample), np.bool_)
     for name in triangulators:
-        made = pool.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
-        found[name] = np.stack([made.predicted[term] for term in COSTS[1:]], axis=1)
-        kept &= np.array([part is not None for part in made.parts])
-    return {name: rows[kept] for name, rows in found.items()} if kept.any() else None
+        result = pool.triangulate(parse(name, seed=seed, calibration=coefficients), sample)
+        sums[name] = np.stack([result.predicted[term] for term in COSTS[1:]], axis=1)
+        complete &= result.drawn
+    return {name: rows[complete] for name, rows in sums.items()} if complete.any() else None
 
 
-def aspects(
+def compare_aspects(
     draws: Sequence[Draw], design: Design, measured: Measured, law: Law
 ) -> list[dict[str, Any]]:
-    """Return for each area of the design what thin triangles cost there, JSON-ready.
+    """Return for each area of the design the cost of thin triangles, JSON-ready.
 
-    area : px^2; aspects : base in ratio to height
-    ratios, low, high : time less the empty draw's, mean over the angles, in ratio to aspect 1
-    lanes : lanes shaded in ratio to those of aspect 1
-    lanes_alone : the same as `ratios` if, of all that changes, helper lanes alone took time
-    doubled_at : aspect at which the ratio is 2, with its interval; None where it does not get there
-    shares : of what the thinnest takes more than the widest, how much each term of the law is; each
-        with its interval
+    area : px^2; aspects : base / height
+    ratios, low, high : time relative to aspect 1, without the empty draw's, mean over the angles
+    lanes : shaded lanes relative to aspect 1
+    lanes_alone : `ratios` if helper lanes were the only term that changes and costs time
+    doubled_at : aspect at which the ratio is 2, with its interval, or None if it stays below
+    shares : share of each term of the law in the extra time of the thinnest triangles, with its
+        interval
     """
-    found = []
+    results = []
     lane, pixel = (list(TERMS).index(name) for name in ("helper_lanes", "fragments"))
     for area in AREAS:
         rows = [
@@ -131,15 +136,15 @@ def aspects(
             for aspect in ASPECTS
         ]
         times = np.stack([measured.epochs[:, row].mean(axis=1) for row in rows], axis=1)
-        # A timer's noise must not make a draw shorter than nothing.
+        # Timer noise must not make the difference negative.
         net = np.maximum(times - measured.empty, 1e-3 * times)
         ratios = net / net[:, :1]
-        ends = np.exp([_over_epochs(np.log(column)) for column in ratios.T])
+        ends = np.exp([student_interval(column) for column in np.log(ratios.T)])
         counts = np.stack([design[row].mean(axis=0) for row in rows])
-        whole = np.exp(np.log(net).mean(axis=0))
+        seconds = np.exp(np.log(net).mean(axis=0))
         shaded = counts[:, pixel] + counts[:, lane]
         more = counts[:, lane] - counts[0, lane]
-        found.append(
+        results.append(
             {
                 "area": area,
                 "aspects": list(ASPECTS),
@@ -147,37 +152,32 @@ def aspects(
                 "low": ends[:, 1].tolist(),
                 "high": ends[:, 2].tolist(),
                 "lanes": (shaded / shaded[0]).tolist(),
-                "lanes_alone": (1.0 + law.costs[lane] * more / whole[0]).tolist(),
-                "doubled_at": _doubled(ratios),
-                "shares": _shares(counts[-1] - counts[0], float(whole[-1] - whole[0]), law),
+                "lanes_alone": (1.0 + law.costs[lane] * more / seconds[0]).tolist(),
+                "doubled_at": _interpolate_doubling(ratios),
+                "shares": _shares(counts[-1] - counts[0], float(seconds[-1] - seconds[0]), law),
             }
         )
-    return found
+    return results
 
 
-def _over_epochs(values: Any) -> tuple[float, float, float]:
-    """Return a mean over epochs with Student's interval."""
-    return student_interval(values)
+def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
+    """Return the aspect at which (e, a) ratios reach 2, with its interval over the epochs.
 
-
-def _doubled(ratios: NDArray[np.float64]) -> list[float] | None:
-    """Return the aspect at which (e, a) ratios reach 2, in between two aspects by their logarithms.
-
-    With its interval over the epochs; None unless all of them get there.
+    Interpolated between the logarithms of two aspects; None unless all epochs reach 2.
     """
-    found = []
+    aspects = []
     steps = np.log2(ASPECTS)
-    for each in np.log2(ratios):
-        over = np.flatnonzero(each >= 1.0)
+    for logs in np.log2(ratios):
+        over = np.flatnonzero(logs >= 1.0)
         if not len(over):
             return None
         ends = slice(over[0] - 1, over[0] + 1)
-        found.append(np.interp(1.0, each[ends], steps[ends]))
-    return [float(2.0**end) for end in _over_epochs(found)]
+        aspects.append(np.interp(1.0, logs[ends], steps[ends]))
+    return [float(2.0**end) for end in student_interval(np.array(aspects))]
 
 
 def _shares(more: NDArray[np.float64], seconds: float, law: Law) -> Mapping[str, list[float]]:
-    """Return what each term takes of `seconds`, as shares with intervals, largest first."""
+    """Return the share of each term in `seconds`, with its interval, largest first."""
     if seconds <= 0:
         return {}
     value = more * law.costs / seconds

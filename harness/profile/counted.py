@@ -1,4 +1,4 @@
-"""What each draw of the design costs, counted exactly from coordinates: the columns of a law."""
+"""Exact counters of each draw of the design, from coordinates: the columns of a law."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from harness.profile.design import Draw
 from harness.rasterisers import reference
 
 COARSE = 16
-"""Side in px of the tiles in which a rasteriser may walk small triangles in another way than large
-ones; llvmpipe does (`lp_setup_tri.c`)."""
+"""Side in px of the tiles up to which a rasteriser may scan triangles differently, as llvmpipe does
+(`lp_setup_tri.c`)."""
 
 
 class Term(NamedTuple):
-    """Something that a device may take time for.
+    """A possible cost of a device.
 
-    sentence : what it costs, with a place for that
-    noun : what it is called in a table
+    sentence : a format string with a place for the cost
+    noun : name in tables
     """
 
     sentence: str
@@ -45,7 +45,7 @@ TERMS = {
     "rows": Term("Each row of pixels that it passes costs {}.", "rows of pixels"),
     "blocks": Term("Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
     "coarse_blocks": Term(
-        f"Where it is wider or higher than {COARSE} pixels, a block of 4x4 costs {{}} more.",
+        f"A block of 4x4 costs {{}} more if the triangle is wider or higher than {COARSE} pixels.",
         f"4x4 blocks of triangles over {COARSE} px",
     ),
     "further_tiles": Term(
@@ -54,53 +54,52 @@ TERMS = {
     "bbox_tests": Term("A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
     "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
-"""What a law may be made of, by the counter; half-perimeters are in px, all else is counted."""
+"""The terms of a law by counter; half-perimeters are in px, all others are counts."""
 
-IN_PX = ("half_perimeter", "near")
+PX_TERMS = ("half_perimeter", "near")
 """Terms in px, whose counters are in 1/256 px."""
 
 Design = NDArray[np.float64]
 
 
 def counters(draw: Draw) -> dict[str, int]:
-    """Return the exact counters of a draw, see `count_triangles`."""
+    """Return the exact counters of a draw; see `count_triangles`."""
     return count_triangles(draw.frame, draw.triangles, draw.work)
 
 
 def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -> dict[str, int]:
     """Return exact counters of triangles (m, 3); `half_perimeter` and `near` in 1/256 px.
 
-    triangles, vertices : drawn, and different ones among their corners
-    set_up : triangles whose bounding box holds a pixel centre; covering : that cover one
+    triangles, vertices : number of triangles, and of distinct vertices
+    set_up : triangles whose bounding box contains a pixel centre; covering : that cover one
     fragments, quads, helper_lanes, blocks, bbox_tests : see `harness.rasterisers.reference.predict`
-    near : of each triangle's width and height, at most `COARSE` px each; coarse_blocks : 4x4 blocks
+    near : width and height of each triangle, clamped to `COARSE` px; coarse_blocks : 4x4 blocks
         touched by triangles whose box is wider or higher than that
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
-    further_tiles : tiles of 64 px that triangles overlap, but for the first of each
+    further_tiles : tiles of 64 px that triangles overlap, except the first of each
     work : rounds of arithmetic in all lanes
     """
     points = frame.points
-    each = reference.predict(points, triangles)
+    counts = reference.predict(points, triangles)
     corners = points[triangles].astype(np.int64)
     sides = np.ptp(corners, axis=1)
-    # A row's centre is half a pixel above its edge; both corners' own rows count, as in
-    # `first <= centre <= last`.
+    # Rows whose centre, half a pixel above the row's edge, satisfies `first <= centre <= last`.
     centre = SUBPIXEL // 2
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)  # rounded up
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
-    most = COARSE * SUBPIXEL
+    limit = COARSE * SUBPIXEL
     tiles = reference.predict_tiles(points, triangles)["tiles_64_exact"]
-    sums = {name: int(values.sum()) for name, values in each.items()}
+    sums = {name: int(values.sum()) for name, values in counts.items()}
     return {
         "triangles": len(triangles),
         "vertices": int((np.bincount(triangles.ravel()) > 0).sum()),
-        "set_up": int((each["bbox_tests"] > 0).sum()),
-        "covering": int((each["fragments"] > 0).sum()),
+        "set_up": int((counts["bbox_tests"] > 0).sum()),
+        "covering": int((counts["fragments"] > 0).sum()),
         **sums,
         "half_perimeter": int(sides.sum()),
-        "near": int(np.minimum(sides, most).sum()),
+        "near": int(np.minimum(sides, limit).sum()),
         "rows": int(np.maximum(last - first + 1, 0).sum()),
-        "coarse_blocks": int(each["blocks"][(sides > most).any(axis=1)].sum()),
+        "coarse_blocks": int(counts["blocks"][(sides > limit).any(axis=1)].sum()),
         "further_tiles": int(np.maximum(tiles - 1, 0).sum()),
         "work": 4 * sums["quads"] * work,
     }
@@ -108,7 +107,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
 
 def design_of(counted: Sequence[Mapping[str, int]]) -> Design:
     """Return (k, t) rows of `TERMS` of the draws' counters."""
-    rows = [{**each, "draw": 1} for each in counted]
-    found = np.array([[row[name] for name in TERMS] for row in rows], np.float64)
-    found[:, [list(TERMS).index(name) for name in IN_PX]] /= SUBPIXEL
-    return found
+    rows = [{**counts, "draw": 1} for counts in counted]
+    design = np.array([[row[name] for name in TERMS] for row in rows], np.float64)
+    design[:, [list(TERMS).index(name) for name in PX_TERMS]] /= SUBPIXEL
+    return design

@@ -1,6 +1,6 @@
-"""The draws of a profile: one list, made from a seed, each kind of which isolates a term or two.
+"""The draws of a profile, generated from a seed; each kind isolates one or two terms.
 
-    kind       what differs among its draws                what is equal
+    kind       differs among its draws                     equal among its draws
     few        triangles                                   their size
     aspect     aspect, angle, and so lanes and boxes       triangles, area
     size       size                                        aspect
@@ -9,14 +9,14 @@
     cuts       lanes, half-perimeter, boxes                triangles, vertices, pixels
     strips     triangles, half-perimeter                   pixels
     slivers    length, angle                               triangles; hardly any pixel
-    long       angle, and so boxes                         what a box's pixels do not tell
-    vertices   vertices                                    all else
-    work       arithmetic of a fragment                    all else
-    twice      everything but vertices, doubled            vertices
+    long       angle, and so boxes                         all terms but pixels of boxes
+    vertices   vertices                                    all other terms
+    work       arithmetic of a fragment                    all other terms
+    twice      all terms except vertices, doubled          vertices
 
-All are drawn in one viewport of `placing.SIDE` px, all coordinates are whole numbers of 1/256 px,
-and no draw but those of `twice` covers a pixel more than once. Whoever makes the list in another
-language has made the same one if the checksums are equal.
+All are drawn in one viewport of `placing.SIDE` px, all coordinates are integers in 1/256 px, and
+only draws of `twice` cover a pixel more than once. An implementation in another language is correct
+if its checksums are equal.
 """
 
 import zlib
@@ -34,26 +34,26 @@ from harness.profile import placing
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
 DESIGN = 2
-"""Version of the list: a page of another version has other draws."""
+"""Version of the design: pages of different versions have different draws."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
 AREAS = {8: 1500, 64: 800}
-"""Areas in px^2 at which aspects differ, and triangles of a draw."""
+"""Areas in px^2 at which aspects are compared, with the number of triangles of a draw."""
 
 FEW = ((2048, 1), (2048, 16))
-"""Sizes in 1/256 px and numbers of triangles of draws that have next to nothing in them."""
+"""Sizes in 1/256 px and numbers of triangles of almost empty draws."""
 
 SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px."""
 
-MOST = 3000
-"""Triangles of a draw of small ones."""
+SMALL_TRIANGLES = 3000
+"""Number of triangles of a draw of small triangles."""
 
 EQUAL_LANES = ((1024, 2880), (2048, 1440), (4096, 720), (8192, 360), (16384, 180))
 """Sizes in 1/256 px and numbers of triangles that have equal helper lanes, within 4 %."""
 
 RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192, 32, 8))
-"""Width in px, corners and flatness of the convex polygons that are cut in several ways."""
+"""Width in px, corners and flatness of convex polygons with several triangulations."""
 
 STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 """Step in 1/256 px and height in px of strips as wide as the viewport."""
@@ -61,18 +61,18 @@ STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 SLIVERS = ((64, 16, 2000), (64, 64, 2000), (16, 16, 2000))
 """Length in px, height in 1/256 px and number of triangles thinner than a pixel."""
 
-LONG = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
-"""The same of thin triangles as long as those of large polygons.
+LONG_THIN = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
+"""Likewise for thin triangles as long as those of large polygons.
 
-Their boxes grow by far more than anything else when they are turned. Without them a law takes what
-small triangles miss for a cost of boxes, and is wrong about large ones.
+Rotation enlarges their boxes far more than any other term. Without them a law attributes the misfit
+of small triangles to boxes, and is wrong about large triangles.
 """
 
 MESHES = (2, 16)
 SHARED_RINGS = (0, 2)
-"""Sides in px of meshes, and places among `RINGS`, that are drawn with vertices shared or not."""
+"""Sides in px of meshes, and indices into `RINGS`, drawn with shared and with unshared vertices."""
 
-WORK = (16, 64)
+WORK_ROUNDS = (16, 64)
 """Rounds of arithmetic of a fragment."""
 
 
@@ -80,11 +80,11 @@ WORK = (16, 64)
 class Draw:
     """One draw of the design.
 
-    kind, name : what it is for, and what it is
-    group : draws that differ in what the kind isolates, and in nothing else
-    frame, triangles : what is drawn, (m, 3) over the frame's points
+    kind, name : see the table above; description
+    group : name of the draws that differ only in the terms that their kind isolates
+    frame, triangles : the geometry, (m, 3) indices of the frame's points
     work : rounds of arithmetic of a fragment
-    aspect, area : base in ratio to height, and area in px^2, of draws of the kind aspect; else 0
+    aspect, area : base / height, and area in px^2, of draws of the kind aspect; else 0
     """
 
     kind: str
@@ -98,37 +98,31 @@ class Draw:
 
     @property
     def checksum(self) -> int:
-        """CRC-32 of the points, then the triangles, as 32-bit integers, the low byte first."""
+        """CRC-32 of the points, then the triangles, as little-endian 32-bit integers."""
         parts = (self.frame.points, self.triangles)
         return zlib.crc32(b"".join(np.ascontiguousarray(part, "<i4").tobytes() for part in parts))
 
 
-def draws(seed: int = 0) -> list[Draw]:
+def make_draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the table above."""
     kinds = (
-        _alike("few", 0, FEW, seed),
+        _equal_shapes("few", 0, FEW, seed),
         _aspects(seed),
-        _alike("size", 200, ((side, MOST) for side in SIZES), seed),
-        _alike("lanes", 300, EQUAL_LANES, seed),
-        *(kind(seed) for kind in (_places, _cuts, _strips, _thin, _vertices, _work, _twice)),
+        _equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
+        _equal_shapes("lanes", 300, EQUAL_LANES, seed),
+        *(kind(seed) for kind in (_positions, _cuts, _strips, _thin, _vertices, _work, _twice)),
     )
     return [draw for kind in kinds for draw in kind]
 
 
-def snapped(draw: Draw, step: int) -> Draw:
-    """Return the draw with its points moved to multiples of `step`/256 px.
-
-    So devices draw it whose grid is coarser than ours.
-    """
+def snap(draw: Draw, step: int) -> Draw:
+    """Return the draw with its points on multiples of `step`/256 px, as on a coarser grid."""
     points = coarsen(draw.frame.points, step)
     return draw if step == 1 else replace(draw, frame=bare_frame(SIDE, points))
 
 
-def sides(area: int, aspect: int) -> tuple[int, int]:
-    """Return base and height in 1/256 px of a triangle of `area` px^2, base / height = `aspect`.
-
-    Both are rounded down, so area and aspect are met within the grid.
-    """
+def triangle_sides(area: int, aspect: int) -> tuple[int, int]:
+    """Return base and height, rounded down to 1/256 px, for an area in px^2 and base / height."""
     doubled = 2 * area * SUBPIXEL * SUBPIXEL
     height = isqrt(doubled // aspect)
     return doubled // height, height
@@ -137,81 +131,87 @@ def sides(area: int, aspect: int) -> tuple[int, int]:
 def _scattered(
     base: int, height: int, direction: Direction, count: int, numbers: tuple[int, int]
 ) -> tuple[Frame, NDArray[np.int32]]:
-    """Return triangles that share no vertex; numbers : seed, and number of the draw."""
-    shape = placing.triangle(base, height)
-    points = placing.placed(shape, (base, height), direction, placing.mixed(*numbers, count))
-    return _loose(points)
+    """Return triangles without shared vertices; numbers : seed, and number of the draw."""
+    shape = placing.triangle_shape(base, height)
+    points = placing.place_shapes(
+        shape, (base, height), direction, placing.hash_numbers(*numbers, count)
+    )
+    return _unshared(points)
 
 
-def _loose(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return (m, 3, 2) triangles, each with three vertices of its own.
-
-    So all draws have three a triangle, but those that tell what a vertex costs.
-    """
+def _unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
+    """Return (m, 3, 2) triangles with unshared vertices, as in all kinds but vertices."""
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
 
 def _aspects(seed: int) -> Iterator[Draw]:
-    each = product(AREAS.items(), DIRECTIONS, ASPECTS)
-    for number, ((area, count), direction, aspect) in enumerate(each, 101):
-        made = _scattered(*sides(area, aspect), direction, count, (seed, number))
+    variants = product(AREAS.items(), DIRECTIONS, ASPECTS)
+    for number, ((area, count), direction, aspect) in enumerate(variants, 101):
+        geometry = _scattered(*triangle_sides(area, aspect), direction, count, (seed, number))
         name = f"{area} px^2, {aspect}:1, turned {direction.x}/{direction.y}"
-        yield Draw("aspect", name, f"aspect {area}", *made, aspect=aspect, area=area)
+        yield Draw("aspect", name, f"aspect {area}", *geometry, aspect=aspect, area=area)
 
 
-def _alike(kind: str, first: int, shapes: Iterable[tuple[int, int]], seed: int) -> Iterator[Draw]:
-    """Yield triangles of one aspect; shapes : base and height in 1/256 px, and how many."""
+def _equal_shapes(
+    kind: str, first: int, shapes: Iterable[tuple[int, int]], seed: int
+) -> Iterator[Draw]:
+    """Yield draws of triangles of aspect 1; shapes : base in 1/256 px, and number of triangles."""
     for number, (side, count) in enumerate(shapes, first):
-        made = _scattered(side, side, SLANTED, count, (seed, number))
+        geometry = _scattered(side, side, SLANTED, count, (seed, number))
         name = f"{side / SUBPIXEL:g} px"
-        yield Draw(kind, name if count == MOST else f"{count} triangles of {name}", kind, *made)
+        yield Draw(
+            kind,
+            name if count == SMALL_TRIANGLES else f"{count} triangles of {name}",
+            kind,
+            *geometry,
+        )
 
 
-def _places(seed: int) -> Iterator[Draw]:
-    """Triangles in boxes of 4 px, all boxes as far from a corner of the 8-px grid."""
+def _positions(seed: int) -> Iterator[Draw]:
+    """Yield triangles in 4-px boxes at the same offset from a corner of the 8-px grid."""
     side, across = 4 * SUBPIXEL, 52  # 52 by 52 boxes, 16 px apart, fill the viewport
     number = np.arange(across * across)
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
-    local = placing.triangle(side, side)(placing.mixed(seed, 320, len(number)))
+    local = placing.triangle_shape(side, side)(placing.hash_numbers(seed, 320, len(number)))
     for start in range(4):
-        made = _loose((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
-        yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *made)
+        geometry = _unshared((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
+        yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *geometry)
 
 
-def _rings(seed: int, place: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return one of `RINGS` as often as there is room, and where each copy's points begin."""
-    width, corners, flat = RINGS[place]
+def _rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
+    """Return as many copies of one of `RINGS` as fit, and the first point of each, (k,)."""
+    width, corners, flat = RINGS[index]
     size = width * SUBPIXEL, width * SUBPIXEL // flat
-    outline = placing.ring(corners, *size)
-    count = max(1, MOST // (corners - 2))
-    numbers = placing.mixed(seed, 400 + place, count)
-    points = placing.placed(lambda _: outline[None], size, SLANTED, numbers)
+    outline = placing.ellipse_ring(corners, *size)
+    count = max(1, SMALL_TRIANGLES // (corners - 2))
+    numbers = placing.hash_numbers(seed, 400 + index, count)
+    points = placing.place_shapes(lambda _: outline[None], size, SLANTED, numbers)
     return bare_frame(SIDE, points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
 
 
 def _cuts(seed: int) -> Iterator[Draw]:
-    for place, (width, corners, flat) in enumerate(RINGS):
-        frame, starts = _rings(seed, place)
-        for way, cut in placing.WAYS.items():
+    for index, (width, corners, flat) in enumerate(RINGS):
+        frame, starts = _rings(seed, index)
+        for cut_name, cut in placing.RING_CUTS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
-            name = f"rings of {width} by {width // flat} px, {corners} corners, {way}"
-            yield Draw("cuts", name, f"cuts {width} {corners}", *_loose(frame.points[triangles]))
+            name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
+            yield Draw("cuts", name, f"cuts {width} {corners}", *_unshared(frame.points[triangles]))
 
 
 def _strips(seed: int) -> Iterator[Draw]:
     width = (SIDE - 8) * SUBPIXEL
     for number, (step, height) in enumerate(STRIPS):
         steps = width // step
-        bands = min((SIDE - 8) // (height + 2), max(1, MOST // (2 * steps)))
-        random = placing.mixed(seed, 500 + number, bands * 2 * (steps + 1))
-        stray = random.reshape(bands, 2, steps + 1)
+        bands = min((SIDE - 8) // (height + 2), max(1, SMALL_TRIANGLES // (2 * steps)))
+        numbers = placing.hash_numbers(seed, 500 + number, bands * 2 * (steps + 1))
+        jitter = numbers.reshape(bands, 2, steps + 1)
         low = 4 * SUBPIXEL + np.arange(bands) * (height + 2) * SUBPIXEL
         # Vertices 0 to `steps` along the bottom of a band, then as many along its top: the vertex
-        # above k is k + steps + 1. No two triangles are alike.
+        # above k is k + steps + 1. No two triangles are congruent.
         ends = np.stack([low, low + height * SUBPIXEL], axis=-1)[:, :, None]
-        x = 3 * SUBPIXEL + np.arange(steps + 1) * step + stray % (step // 2)
-        y = ends + stray // SUBPIXEL % SUBPIXEL
+        x = 3 * SUBPIXEL + np.arange(steps + 1) * step + jitter % (step // 2)
+        y = ends + jitter // SUBPIXEL % SUBPIXEL
         points = np.stack([x, y], axis=-1).reshape(-1, 2)
         k = np.arange(steps)
         first = np.stack([k, k + 1, k + steps + 1], axis=-1)
@@ -220,45 +220,45 @@ def _strips(seed: int) -> Iterator[Draw]:
         starts = np.arange(bands) * 2 * (steps + 1)
         triangles = (band + starts[:, None, None]).reshape(-1, 3).astype(np.int32)
         name = f"steps of {step / SUBPIXEL:g} px, {height} px high"
-        made = _loose(points.astype(np.int32)[triangles])
-        yield Draw("strips", name, "strips", *made)
+        geometry = _unshared(points.astype(np.int32)[triangles])
+        yield Draw("strips", name, "strips", *geometry)
 
 
 def _thin(seed: int) -> Iterator[Draw]:
     for kind, sizes, directions, first in (
         ("slivers", SLIVERS, (LEVEL, SLANTED), 601),
-        ("long", LONG, DIRECTIONS, 621),
+        ("long", LONG_THIN, DIRECTIONS, 621),
     ):
-        each = product(sizes, directions)
-        for number, ((length, height, count), direction) in enumerate(each, first):
-            made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
+        variants = product(sizes, directions)
+        for number, ((length, height, count), direction) in enumerate(variants, first):
+            geometry = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
             name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
-            yield Draw(kind, name, kind, *made)
+            yield Draw(kind, name, kind, *geometry)
 
 
 def _vertices(seed: int) -> Iterator[Draw]:
-    """Meshes of squares cut in two and rings, with shared vertices, and with three a triangle."""
+    """Yield meshes and rings, with shared vertices and with three vertices per triangle."""
     shared = [(f"a mesh of {side} px", *_mesh(seed, side)) for side in MESHES]
-    for place in SHARED_RINGS:
-        width, corners, _ = RINGS[place]
-        frame, starts = _rings(seed, place)
-        triangles = (placing.halved(corners) + starts[:, None, None]).reshape(-1, 3)
-        # Every other triangle, so that no draw is that of another kind.
+    for index in SHARED_RINGS:
+        width, corners, _ = RINGS[index]
+        frame, starts = _rings(seed, index)
+        triangles = (placing.cut_halves(corners) + starts[:, None, None]).reshape(-1, 3)
+        # Every other triangle, so that the draw differs from those of the kind cuts.
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
-        made = _loose(frame.points[triangles])
-        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *made)
+        geometry = _unshared(frame.points[triangles])
+        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *geometry)
 
 
 def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return squares of `side` px, their corners moved, each cut in two."""
+    """Return squares of `side` px, their corners jittered, in two triangles each."""
     across = min(40, (SIDE - 8) // side)
     step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL
     even = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    random = placing.mixed(seed, 650 + side, len(even))
+    numbers = placing.hash_numbers(seed, 650 + side, len(even))
     room = side * SUBPIXEL // 2
-    points = even + np.stack([random % room, random // SUBPIXEL % room], axis=-1)
+    points = even + np.stack([numbers % room, numbers // SUBPIXEL % room], axis=-1)
     k = np.arange(across)
     corner = (k[:, None] * (across + 1) + k).ravel()
     right, up = corner + 1, corner + across + 1
@@ -268,11 +268,11 @@ def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
 
 
 def _work(seed: int) -> Iterator[Draw]:
-    shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", sides(8, 64), 800))
+    shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", triangle_sides(8, 64), 800))
     for number, (name, size, count) in enumerate(shapes):
-        made = _scattered(*size, SLANTED, count, (seed, 700 + number))
-        for work in (0, *WORK):
-            yield Draw("work", f"{name}, {work} rounds", f"work {name}", *made, work=work)
+        geometry = _scattered(*size, SLANTED, count, (seed, 700 + number))
+        for work in (0, *WORK_ROUNDS):
+            yield Draw("work", f"{name}, {work} rounds", f"work {name}", *geometry, work=work)
 
 
 def _twice(seed: int) -> Iterator[Draw]:

@@ -100,7 +100,7 @@ def measure(
     Raises
     ------
     NothingMeasuredError
-        if the device fails under one of them
+        if the device fails on a draw
     InconclusiveError
         if it is too slow for enough epochs
     HarnessError
@@ -119,17 +119,17 @@ def measure(
     epochs = len(times[EMPTY].epochs)
     if epochs < FEWEST_EPOCHS:
         raise InconclusiveError(
-            f"{backend.label} is too slow: {timing.limit_s:g} s were over after {epochs} of "
-            f"{EPOCHS} parts, and a law needs {FEWEST_EPOCHS}; draw longer, e.g. --budget 4"
+            f"{backend.label}: too slow ({epochs} of {EPOCHS} epochs in {timing.limit_s:g} s, "
+            f"and a law needs {FEWEST_EPOCHS}); increase the budget, e.g. --budget 4"
         )
-    found = of_times(times, names)
-    state = judge((backend.label, f"draw {name}", _time_of(times[name])) for name in names)
+    result = normalise_times(times, names)
+    state = judge((backend.label, f"draw {name}", _to_time(times[name])) for name in names)
     why = f"the times are {state.state}: {'; '.join(state.why)}"
-    return replace(found, disturbed="" if state.is_quiet else why)
+    return replace(result, disturbed="" if state.is_quiet else why)
 
 
-def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
-    """Return the times of the draws `names`, which were timed together.
+def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
+    """Return the normalised times of the draws `names`, which were timed together.
 
     The level of a round is the geometric mean of its draws' times. All rounds draw the same design,
     so levels differ by the machine's speed only.
@@ -152,7 +152,7 @@ def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
     )
 
 
-def _time_of(times: Times) -> Time:
-    """Return the times as a record has them."""
+def _to_time(times: Times) -> Time:
+    """Convert times to those of a record."""
     time = make_samples(times, "cpu" if times.wall_s else "wall")
     return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

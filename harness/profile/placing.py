@@ -1,8 +1,8 @@
-"""Triangles in whole numbers of 1/256 px, made from a seed, that a page makes in the same way.
+"""Triangles with integer coordinates in 1/256 px, generated from a seed; a page does the same.
 
-Only sums, products, floor divisions and shifts of whole numbers below 2^53 are used, so that any
-language gives the same points. Directions are those of Pythagorean triples: a turn by (4, 3, 5) is
-exact but for one rounding at the end.
+Only sums, products, floor divisions and shifts of integers below 2^53 are used, so that every
+language computes the same points. Directions are Pythagorean triples: a rotation by (4, 3, 5) is
+exact except for one rounding at the end.
 """
 
 from collections.abc import Callable
@@ -20,14 +20,14 @@ SIDE = 1024
 """Width and height of the viewport of every draw, px."""
 
 GAP = 2 * SUBPIXEL
-"""Between neighbours: one strays by less than a pixel, and shares no pixel with another."""
+"""Gap between neighbours, which are moved by less than a pixel: none share a pixel."""
 
 MARGIN = SUBPIXEL
-"""Kept free at each side of the viewport."""
+"""Empty margin at each side of the viewport."""
 
 
 class Direction(NamedTuple):
-    """A turn: (x, y) / length is its cosine and sine, all three whole numbers."""
+    """A rotation: (x, y) / length is its cosine and sine, all three integers."""
 
     x: int
     y: int
@@ -37,20 +37,21 @@ class Direction(NamedTuple):
 LEVEL, STEEP = Direction(1, 0, 1), Direction(0, 1, 1)
 SLANTED, DIAGONAL = Direction(12, 5, 13), Direction(21, 20, 29)
 DIRECTIONS = (LEVEL, SLANTED, DIAGONAL, STEEP)
-"""Turns by 0, 22.6, 43.6 and 90 degrees."""
+"""Rotations by 0, 22.6, 43.6 and 90 degrees."""
 
 _MASK = np.uint64(0xFFFFFFFF)
 
 
-def mixed(seed: int, draw: int, count: int) -> NDArray[np.int64]:
-    """Return `count` numbers of 32 bits: the seed's, the draw's and each place's, well mixed.
+def hash_numbers(seed: int, draw: int, count: int) -> NDArray[np.int64]:
+    """Return `count` 32-bit hashes of the seed, the draw and each position.
 
-    Multiplied as D. E. Knuth does ("The Art of Computer Programming", volume 3, section 6.4), then
-    shifted twice as in G. Marsaglia, "Xorshift RNGs", Journal of Statistical Software 8(14), 2003.
+    Multiplicative hashing as in D. E. Knuth ("The Art of Computer Programming", volume 3, section
+    6.4), then two rounds of shifts as in G. Marsaglia, "Xorshift RNGs", Journal of Statistical
+    Software 8(14), 2003.
     """
-    place = np.arange(1, count + 1, dtype=np.uint64)
+    position = np.arange(1, count + 1, dtype=np.uint64)
     start = (seed % (1 << 32) * 31 + draw * 65_599) % (1 << 32)
-    value = ((place + np.uint64(start)) & _MASK) * np.uint64(2_654_435_761) & _MASK
+    value = ((position + np.uint64(start)) & _MASK) * np.uint64(2_654_435_761) & _MASK
     for _ in range(2):
         value ^= (value << np.uint64(13)) & _MASK
         value ^= value >> np.uint64(17)
@@ -58,8 +59,8 @@ def mixed(seed: int, draw: int, count: int) -> NDArray[np.int64]:
     return value.astype(np.int64)
 
 
-def turned(points: Points, direction: Direction) -> Points:
-    """Return points (..., 2) turned about the origin, to the nearest whole number."""
+def rotate(points: Points, direction: Direction) -> Points:
+    """Return points (..., 2) rotated about the origin and rounded to integers."""
     x, y = points[..., 0], points[..., 1]
     half = direction.length // 2
     return np.stack(
@@ -71,101 +72,101 @@ def turned(points: Points, direction: Direction) -> Points:
     )
 
 
-def cells(width: int, height: int, direction: Direction, count: int) -> Points:
+def fit_boxes(width: int, height: int, direction: Direction, count: int) -> Points:
     """Return corners (k, 2) of at most `count` boxes, spread evenly over those that fit.
 
-    The boxes, `width` times `height` and turned, stand in rows about the viewport's middle. They
-    are returned unturned, as seen from the middle; `placed` turns what is in them.
+    The boxes, `width` times `height`, are in rotated rows around the viewport's centre. Corners are
+    relative to the centre and not rotated; `place_shapes` rotates the content.
     """
     wide, high = width + GAP, height + GAP
     half = SIDE * SUBPIXEL // 2 - MARGIN
     columns = np.arange(-(3 * half // (2 * wide)) - 2, 3 * half // (2 * wide) + 3) * wide
     rows = np.arange(-(3 * half // (2 * high)) - 2, 3 * half // (2 * high) + 3) * high
-    # Each is moved by less than a pixel afterwards, so ends are from -half to half - SUBPIXEL. As
-    # `turned` rounds, (v + length // 2) // length >= m where v >= m * length - length // 2.
+    # Each box is moved by less than a pixel afterwards, so ends are from -half to half - SUBPIXEL.
+    # As `rotate` rounds, (v + length // 2) // length >= m if v >= m * length - length // 2.
     shift = direction.length // 2
-    least, limit = -half * direction.length - shift, (half - SUBPIXEL) * direction.length - shift
+    low, high_end = -half * direction.length - shift, (half - SUBPIXEL) * direction.length - shift
     fits = np.ones((len(rows), len(columns)), dtype=bool)
     for x, y in ((direction.x, -direction.y), (direction.y, direction.x)):
         corner = columns * x + (rows * y)[:, None]
-        # What a box adds to its corner: each side's part, or nothing.
-        fits &= corner + min(0, x * width) + min(0, y * height) >= least
-        fits &= corner + max(0, x * width) + max(0, y * height) < limit
+        # Extremes over the box: each side adds its extent in this direction, or 0.
+        fits &= corner + min(0, x * width) + min(0, y * height) >= low
+        fits &= corner + max(0, x * width) + max(0, y * height) < high_end
     inside = np.flatnonzero(fits)
-    wanted = min(count, len(inside))
-    row, column = np.divmod(inside[np.arange(wanted) * len(inside) // max(wanted, 1)], len(columns))
+    size = min(count, len(inside))
+    row, column = np.divmod(inside[np.arange(size) * len(inside) // max(size, 1)], len(columns))
     return np.stack([columns[column], rows[row]], axis=-1)
 
 
-def placed(
+def place_shapes(
     shape: Callable[[NDArray[np.int64]], Points],
     size: tuple[int, int],
     direction: Direction,
     numbers: NDArray[np.int64],
 ) -> NDArray[np.int32]:
-    """Return points (k, n, 2) of k copies of a shape, turned, each at its own place on the grid.
+    """Return points (k, n, 2) of k rotated copies of a shape, each in one box of the grid.
 
-    shape : k numbers of 32 bits -> (k, n, 2) points in a box from (0, 0) to `size`
-    numbers : (count,) as `mixed` returns them; there may be room for fewer than that
+    shape : k 32-bit numbers -> (k, n, 2) points in a box from (0, 0) to `size`
+    numbers : (count,) as `hash_numbers` returns them; there may be room for fewer copies
     """
-    corners = cells(*size, direction, len(numbers))
+    corners = fit_boxes(*size, direction, len(numbers))
     numbers = numbers[: len(corners)]
     local = shape(numbers) + corners[:, None]
-    stray = np.stack([numbers % SUBPIXEL, numbers // SUBPIXEL % SUBPIXEL], axis=-1)
+    jitter = np.stack([numbers % SUBPIXEL, numbers // SUBPIXEL % SUBPIXEL], axis=-1)
     middle = SIDE * SUBPIXEL // 2
-    return (turned(local, direction) + middle + stray[:, None]).astype(np.int32)
+    return (rotate(local, direction) + middle + jitter[:, None]).astype(np.int32)
 
 
-def triangle(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
-    """Return a shape for `placed`: triangles on a base, each with its apex above another place.
+def triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
+    """Return a shape for `place_shapes`: triangles of one base and height with varying apexes.
 
-    Every other one hangs from the top of its box. All have one area: base times height over 2.
+    Half of them hang from the top of their box. All have the area base * height / 2.
     """
 
     def shape(numbers: NDArray[np.int64]) -> Points:
         apex = (numbers >> 16 & 255) * base // 255
-        nothing, low, high = np.zeros_like(apex), np.zeros_like(apex), np.full_like(apex, height)
-        x = np.stack([nothing, nothing + base, apex], axis=-1)
-        y = np.stack([low, low, high], axis=-1)
+        zero, high = np.zeros_like(apex), np.full_like(apex, height)
+        x = np.stack([zero, zero + base, apex], axis=-1)
+        y = np.stack([zero, zero, high], axis=-1)
         hangs = (numbers >> 24 & 1)[:, None] == 1
         return np.stack([np.where(hangs, base - x, x), np.where(hangs, height - y, y)], axis=-1)
 
     return shape
 
 
-def ring(corners: int, width: int, height: int) -> Points:
+def ellipse_ring(corners: int, width: int, height: int) -> Points:
     """Return (corners, 2) points on an ellipse in a box from (0, 0) to (width, height).
 
-    They go round counter-clockwise from the right. Each quarter of the circle has the rational
+    The order is counter-clockwise from the right. Each quarter of the circle has the rational
     points ((m^2 - i^2) / (m^2 + i^2), 2 m i / (m^2 + i^2)); `corners` is a multiple of 4.
     """
     m = corners // 4
     i = np.arange(m)
-    whole = m * m + i * i
+    denominator = m * m + i * i
     quarter = np.stack([m * m - i * i, 2 * m * i], axis=-1)
-    back = quarter[:, ::-1] * [-1, 1]
-    circle = np.concatenate([quarter, back, -quarter, -back])
-    whole = np.tile(whole, 4)[:, None]
+    left_quarter = quarter[:, ::-1] * [-1, 1]
+    circle = np.concatenate([quarter, left_quarter, -quarter, -left_quarter])
+    denominator = np.tile(denominator, 4)[:, None]
     size = np.array([width, height])
-    return np.asarray((circle + whole) * size // (2 * whole))
+    return np.asarray((circle + denominator) * size // (2 * denominator))
 
 
-def fan(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring, all from its first corner."""
+def cut_fan(corners: int) -> Triangles:
+    """Return (corners - 2, 3) triangles of a convex ring, all at its first vertex."""
     second = np.arange(1, corners - 1)
     return np.stack([np.zeros_like(second), second, second + 1], axis=-1).astype(np.int32)
 
 
-def zigzag(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring: a strip from one end to the other."""
+def cut_zigzag(corners: int) -> Triangles:
+    """Return (corners - 2, 3) triangles of a convex ring: a strip from end to end."""
     step = np.arange(corners - 2)
     left, right = (step + 1) // 2, corners - 1 - step // 2
     third = np.where(step % 2 == 0, left + 1, right - 1)
     return np.stack([left, third, right], axis=-1).astype(np.int32)
 
 
-def halved(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring: each chain is cut in its middle."""
+def cut_halves(corners: int) -> Triangles:
+    """Return (corners - 2, 3) triangles of a convex ring: chains are halved recursively."""
 
     def cut(first: int, last: int) -> list[tuple[int, int, int]]:
         if last - first < 2:
@@ -176,5 +177,9 @@ def halved(corners: int) -> Triangles:
     return np.array(cut(0, corners - 1), np.int32)
 
 
-WAYS: dict[str, Callable[[int], Triangles]] = {"fan": fan, "zigzag": zigzag, "halved": halved}
+RING_CUTS: dict[str, Callable[[int], Triangles]] = {
+    "fan": cut_fan,
+    "zigzag": cut_zigzag,
+    "halved": cut_halves,
+}
 """Triangulations of a convex ring, by name."""

@@ -14,15 +14,15 @@ import numpy as np
 from harness import __version__, atomic
 from harness.errors import InputError
 from harness.profile import law as laws
-from harness.profile.advice import aspects
-from harness.profile.counted import IN_PX, TERMS, design_of
+from harness.profile.advice import compare_aspects
+from harness.profile.counted import PX_TERMS, TERMS, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.law import COSTS, Law, Seconds, costs_of, solve
+from harness.profile.law import COSTS, Law, Seconds, cost_rows, solve
 from harness.profile.measured import Measured
 
 FORMAT, VERSION = "raster-harness profile", 1
 
-Told = TypeVar("Told")
+Content = TypeVar("Content")
 
 MAX_COST_S = 1.0
 """Upper bound of what one draw, triangle or pixel may take."""
@@ -46,12 +46,14 @@ def profile(
     counted : the draws' `counters`; device : its details
     """
     design = design_of(counted)
-    fitted, plain = fitted_of(draws)
+    fitted, without_work = select_fitted(draws)
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
-    predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
-    coefficients = solve(predicted, measured.times[plain], [groups[n] for n in plain]).tolist()
+    predicted = cost_rows([(draws[n].frame, draws[n].triangles) for n in without_work])
+    coefficients = solve(
+        predicted, measured.times[without_work], [groups[n] for n in without_work]
+    ).tolist()
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -62,18 +64,18 @@ def profile(
         "device": dict(device),
         "unit": "s",
         "terms": [
-            {"name": name, "unit": f"s{'/px' * (name in IN_PX)}", **_interval_of(law, one)}
-            for name, one in zip(TERMS, np.eye(len(TERMS)), strict=True)
+            {"name": name, "unit": f"s{'/px' * (name in PX_TERMS)}", **_interval_of(law, unit)}
+            for name, unit in zip(TERMS, np.eye(len(TERMS)), strict=True)
         ],
         "sums": [
             {"name": name} | _interval_of(law, np.array([parts.get(term, 0.0) for term in TERMS]))
             for name, parts in laws.SUMS.items()
         ],
-        "fewest": list(laws.fewest(design[fitted], measured.times[fitted], of_fitted, seed)),
+        "fewest": list(laws.select_terms(design[fitted], measured.times[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
         "refused": not min(law.r2_over, law.r2_within) >= MIN_R2,
-        "aspects": aspects(draws, design, measured, law),
+        "aspects": compare_aspects(draws, design, measured, law),
         "second_filling": _second_filling(draws, measured),
         "coefficients": dict(zip(COSTS, coefficients, strict=True)),
         "control": [measured.control.value, measured.control.low, measured.control.high],
@@ -86,7 +88,7 @@ def profile(
                 "rounds_of_work": draw.work,
                 "checksum": draw.checksum,
                 "counters": dict(counts),
-                "epochs": [float(f"{each:.5g}") for each in epochs],
+                "epochs": [float(f"{time:.5g}") for time in epochs],
             }
             for draw, counts, epochs in zip(draws, counted, measured.epochs.T, strict=True)
         ],
@@ -105,24 +107,26 @@ def write_profile(content: Mapping[str, Any], file: Path) -> Path:
     return file
 
 
-def read_profile(file: Path, told: Callable[[Any], Told]) -> Told:
-    """Return what `told` takes from a profile's file.
+def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
+    """Return the result of `parse` for the content of a profile's file.
 
     Raises
     ------
     InputError
-        if it is missing, no profile, or was refused when it was made
+        if the file is missing, invalid, or was refused by `profile`
     """
     try:
         content = json.loads(atomic.read(file))
         if isinstance(content, dict) and content.get("refused"):
             raise InputError(
-                f"{file} was refused: it fits too badly; repeat raster-harness profile"
+                f"{file}: refused, as its fit is too poor; repeat raster-harness profile"
             )
         check_profile(content)
-        return told(content)
+        return parse(content)
     except FileNotFoundError:
-        raise InputError(f"no profile {file}; make it: raster-harness profile") from None
+        raise InputError(
+            f"{file}: profile not found; create it with raster-harness profile"
+        ) from None
     except ValueError as error:
         raise InputError(f"{file} is not a profile: {error}") from error
     except (OSError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -164,10 +168,10 @@ def read_coefficients(file: Path) -> dict[str, float]:
 
     Raises as `read_profile` does.
     """
-    return read_profile(file, lambda told: {n: float(told["coefficients"][n]) for n in COSTS})
+    return read_profile(file, lambda content: {n: float(content["coefficients"][n]) for n in COSTS})
 
 
-def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
+def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     """Return the indices of the draws to which a law, and a criterion's costs, are fitted.
 
     Excluded are draws that a device may skip because later ones cover them and, for the criterion,
@@ -179,8 +183,8 @@ def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
 
 def _interval_of(law: Law, weights: Seconds) -> dict[str, Any]:
     """Return cost and interval of a weighted sum of terms."""
-    cost, low, high = law.sum_of(weights, laws.CONFIDENCE)
-    return {"cost": cost, "low": low, "high": high, "shown": law.is_shown(weights)}
+    cost, low, high = law.estimate_sum(weights, laws.CONFIDENCE)
+    return {"cost": cost, "low": low, "high": high, "shown": law.is_significant(weights)}
 
 
 def _second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:

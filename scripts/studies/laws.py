@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.profile import fitted_of
+from harness.profile.profile import select_fitted
 from harness.rasterisers.base import Sample
 
 STEP_S = 1e-4
@@ -107,7 +107,7 @@ class Design(NamedTuple):
 
 def make_design(seed: int = 0) -> Design:
     """Return the design without the draws that fill pixels twice."""
-    draws = [draw for draw in design.draws(seed) if draw.kind != "twice"]
+    draws = [draw for draw in design.make_draws(seed) if draw.kind != "twice"]
     return Design(design_of([counters(draw) for draw in draws]), [draw.group for draw in draws])
 
 
@@ -135,7 +135,7 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
         processes.append(process)
         speeds += clock.logs[-len(seconds) * sum(process[EMPTY].epochs) :]
     times = {name: Times.of_processes([process[name] for process in processes]) for name in seconds}
-    profile_times = measured.of_times(times, names)
+    profile_times = measured.normalise_times(times, names)
     fitted = law.fit(layout.rows, profile_times.epochs, layout.groups, seed)
     # The fitted costs refer to the mean speed of the machine in the rounds.
     return FittedDevice(truth * float(np.exp(np.mean(speeds))), fitted)
@@ -164,7 +164,7 @@ class Residuals(NamedTuple):
 def recreate_draws(profile: dict[str, Any]) -> tuple[list[design.Draw], list[dict[str, Any]]]:
     """Return the draws that a profile has times for, made again, and the stored times."""
     step = profile["device"]["details"].get("step") or 1
-    draws = [design.snapped(draw, step) for draw in design.draws(profile["seed"])]
+    draws = [design.snap(draw, step) for draw in design.make_draws(profile["seed"])]
     stored_draws = {(row["kind"], row["name"]): row for row in profile["times"]}
     draws = [draw for draw in draws if (draw.kind, draw.name) in stored_draws]
     return draws, [stored_draws[draw.kind, draw.name] for draw in draws]
@@ -173,7 +173,7 @@ def recreate_draws(profile: dict[str, Any]) -> tuple[list[design.Draw], list[dic
 def compute_residuals(profile: dict[str, Any]) -> Residuals:
     """Fit a law to the draws of a profile again and return the residuals."""
     draws, stored_draws = recreate_draws(profile)
-    indices, _ = fitted_of(draws)
+    indices, _ = select_fitted(draws)
     retained = [draws[index] for index in indices]
     layout = Design(
         design_of([counters(draw) for draw in retained]), [draw.group for draw in retained]
@@ -265,7 +265,7 @@ def make_term_rows(devices: Sequence[FittedDevice]) -> Iterator[tuple[object, ..
             for low, high in [device.fitted.intervals[index]]
         )
         without_cost = [device for device in devices if device.truth[index] == 0]
-        not_significant = sum(not device.fitted.shown[index] for device in without_cost)
+        not_significant = sum(not device.fitted.significant[index] for device in without_cost)
         shares = (
             f"{covered / len(with_cost):.3f}",
             f"{not_significant / len(without_cost):.3f}" if without_cost else "",
@@ -280,7 +280,9 @@ def summarise_devices(devices: Sequence[FittedDevice]) -> tuple[str, str]:
         for device in devices
         for low, high in [device.fitted.intervals.T]
     ]
-    no_false_cost = [not (device.fitted.shown & (device.truth == 0)).any() for device in devices]
+    no_false_cost = [
+        not (device.fitted.significant & (device.truth == 0)).any() for device in devices
+    ]
     return f"{np.mean(covered):.3f}", f"{np.mean(no_false_cost):.3f}"
 
 

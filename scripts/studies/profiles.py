@@ -46,7 +46,7 @@ from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import design
 from harness.profile import profile as profiles
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.law import COSTS, costs_of, r_squared, r_squared_within
+from harness.profile.law import COSTS, cost_rows, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -147,7 +147,7 @@ def judge_scene(profile: dict[str, Any], scene: str, options: argparse.Namespace
         pool.close()
     table = table.assign(polygon=polygons, triangulator=triangulators)
     seconds = table["seconds"].to_numpy()
-    cost = costs_of(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
+    cost = cost_rows(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
     by_law, _ = scale_prediction(seconds, empty, predict_by_law(profile, draws))
     predicted, speed = scale_prediction(seconds, empty, cost)
     common = {

@@ -55,7 +55,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
     saved, size, best = max(
         (1 - lanes[size, name] / lanes[size, NAMES[0]], size, name) for size, name in lanes
     )
-    assert saved > sizes.MATTERS
+    assert saved > sizes.MIN_SAVED_SHARE
     assert f"at {size} px" in told["sentence"]
     assert f"{best} saves {saved:.1%} of ear-clipping's shaded lanes" in told["sentence"]
 
@@ -91,7 +91,11 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
         counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1)
-        return {**dict(zip(sizes.EXACT, counted, strict=True)), "triangulate_s": cut, "draw": draw}
+        return {
+            **dict(zip(sizes.COUNTED, counted, strict=True)),
+            "triangulate_s": cut,
+            "draw": draw,
+        }
 
     def size(px: int, lanes: int) -> sizes.Size:
         return sizes.Size(
@@ -100,17 +104,17 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
 
     shares = {16: 4000, 32: 3800, 64: 3200, 128: 3980}
     found = sizes.Sizes("s", None, tuple(size(*each) for each in shares.items()))
-    assert sizes.sentence(found) == (
-        "It matters at 32 to 64 px, most at 64 px, 32 px a polygon: b saves 20.0% of a's shaded "
+    assert sizes.summarise(found) == (
+        "It matters at 32 to 64 px, most at 64 px (32 px per polygon): b saves 20.0% of a's shaded "
         "lanes."
     )
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
     found = sizes.Sizes(
         "s", DeviceCosts("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),)
     )
-    assert sizes.sentence(found) == (
-        "It matters at 64 px, most at 64 px, 32 px a polygon: b saves 25.0% of a's draw time on "
-        "phone, which pays after 6 draws."
+    assert sizes.summarise(found) == (
+        "It matters at 64 px, most at 64 px (32 px per polygon): b saves 25.0% of a's draw time on "
+        "phone; break-even after 6 draws."
     )
 
 
@@ -120,10 +124,10 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
     write_geojson(Path("two.geojson"), [ring, plain])
     given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
     _, err = require_ok(harness(*given))
-    assert "polygons counted at 64 px: 1; left out, as they vanish on the grid or not" in err
-    assert "not all triangulators do them: 1" in err
+    assert "polygons counted at 64 px: 1; skipped, as they vanish on the grid" in err
+    assert "or a triangulator fails: 1" in err
     told = json.loads(harness(*given, "--json")[1])
-    assert told["sizes"][0]["polygons"] == told["sizes"][0]["left_out"] == 1
+    assert told["sizes"][0]["polygons"] == told["sizes"][0]["skipped"] == 1
 
 
 def test_a_contributed_profile_is_known_by_its_name(harness):
@@ -168,6 +172,6 @@ def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
     write_geojson(Path("few.geojson"), squares)
     given = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
     out, err = require_ok(harness(*given))
-    assert "It cannot be told: 4 pixels or fewer are covered" in " ".join(out.split())
-    assert "counted at 16 px: 1; left out, as they vanish on the grid" in err
-    assert json.loads(harness(*given, "--json")[1])["sizes"][0]["left_out"] == 7
+    assert "Inconclusive: at most 4 pixels are covered" in " ".join(out.split())
+    assert "counted at 16 px: 1; skipped, as they vanish on the grid" in err
+    assert json.loads(harness(*given, "--json")[1])["sizes"][0]["skipped"] == 7

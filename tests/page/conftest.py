@@ -154,7 +154,7 @@ def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the page that profiles a device, with eight polygons for the advice."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
-        patch.setattr("harness.profile.advice.POLYGONS", 8)
+        patch.setattr("harness.profile.advice.SCENE_POLYGONS", 8)
         pool = MeasuringPool(inline, timeout_s=60)  # type: ignore[arg-type]
         content = content_of_profile(pool)
     file = tmp_path_factory.mktemp("profile") / "profile.html"

@@ -11,12 +11,12 @@ from harness.errors import BAD_INPUT
 from harness.measuring.timing import EMPTY, Times
 from harness.page.page_data import STEPS
 from harness.profile import design, law
-from harness.profile.advice import CRITERIA, aspects
+from harness.profile.advice import CRITERIA, compare_aspects
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.law import COSTS as CRITERIA_TERMS
 from harness.profile.law import solve
-from harness.profile.measured import CONTROL, Measured, of_times
-from harness.profile.words import amount
+from harness.profile.measured import CONTROL, Measured, normalise_times
+from harness.profile.report import format_seconds
 from harness.stats.intervals import Ratio, mean_interval
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.conftest import assert_refused, require_ok
@@ -38,10 +38,10 @@ def test_page_is_small_and_its_draws_equal_python(loaded, profile_page):
     loaded.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
         loaded.evaluate(f"globalThis.made = designOf({seed}); null")
-        draws = design.draws(seed)
+        draws = design.make_draws(seed)
         for step in (1, 16):
             sums = loaded.evaluate(f"sumsOf(made, {step})")
-            assert sums == [design.snapped(draw, step).checksum for draw in draws]
+            assert sums == [design.snap(draw, step).checksum for draw in draws]
     assert loaded.requests == [f"{profile_page.resolve().as_uri()}"]
 
 
@@ -49,7 +49,7 @@ def test_counters_in_the_page_equal_the_reference(loaded):
     grids = loaded.evaluate("state.page.grids")
     assert list(grids) == [str(step) for step in STEPS]
     for step, index in ((1, 20), (4, 80), (16, 100)):
-        draw = design.snapped(design.draws()[index], step)
+        draw = design.snap(design.make_draws()[index], step)
         read_text = {name: values[index] for name, values in grids[str(step)]["counters"].items()}
         assert read_text == counters(draw)
         assert grids[str(step)]["checksums"][index] == draw.checksum
@@ -58,7 +58,7 @@ def test_counters_in_the_page_equal_the_reference(loaded):
 @pytest.fixture(scope="module")
 def synthetic() -> dict[str, Any]:
     """Return draws, counters and times that follow a law with errors of draws and of epochs."""
-    draws = design.draws()
+    draws = design.make_draws()
     rows = design_of([counters(draw) for draw in draws])
     truth = np.array([COSTS.get(name, 0.0) for name in TERMS])
     random = np.random.default_rng(0)
@@ -73,7 +73,7 @@ def test_law_of_the_page_equals_python(loaded, synthetic):
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draws[index].group for index in places]
     expected = law.fit(rows[places], epochs[:, places], groups)
-    fewest = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
+    fewest = law.select_terms(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
     argument = json.dumps({"epochs": epochs.tolist()})
     actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
     assert actual["rows"] == rows.tolist()
@@ -84,8 +84,8 @@ def test_law_of_the_page_equals_python(loaded, synthetic):
     for total, parts in zip(actual["sums"], law.SUMS.values(), strict=True):
         weights = np.array([parts.get(term, 0.0) for term in TERMS])
         ends = [total[name] for name in ("seconds", "low", "high")]
-        assert ends == pytest.approx(expected.sum_of(weights, law.CONFIDENCE), rel=1e-5)
-        assert total["shown"] == expected.is_shown(weights)
+        assert ends == pytest.approx(expected.estimate_sum(weights, law.CONFIDENCE), rel=1e-5)
+        assert total["shown"] == expected.is_significant(weights)
     assert actual["r2_over"] == pytest.approx(expected.r2_over, abs=1e-9)
     assert actual["r2_within"] == pytest.approx(expected.r2_within, abs=1e-9)
     assert [list(TERMS)[index] for index in actual["fewest"]] == list(fewest)
@@ -107,7 +107,7 @@ def test_times_of_thin_triangles_equal_python(loaded, synthetic):
     shown = {"seconds": fitted.costs.tolist(), "low": low, "high": high}
     argument = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
     actual = loaded.evaluate(ASPECTS % argument)
-    for expected, found in zip(aspects(draws, rows, times, fitted), actual, strict=True):
+    for expected, found in zip(compare_aspects(draws, rows, times, fitted), actual, strict=True):
         for name in ("area", "aspects"):
             assert found[name] == expected[name]
         for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
@@ -131,7 +131,9 @@ def test_evaluation_of_rounds_equals_python(loaded):
         for index, name in enumerate([*names[:size], "3", EMPTY])
     }
     samples[CONTROL] = (np.array(samples["3"]) * random.uniform(1.0, 1.04, len(speed))).tolist()
-    expected = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
+    expected = normalise_times(
+        {name: Times(1, samples[name], epochs) for name in names}, names[:size]
+    )
     read_text = {name: {"samples_s": values} for name, values in samples.items()}
     argument = json.dumps({"times": read_text, "epochs": [2, 0, 3, 2, 2]})
     actual = loaded.evaluate(f"measuredOf({argument}, {size})")
@@ -194,7 +196,7 @@ def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
 
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
 def test_format_of_seconds_equals_python(loaded, value):
-    assert loaded.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
+    assert loaded.evaluate(f"secondsText({value})").replace("µ", "u") == format_seconds(value)
 
 
 def test_page_reports_the_known_costs_of_a_gpu(profiled):
@@ -212,7 +214,7 @@ def test_page_reports_the_known_costs_of_a_gpu(profiled):
     )
     assert profiled["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
     assert "A draw by itself costs 20 µs." in profiled["words"]
-    nothing = "Nothing is shown for triangles set up, triangles that cover a pixel, vertices"
+    nothing = "No significant cost: triangles set up, triangles that cover a pixel, vertices"
     assert nothing in profiled["words"]
     assert "Triangulate by optimal:" in profiled["words"]
     assert " on city (" in profiled["words"]

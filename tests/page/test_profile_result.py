@@ -12,8 +12,8 @@ import pytest
 from harness.commands.run_inputs import parse_recipes
 from harness.errors import BAD_INPUT, INCONCLUSIVE
 from harness.page.profile_result import FORMAT
-from harness.profile import advice, design, words
-from harness.profile.advice import OWN
+from harness.profile import advice, design, report
+from harness.profile.advice import CALIBRATED_OPTIMUM
 from harness.profile.counted import counters
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
@@ -22,7 +22,7 @@ from tests.page.conftest import write_saved
 from tests.page.test_hostile import MARKUP, add_markup
 from tests.profile.charging import COSTS
 
-DRAWS = functools.cache(design.draws)
+DRAWS = functools.cache(design.make_draws)
 COUNTED: dict[tuple[int, int], dict[str, int]] = {}
 
 
@@ -37,11 +37,11 @@ def count_once(draw: design.Draw) -> dict[str, int]:
 @pytest.fixture(autouse=True)
 def _short_measurements(monkeypatch):
     """Make and count draws once, use workers in this process and few polygons for the advice."""
-    monkeypatch.setattr(design, "draws", DRAWS)
+    monkeypatch.setattr(design, "make_draws", DRAWS)
     monkeypatch.setattr("harness.page.profile_result.counters", count_once)
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
-    monkeypatch.setattr(advice, "POLYGONS", 8)
+    monkeypatch.setattr(advice, "SCENE_POLYGONS", 8)
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_file_of_the_page_becomes_a_profile(harness, profiled):
     assert list(coefficients.values()) == pytest.approx(
         profiled["coefficients"], rel=0.01, abs=1e-12
     )
-    (recipe,) = parse_recipes((OWN,), 0, Path("p.json"))
+    (recipe,) = parse_recipes((CALIBRATED_OPTIMUM,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
     assert Path("p.png").stat().st_size > 10_000
 
@@ -200,5 +200,5 @@ def test_markup_in_names_is_escaped(harness, saved):
     out, _ = require_ok(harness("import", saved(change), "--out", "profiles/p.json"))
     assert MARKUP not in out
     assert MARKUP not in Path("profiles/p.svg").read_text()
-    rows = words.devices_table(Path("profiles"))[1]
+    rows = report.devices_table(Path("profiles"))[1]
     assert "<" not in "".join(rows[0])

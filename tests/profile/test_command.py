@@ -11,8 +11,8 @@ import pytest
 
 from harness.commands.run_inputs import parse_recipes
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
-from harness.profile import advice, design, measured, words
-from harness.profile.advice import BASE, CRITERIA, OWN, choose
+from harness.profile import advice, design, measured, report
+from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
@@ -28,7 +28,7 @@ def _short_measurements(monkeypatch):
     monkeypatch.setattr(measured, "EPOCHS", 6)
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
-    monkeypatch.setattr(advice, "POLYGONS", 8)
+    monkeypatch.setattr(advice, "SCENE_POLYGONS", 8)
 
 
 def run_profile(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
@@ -40,7 +40,7 @@ def test_profile_reports_the_known_costs(harness):
     out, _ = require_ok(run_profile(harness, "Charger"))
     assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     assert "Each pixel of its box's width and height costs 7 ns." in out
-    assert "Nothing is shown for triangles set up, triangles that cover a pixel, vertices" in out
+    assert "No significant cost: triangles set up, triangles that cover a pixel, vertices" in out
     assert "on city:buildings=12 (" in out
     content = json.loads(Path("p.json").read_text())
     for term in content["terms"]:
@@ -64,7 +64,7 @@ def test_profile_reports_the_known_costs(harness):
     assert Path("p.png").stat().st_size > 10_000
     coefficients = read_coefficients(Path("p.json"))
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
-    (recipe,) = parse_recipes((OWN,), 0, Path("p.json"))
+    (recipe,) = parse_recipes((CALIBRATED_OPTIMUM,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
 
 
@@ -72,13 +72,13 @@ def test_draws_are_snapped_to_a_coarser_grid(harness):
     require_ok(run_profile(harness, "CoarseCharger"))
     content = json.loads(Path("p.json").read_text())
     checksums = {draw["checksum"] for draw in content["times"]}
-    assert checksums == {design.snapped(draw, 16).checksum for draw in design.draws(0)}
+    assert checksums == {design.snap(draw, 16).checksum for draw in design.make_draws(0)}
 
 
 def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
     monkeypatch.setattr(measured, "EPOCHS", 12)
-    monkeypatch.setattr(advice, "advise", lambda *_: None)
-    monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
+    monkeypatch.setattr(advice, "recommend", lambda *_: None)
+    monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     code, out, err = run_profile(harness, "DriftingCharger")
     assert code == INCONCLUSIVE
     assert_one_line(err, "the machine's speed changed by a factor of")
@@ -92,15 +92,15 @@ def test_too_slow_device_is_an_error(harness, monkeypatch):
     monkeypatch.setattr(measured, "settings", lambda *args: replace(settings(*args), limit_s=0))
     assert_refused(
         run_profile(harness, "Charger"),
-        "is too slow: 0 s were over after 1 of 6 parts",
+        "too slow (1 of 6 epochs in 0 s, and a law needs",
         code=INCONCLUSIVE,
     )
     assert not list(Path().iterdir())
 
 
 def test_fewer_parts_are_a_warning(harness, monkeypatch):
-    monkeypatch.setattr(advice, "advise", lambda *_: None)
-    monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
+    monkeypatch.setattr(advice, "recommend", lambda *_: None)
+    monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     measure = measured.measure
     assert measured.settings(0.5, 126).limit_s == 126
     assert measured.settings(0.1, 126).limit_s == measured.MIN_LIMIT_S
@@ -114,7 +114,7 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
 
     monkeypatch.setattr(measured, "measure", measure_five_parts)
     _, err = require_ok(run_profile(harness, "Charger"))
-    assert "warning: the device is slow: 100 s were over after 5 of 6 parts, so" in err
+    assert "warning: slow device: 5 of 6 epochs in 100 s, so intervals are wide" in err
 
 
 def test_unusable_devices_are_refused_in_one_line(harness):
@@ -133,16 +133,19 @@ def make_costs(**ratios: float) -> Mapping[str, np.ndarray]:
     calibrated = np.linspace(1.0, 2.0, 8)
     names = dict(zip(CRITERIA.values(), CRITERIA, strict=True))
     others = {names[letter]: ratio * calibrated for letter, ratio in ratios.items()}
-    return {OWN: calibrated, BASE: 1.25 * calibrated, **others}
+    return {CALIBRATED_OPTIMUM: calibrated, BASE: 1.25 * calibrated, **others}
 
 
 def test_criterion_is_preferred_if_as_good_as_the_calibrated_one():
     costs = make_costs(H=1.004, Q=1.002, A=1.1)
-    recommendation = choose({"one": costs, "two": costs})
+    recommendation = choose_triangulator({"one": costs, "two": costs})
     assert recommendation["triangulator"] == "optimal:expected-quads"
     assert recommendation["regret"]["optimal:overdraw"] == pytest.approx(0.1)
     assert recommendation["saved"]["one"][0] == pytest.approx(1 - 1.002 / 1.25)
-    assert choose({"one": make_costs(H=1.02, Q=1.03, A=1.1)})["triangulator"] == OWN
+    assert (
+        choose_triangulator({"one": make_costs(H=1.02, Q=1.03, A=1.1)})["triangulator"]
+        == CALIBRATED_OPTIMUM
+    )
 
 
 @pytest.mark.parametrize(
@@ -150,7 +153,7 @@ def test_criterion_is_preferred_if_as_good_as_the_calibrated_one():
     [(0, "0 s"), (5.3e-8, "53 ns"), (1.94e-9, "1.9 ns"), (2e-13, "0.2 ps"), (0.25, "250 ms")],
 )
 def test_seconds_have_readable_units(value, text):
-    assert words.amount(value) == text
+    assert report.format_seconds(value) == text
 
 
 GOOD = json.loads((ROOT / "results/reference/profiles/opengl-llvmpipe.json").read_text())

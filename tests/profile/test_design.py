@@ -22,7 +22,7 @@ CountedDraws = list[tuple[Draw, dict[str, int]]]
 
 @pytest.fixture(scope="module")
 def counted() -> CountedDraws:
-    return [(draw, counters(draw)) for draw in design.draws()]
+    return [(draw, counters(draw)) for draw in design.make_draws()]
 
 
 def select_kind(counted: CountedDraws, kind: str) -> CountedDraws:
@@ -62,16 +62,16 @@ def test_draws_depend_on_the_seed_only(counted):
     """The page, in JavaScript, compares these checksums with its own draws."""
     first = {draw.kind: draw.checksum for draw, _ in reversed(counted)}
     assert first == {
-        kind: draw.checksum for draw in reversed(design.draws(0)) for kind in [draw.kind]
+        kind: draw.checksum for draw in reversed(design.make_draws(0)) for kind in [draw.kind]
     }
-    other_seed = {draw.kind: draw.checksum for draw in reversed(design.draws(1))}
+    other_seed = {draw.kind: draw.checksum for draw in reversed(design.make_draws(1))}
     equal_kinds = {kind for kind in first if first[kind] == other_seed[kind]}
     assert not equal_kinds
 
 
 def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
     for draw, counts in select_kind(counted, "aspect"):
-        base, height = design.sides(draw.area, draw.aspect)
+        base, height = design.triangle_sides(draw.area, draw.aspect)
         assert base / height == pytest.approx(draw.aspect, rel=0.01)
         assert base * height == pytest.approx(2 * draw.area * SUBPIXEL**2, rel=0.005)
         doubled = np.abs(twice_areas(draw.frame.points, draw.triangles))
@@ -106,7 +106,7 @@ def test_cuts_of_a_ring_differ_only_in_diagonals(counted):
     for draw, counts in select_kind(counted, "cuts"):
         groups.setdefault(draw.group, []).append(counts)
     for group, counts in groups.items():
-        assert len(counts) == len(placing.WAYS)
+        assert len(counts) == len(placing.RING_CUTS)
         for equal in ("triangles", "fragments", "vertices"):
             assert len({row[equal] for row in counts}) == 1, (group, equal)
         assert len({row["half_perimeter"] for row in counts}) == len(counts)
@@ -159,11 +159,11 @@ def test_terms_of_the_design_are_not_collinear(counted):
 
 
 @pytest.mark.parametrize("corners", [4, 16, 32])
-@pytest.mark.parametrize("way", placing.WAYS)
+@pytest.mark.parametrize("way", placing.RING_CUTS)
 def test_convex_ring_is_triangulated_completely(corners, way):
-    triangles = placing.WAYS[way](corners)
+    triangles = placing.RING_CUTS[way](corners)
     assert triangles.shape == (corners - 2, 3)
-    points = placing.ring(corners, 4096, 1024)
+    points = placing.ellipse_ring(corners, 4096, 1024)
     doubled = twice_areas(points, triangles)
     assert (doubled > 0).all()
     x, y = points.T
@@ -174,10 +174,10 @@ def test_convex_ring_is_triangulated_completely(corners, way):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(500, 30000), st.integers(500, 30000), st.sampled_from(DIRECTIONS))
 def test_boxes_fit_the_viewport_and_do_not_touch(width, height, direction):
-    corners = placing.cells(width, height, direction, 50)
+    corners = placing.fit_boxes(width, height, direction, 50)
     assert len(corners) <= 50
     if len(corners):
-        ends = placing.turned(corners, direction)
+        ends = placing.rotate(corners, direction)
         assert np.abs(ends).max() <= SIDE * SUBPIXEL // 2 - placing.MARGIN
         distances = np.abs(corners[:, None] - corners)
         separate = (distances[..., 0] >= width + placing.GAP) | (
@@ -187,13 +187,13 @@ def test_boxes_fit_the_viewport_and_do_not_touch(width, height, direction):
 
 
 def test_numbers_are_spread_evenly_and_differ_by_seed_and_draw():
-    numbers = placing.mixed(7, 3, 40_000)
+    numbers = placing.hash_numbers(7, 3, 40_000)
     assert numbers.min() >= 0
     assert numbers.max() < 2**32
     for shift in (0, 8, 16, 24):
         counts = np.bincount(numbers >> shift & 255, minlength=256)
         assert counts.min() > 80
         assert counts.max() < 260
-    assert (numbers[:100] != placing.mixed(8, 3, 100)).all()
-    assert (numbers[:100] != placing.mixed(7, 4, 100)).all()
-    assert placing.mixed(2**63 - 1, 900, 3).max() < 2**32
+    assert (numbers[:100] != placing.hash_numbers(8, 3, 100)).all()
+    assert (numbers[:100] != placing.hash_numbers(7, 4, 100)).all()
+    assert placing.hash_numbers(2**63 - 1, 900, 3).max() < 2**32

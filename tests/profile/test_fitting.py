@@ -11,9 +11,9 @@ from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters
 from harness.profile.design import Draw
-from harness.profile.law import COSTS, costs_of
+from harness.profile.law import COSTS, cost_rows
 from harness.profile.measured import CONTROL
-from harness.profile.profile import fitted_of, read_coefficients, write_profile
+from harness.profile.profile import read_coefficients, select_fitted, write_profile
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, fit_device, make_design
 from tests.paths import ROOT
@@ -24,10 +24,10 @@ TRUE_COSTS = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8
 @pytest.fixture(scope="module")
 def criteria_costs() -> tuple[np.ndarray, np.ndarray]:
     """Return the features of a profile's draws that criteria use, and the groups of draws."""
-    draws = design.draws()
-    plain = [draws[index] for index in fitted_of(draws)[1]]
+    draws = design.make_draws()
+    plain = [draws[index] for index in select_fitted(draws)[1]]
     groups = np.unique([draw.group for draw in plain], return_inverse=True)[1]
-    return costs_of([(draw.frame, draw.triangles) for draw in plain]), groups
+    return cost_rows([(draw.frame, draw.triangles) for draw in plain]), groups
 
 
 def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
@@ -45,7 +45,7 @@ def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
     common = np.exp(0.2 * np.random.default_rng(0).standard_normal(groups.max() + 1))
     costs = law.solve(rows, rows @ TRUE_COSTS * common[groups], groups)
     r2 = law.r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
-    # With a weight of 1 for common errors instead of `BETWEEN`, it is 0.9996.
+    # With a weight of 1 for common errors instead of `BETWEEN_WEIGHT`, it is 0.9996.
     assert r2 > 0.9999
 
 
@@ -143,11 +143,11 @@ def test_intervals_cover_costs_without_false_ones(layout):
             covered + int(inside[truth > 0].sum()),
             cost_terms + int((truth > 0).sum()),
         )
-        not_significant += int((~fitted.shown)[truth == 0].sum())
+        not_significant += int((~fitted.significant)[truth == 0].sum())
         zero_terms += int((truth == 0).sum())
         assert fitted.r2_over > 0.99
         assert fitted.r2_within > 0.98
-        assert fitted.shown[0]
+        assert fitted.significant[0]
     assert covered >= 0.85 * cost_terms
     assert not_significant >= 0.85 * zero_terms
 
@@ -160,11 +160,11 @@ def test_fewest_terms_are_those_with_costs(layout):
     extra = []
     for seed in range(4):
         noise = np.exp(0.005 * np.random.default_rng(seed).standard_normal(len(layout.rows)))
-        terms = set(law.fewest(layout.rows, layout.rows @ truth * noise, layout.groups))
+        terms = set(law.select_terms(layout.rows, layout.rows @ truth * noise, layout.groups))
         assert terms >= set(cost_by_term)
         extra += terms - set(cost_by_term)
     assert len(extra) <= 1, "noise rarely adds a term"
-    assert law.fewest(layout.rows, 2e-5 * layout.rows[:, 0], layout.groups) == ("draw",)
+    assert law.select_terms(layout.rows, 2e-5 * layout.rows[:, 0], layout.groups) == ("draw",)
 
 
 def test_deviations_from_the_law_widen_intervals(layout):
@@ -186,7 +186,7 @@ def simulate_rounds(*speeds: float, control_ratio: float = 1.0) -> measured.Meas
     epochs = [2] * len(speeds)
     factors = np.repeat(speeds, 2)
     times = {name: Times(1, (s * factors).tolist(), epochs) for name, s in samples.items()}
-    return measured.of_times(times, ["0", "1", "2"])
+    return measured.normalise_times(times, ["0", "1", "2"])
 
 
 def test_times_do_not_depend_on_the_machines_speed():
@@ -222,7 +222,7 @@ def test_rows_counts_pixel_rows_with_centres_in_the_triangle():
 
 def test_features_of_criteria_are_in_pixels():
     draw = make_draw([[0, 0], [1024, 0], [0, 512]])
-    (row,) = costs_of([(draw.frame, draw.triangles)])
+    (row,) = cost_rows([(draw.frame, draw.triangles)])
     features = dict(zip(COSTS, row, strict=True))
     names = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
     assert [features[name] for name in names] == [1.0, 1.0, 4.0, 6.0, 8.0]
@@ -255,7 +255,7 @@ def test_unconstrained_cost_may_be_negative():
     rows = np.column_stack([np.ones(24), np.arange(24.0)])
     seconds = rows @ [10.0, -0.1]
     fitted = law.fit(rows, np.stack([seconds] * 3), [str(k // 4) for k in range(24)])
-    assert fitted.free == pytest.approx([10.0, -0.1], rel=1e-6)
+    assert fitted.signed_costs == pytest.approx([10.0, -0.1], rel=1e-6)
     assert fitted.costs[1] == 0.0
     assert fitted.groups == 6
 
@@ -277,6 +277,6 @@ def test_unconstrained_cost_may_be_negative():
 def test_significance_is_decided_by_the_draw_with_the_largest_share(shares, weights, shown):
     costs = np.ones(2)
     fitted = law.Law(costs, costs, np.eye(2) * 1e-12, 40, 1.0, 1.0, np.array(shares))
-    assert fitted.is_shown(np.array(weights, float)) == shown
+    assert fitted.is_significant(np.array(weights, float)) == shown
     # Student's interval with 20 degrees of freedom.
     assert fitted.intervals - 1.0 == pytest.approx(2.086e-6 * np.array([[-1, 1]] * 2), rel=1e-3)

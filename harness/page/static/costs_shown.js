@@ -1,5 +1,5 @@
 "use strict";
-/* What people see of a profile: sentences, as harness/profile/words.py has them, charts and tables. */
+/* What people see of a profile: sentences, as harness/profile/report.py has them, charts and tables. */
 
 const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"]];
 const NOTHING = 1e-16, LEAST_SHARE = 0.05;
@@ -25,7 +25,7 @@ function lawWords(profile) {
   const terms = termsOf(profile), nothing = terms.filter((term) => !term.shown).map((term) => term.noun);
   return [...terms.filter((term) => term.shown).map((term) => term.sentence.replace("{}", secondsText(term.seconds))),
     ...profile.law.sums.filter((each) => each.shown).map((each) => `${each.words} ${secondsText(each.seconds)} in all (${secondsText(each.low)} to ${secondsText(each.high)}).`),
-    ...(nothing.length ? [`Nothing is shown for ${listed(nothing)}.`] : [])];
+    ...(nothing.length ? [`No significant cost: ${listed(nothing)}.`] : [])];
 }
 
 function thinWords({ area, aspects, ratios, low, high, doubled_at }) {

@@ -1,0 +1,188 @@
+"""A profile as sentences, as a table of terms, and as a chart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.metrics.advice import listed
+from harness.profile.advice import CRITERIA, SCENES
+from harness.profile.counted import COARSE, TERMS
+from harness.style import COLOURS, draw, legend_below, panels, plain_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))
+
+ZERO_S = 1e-16
+"""Times below this are round-off errors of 0."""
+
+MIN_NAMED_SHARE = 0.05
+"""Terms with a smaller share of the extra time of thin triangles are not named."""
+
+REQUIRED_TERMS = ("draw", "triangles", "helper_lanes")
+"""Terms with a column in the table of devices even if they are significant on no device."""
+
+SUM_SENTENCES = {
+    "triangle": "A triangle that covers a pixel, with three unshared vertices, costs",
+    "walk": f"Each of the first {COARSE} pixels of a box's width and height costs",
+}
+
+
+def format_seconds(value: float) -> str:
+    """Return seconds as text in a suitable unit: 53 ns, 1.9 us."""
+    if value < ZERO_S:
+        return "0 s"
+    step, unit = next((entry for entry in UNITS if value >= entry[0]), UNITS[-1])
+    return f"{_digits(value / step)} {unit}"
+
+
+def _digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def format_sentences(profile: Mapping[str, Any]) -> list[str]:
+    """Return the results of a profile as sentences."""
+    return [*_format_law(profile), *_format_aspects(profile), *_format_advice(profile)]
+
+
+def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
+    yield f"On {profile['device']['name']}:"
+    for term in profile["terms"]:
+        if term["shown"]:
+            yield TERMS[term["name"]].sentence.format(format_seconds(term["cost"]))
+    for term in profile["sums"]:
+        if term["shown"]:
+            yield f"{SUM_SENTENCES[term['name']]} {_format_cost(term)} in all."
+    free = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
+    if free:
+        yield f"No significant cost: {listed(free)}."
+
+
+def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
+    for area in profile["aspects"]:
+        ratio, low, high = (area[name][-1] for name in ("ratios", "low", "high"))
+        text = (
+            f"Thin triangles of {area['area']} px^2 take {ratio:.2g} times as long at "
+            f"{area['aspects'][-1]}:1 as at 1:1 ({low:.2f} to {high:.2f})"
+        )
+        if area["doubled_at"]:
+            at, low, high = area["doubled_at"]
+            text += f"; twice as long from {at:.0f}:1 on ({low:.0f} to {high:.0f})"
+        yield f"{text}."
+        causes = [
+            f"{value:.0%} ({low:.0%} to {high:.0%}) are {TERMS[name].noun}"
+            for name, (value, low, high) in area["shares"].items()
+            if value >= MIN_NAMED_SHARE
+        ]
+        if ratio > 1.0 + MIN_NAMED_SHARE and causes:
+            yield f"Of the extra time, {listed(causes)}."
+
+
+def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
+    advice = profile.get("advice")
+    if not advice:
+        return
+    name = advice["triangulator"]
+    saved = [
+        f"{values[0]:.1%} on {SCENES.get(scene, scene)} ({values[1]:.1%} to {values[2]:.1%})"
+        for scene, values in advice["saved"].items()
+    ]
+    by = f"by {name}" if name in CRITERIA else f"by {name} with this file"
+    yield (
+        f"Triangulate {by}: by the model, it saves {listed(saved)} of ear clipping's time, "
+        "not counting the draw itself."
+    )
+    regrets = [f"{CRITERIA[key]} {advice['regret'][key]:.1%}" for key in CRITERIA]
+    yield f"Extra cost over the calibrated optimum, by the model: {listed(regrets)}."
+
+
+def make_table(profile: Mapping[str, Any]) -> Table:
+    """Return the table of terms with their intervals."""
+    table = plain_table(
+        f"R2 of log time of held-out draws: {profile['r2_over']:.3f} over all, "
+        f"{profile['r2_within']:.3f} within groups of a kind",
+        *("term", ">cost", ">95 % CI", "needed"),
+    )
+    for term in profile["terms"]:
+        ends = f"{format_seconds(term['low'])} to {format_seconds(term['high'])}"
+        cost = format_seconds(term["cost"]) if term["shown"] else "n.s."
+        needed = "yes" if term["name"] in profile["fewest"] else ""
+        table.add_row(TERMS[term["name"]].noun, cost, ends, needed)
+    return table
+
+
+def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of a table of the profiles in a folder, one row per device.
+
+    There is a column for each term that is significant on some device.
+    """
+    contents = (json.loads(file.read_text("utf-8")) for file in sorted(folder.glob("*.json")))
+    profiles = [profile for profile in contents if not profile["refused"]]
+    significant = {
+        term["name"] for profile in profiles for term in profile["terms"] if term["shown"]
+    }
+    names = [name for name in TERMS if name in significant | {*REQUIRED_TERMS}]
+    nouns = (TERMS[name].noun for name in names)
+    heads = ("device", *nouns, "twice as long from", "triangulate by")
+    return heads, [_row(profile, names) for profile in profiles]
+
+
+def device_model(device: str, details: Mapping[str, Any]) -> str:
+    """Return a GPU's model name if `device` is only its number, such as gpu0."""
+    return str(details["renderer"]).partition("/")[0] if device.startswith("gpu") else device
+
+
+def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+    device = profile["device"]
+    label = f"{device_model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
+    cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
+    terms = {term["name"]: term for term in profile["terms"]}
+    doubled = ", ".join(
+        f"{area['doubled_at'][0]:.0f}:1 at {area['area']} px^2" if area["doubled_at"] else "-"
+        for area in profile["aspects"]
+    )
+    advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
+    costs = (_format_cost(terms[name]) if terms[name]["shown"] else "-" for name in names)
+    return (f"{label}{cpu}", *costs, doubled, f"`{advice}`")
+
+
+def _format_cost(term: Mapping[str, Any]) -> str:
+    cost, low, high = (format_seconds(term[name]) for name in ("cost", "low", "high"))
+    return f"{cost} ({low} to {high})"
+
+
+def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
+    """Draw the chart next to a profile's file, as PNG and SVG; return the PNG."""
+    return draw(file.parent, file.stem, _figure, profile)[0]
+
+
+def _figure(profile: Mapping[str, Any]) -> Figure:
+    areas, device = profile["aspects"], profile["device"]
+    title = f"Are thin triangles slow on {device_model(device['name'], device.get('details', {}))}?"
+    heading = f"{title} Equal area, mean of four angles"
+    figure, axes = panels(len(areas), (2.6, 2.3), heading, sharey=True)
+    for panel, area in zip(axes, areas, strict=True):
+        x, y = (np.array(area[name]) for name in ("aspects", "ratios"))
+        error = np.abs(np.array([area["low"], area["high"]]) - y)
+        panel.errorbar(x, y, error, color=COLOURS[0], marker="o", label="measured", capsize=2)
+        label = "if only helper lanes cost more"
+        panel.plot(x, area["lanes_alone"], color=COLOURS[1], linestyle="--", label=label)
+        panel.plot(x, area["lanes"], color=COLOURS[2], linestyle="-.", label="lanes shaded")
+        panel.axhline(2.0, color="#777777", linewidth=0.8, linestyle=":")
+        panel.set_xscale("log", base=2)
+        panel.set_yscale("log", base=2)
+        panel.xaxis.set_major_formatter("{x:g}:1")
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.set_xlabel("base / height")
+        panel.set_title(f"{area['area']} px$^2$", fontsize=8)
+    axes[0].set_ylabel("time of a triangle\nrelative to aspect 1:1")
+    legend_below(figure, axes, columns=3)
+    return figure
