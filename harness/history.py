@@ -32,7 +32,7 @@ from harness.results.run_folder import Run, read_facts, read_run
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import state_of
 from harness.style import COLOURS, MARKERS, draw, grid, legend_below
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -279,7 +279,9 @@ def changes_of_noisy(logs: NDArray[np.float64]) -> list[int]:
     try:
         import ruptures
     except ImportError:
-        raise UsageError(f"where times change is found by ruptures: {install('history')}") from None
+        raise UsageError(
+            f"where times change is found by ruptures: {format_install_command('history')}"
+        ) from None
     noise = max(LEAST_NOISE, _noise(logs))
     search = ruptures.Pelt(model="l1", min_size=SHORTEST, jump=1).fit(logs[:, None])
     ends: list[int] = search.predict(pen=PENALTY * noise * math.log(len(logs)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenes.readers.reader import is_model
 from scenes.scene import Scene
-from scenes.spec import is_path, parsed
+from scenes.spec import is_path, parse_name
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 Rows = NDArray[np.int32]
@@ -88,6 +88,6 @@ def is_model_with_views(text: str) -> bool:
 
     Misspelt view options count: the error message then lists the valid ones.
     """
-    name, given = parsed(text)
+    name, given = parse_name(text)
     model = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
     return is_path(name) and ("views" in given or model)

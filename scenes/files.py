@@ -15,10 +15,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.projection import Projection, is_geographic, off_globe, system, units
+from scenes.cleaning.projection import (
+    Projection,
+    find_system,
+    find_unit,
+    is_geographic,
+    is_off_globe,
+)
 from scenes.cleaning.repair import Cleaned, clean
-from scenes.readers.guard import existing
-from scenes.readers.reader import GDAL, Raw, Source, reader_of
+from scenes.readers.guard import check_path
+from scenes.readers.reader import GDAL, Raw, Source, choose_reader
 from scenes.scene import Note, Scene, SceneError
 
 if TYPE_CHECKING:
@@ -130,7 +136,7 @@ def read_chunks(
     `scenes.slices` cuts. All chunks are on the same map, chosen by the first, so they fit together.
     Raises SceneError as `read` does, but a file without polygons yields chunks without polygons.
     """
-    source = Source(existing(path), layer, where, rows, attributes)
+    source = Source(check_path(path), layer, where, rows, attributes)
     raws = _raws(source, size)
     if rows is None:  # a file may have no feature at all
         raws = chain([next(raws, Raw([], []))], raws)
@@ -142,7 +148,7 @@ def read_chunks(
         notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(geometries).any())]
         coordinates, owner = shapely.get_coordinates(geometries, return_index=True)
         off = np.zeros(len(geometries), dtype=bool)
-        off[owner[off_globe(coordinates)]] = True
+        off[owner[is_off_globe(coordinates)]] = True
         if not is_decided:
             crs = raw.crs
             if len(coordinates):
@@ -150,7 +156,7 @@ def read_chunks(
                 # GDAL assigns EPSG:4326 to every GeoJSON without `crs`. Coordinates are planar if
                 # many features are off the globe; a few are taken for errors.
                 count = len(np.unique(owner))
-                has_few_off = off.sum() <= max(1, MAX_SHARE_OFF * count) and off.sum() < count
+                has_few_off = off.sum() <= max(1, MAX_OFF_GLOBE_SHARE * count) and off.sum() < count
                 globe = geometries[~off] if has_few_off else None
                 units, crs, projection, more_notes = _choose_map(path, raw, globe, project)
                 notes += more_notes
@@ -170,12 +176,12 @@ def read_chunks(
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:
     """Yield the chunks of the file's reader, filtered by `where` if the reader does not."""
-    reader = reader_of(source.path)
+    reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
             yield raw
         else:
-            yield raw.rows(matching(raw.attributes, source.where, str(source.path)))
+            yield raw.rows(match_rows(raw.attributes, source.where, str(source.path)))
 
 
 def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
@@ -201,7 +207,7 @@ def _stacked(tables: list[Any]) -> pd.DataFrame | None:
 
 
 _DEGREES = "OGC:CRS84"
-MAX_SHARE_OFF = 0.2
+MAX_OFF_GLOBE_SHARE = 0.2
 """Maximum share of features off the globe in a file of longitude and latitude."""
 
 _OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
@@ -230,7 +236,7 @@ def _choose_map(
     project : None: the file's reference system decides; False: never; True: coordinates without a
         known system are longitude and latitude. Raises SceneError if that is not possible.
     """
-    datum = system(raw.crs)
+    datum = find_system(raw.crs)
     geographic = is_geographic(raw.crs) and globe is not None
     if project or (geographic and project is None):
         if datum is not None and not datum.is_geographic:
@@ -246,7 +252,7 @@ def _choose_map(
         return "m", crs, projection, [note]
     off = datum is not None and datum.is_geographic and not geographic
     used = None if off else raw.crs
-    unit = units(used) or raw.units if raw.units == "units" else raw.units
+    unit = find_unit(used) or raw.units if raw.units == "units" else raw.units
     if datum is not None:
         note = f"coordinates in {datum.name}, {unit}"
         if off:
@@ -263,17 +269,17 @@ def _choose_map(
     return unit, used, None, [note] * can_have_one
 
 
-def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
+def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
     """Return the numbers of the rows that meet the condition, ascending.
 
     Raises SceneError if the file has no attributes, or the condition is not valid for them. A field
     of a nested column is written with a dot.
 
     >>> import pandas as pd
-    >>> matching(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
+    >>> match_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
     [1, 2]
     >>> boxes = pd.DataFrame({"bbox": [{"xmin": 3.0}, {"xmin": 8.0}]})
-    >>> matching(boxes, "bbox.xmin > 5", "town.parquet").tolist()
+    >>> match_rows(boxes, "bbox.xmin > 5", "town.parquet").tolist()
     [1]
     """
     if table is None or not table.shape[1]:

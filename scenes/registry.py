@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from scenes.cleaning.repair import clean
-from scenes.readers.guard import reason
+from scenes.readers.guard import format_reason
 from scenes.scene import Scene, SceneError, UnknownSceneError
 from scenes.spec import (
-    arguments_for,
-    converted,
-    exists,
-    install,
+    convert_arguments,
+    convert_value,
+    format_install_command,
+    format_suggestion,
     is_function,
     is_path,
-    parsed,
-    suggestion,
+    parse_name,
+    path_exists,
 )
 
 GROUP = "raster_harness.scenes"
@@ -56,7 +56,7 @@ class Entry:
         """Return the command that installs missing data, or None if the scene can be loaded."""
         if self.package is None or find_spec(self.package) is not None:
             return None
-        return install(self.extra or "")
+        return format_install_command(self.extra or "")
 
 
 ENTRIES = {
@@ -141,12 +141,12 @@ def names() -> list[str]:
     return [*ENTRIES, *sorted(point.name for point in _installed())]
 
 
-def entry(name: str) -> Entry:
+def find_entry(name: str) -> Entry:
     """Return the entry of a registered scene, or of a user's function "module:function".
 
     Raises UnknownSceneError, suggesting the nearest name.
 
-    >>> entry("paper").description
+    >>> find_entry("paper").description
     "test polygon of the paper's Table 1"
     """
     if name in ENTRIES:
@@ -157,11 +157,11 @@ def entry(name: str) -> Entry:
             return Entry(name, point.value, f"added by {package}", licence="see " + package)
     if is_function(name):
         base, _, rest = name.partition(":")
-        if base in names() or exists(base):
+        if base in names() or path_exists(base):
             raise UnknownSceneError(f"{name} names no parameter: give {base}:NAME={rest}")
         return Entry(name, name, f"user's function {name}", licence="the user's")
     raise UnknownSceneError(
-        f"no scene is called {name!r}; {suggestion(name, names())} "
+        f"no scene is called {name!r}; {format_suggestion(name, names())} "
         "(a file needs its suffix or a path, a function is given as module:function)"
     )
 
@@ -187,19 +187,19 @@ def load(
     >>> len(scene.polygons), scene.units, scene.parameters["buildings"]
     (5, 'm', 20)
     """
-    name, given = parsed(str(name_or_path))
+    name, given = parse_name(str(name_or_path))
     parameters = {**given, **parameters}
-    seed = converted("seed", parameters.pop("seed", seed), int)
+    seed = convert_value("seed", parameters.pop("seed", seed), int)
     limit = parameters.pop("limit", None)
     if is_path(name):
         function = _reader(parameters)
-        arguments = {"attributes": attributes} | arguments_for(name, function, parameters)
+        arguments = {"attributes": attributes} | convert_arguments(name, function, parameters)
         if limit is not None:
-            arguments["limit"] = converted("limit", limit, int)
+            arguments["limit"] = convert_value("limit", limit, int)
         return function(name, **arguments)
-    registered = entry(name)
+    registered = find_entry(name)
     function = _import_builder(registered)
-    arguments = arguments_for(name, function, parameters)
+    arguments = convert_arguments(name, function, parameters)
     declared = inspect.signature(function).parameters.values()
     if any(p.name == "seed" or p.kind is p.VAR_KEYWORD for p in declared):
         arguments["seed"] = seed
@@ -210,21 +210,21 @@ def load(
             result = function(**arguments)
             result = list(result) if isinstance(result, Iterable) else result
     scene = _convert_to_scene(name, result, {**parameters, "seed": seed})
-    return scene if limit is None else scene.head(converted("limit", limit, int))
+    return scene if limit is None else scene.head(convert_value("limit", limit, int))
 
 
-def split(text: str) -> tuple[str, dict[str, Any], bool]:
+def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     """Split "name:key=value" into name, parameters as `load` passes them, and whether it is a file.
 
     An existing path is a name. Parameters of a file are converted and checked; raises SceneError.
 
-    >>> split("town.gpkg:layer=parks,limit=9")
+    >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
     """
-    name, given = parsed(text)
+    name, given = parse_name(text)
     if not is_path(name):
         return name, given, False
-    return name, arguments_for(name, _reader(given), given), True
+    return name, convert_arguments(name, _reader(given), given), True
 
 
 def is_tiled(text: str) -> bool:
@@ -233,7 +233,7 @@ def is_tiled(text: str) -> bool:
     >>> is_tiled("city"), is_tiled("town.pmtiles:limit=9"), is_tiled("town.pmtiles:zoom=14")
     (False, False, True)
     """
-    name, given = parsed(text)
+    name, given = parse_name(text)
     if is_path(name):
         return not TILE_OPTIONS.isdisjoint(given)
     return name in ENTRIES and ENTRIES[name].tiled
@@ -267,7 +267,7 @@ def _contain_errors(what: str) -> Iterator[None]:
     except (SceneError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:
-        detail = reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
+        detail = format_reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
         raise SceneError(f"{what}: {detail}") from error
 
 

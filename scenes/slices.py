@@ -20,13 +20,13 @@ import pyogrio
 from scenes.files import read_chunks
 from scenes.readers import guard
 from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
-from scenes.readers.guard import existing
-from scenes.readers.reader import Source, reader_of
+from scenes.readers.guard import check_path
+from scenes.readers.reader import Source, choose_reader
 from scenes.readers.vector import choose_layer
 from scenes.scene import SceneError
-from scenes.spec import arguments_for, exists, parsed
-from scenes.tiles.archives import Place, Run, opened
-from scenes.tiles.read import PIXELS, Parts, check_pixels, parts_of
+from scenes.spec import convert_arguments, parse_name, path_exists
+from scenes.tiles.archives import Run, TilePosition, open_archive
+from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
 
 MIN_ROWS, MAX_ROWS = 20_000, 50_000
 """Rows of a slice: smaller slices are merged, larger ones are split, if the file allows it."""
@@ -63,20 +63,20 @@ class Slices:
     pruned: int = 0
 
 
-def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices:
+def cut_file(path: str, layer: str | None = None, where: str | None = None) -> Slices:
     """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
     If `where` is a conjunction of comparisons of a column with a number, such as
     `bbox.xmin > 24.5 AND bbox.xmax < 25`, row groups of a GeoParquet file whose statistics exclude
     it are skipped. Raises SceneError if the file is missing or cannot be read.
     """
-    file = existing(path)
-    reader = reader_of(file)
+    file = check_path(path)
+    reader = choose_reader(file)
     if reader.function == "scenes.readers.geoparquet:read":
         with guard.clear_errors(path, reader.kind):
             return _of_parquet(Source(file, layer), where)
     sliced = file.suffix.lower() in RANDOM and where is None
-    identity = identity_of(file, edges(file))
+    identity = compute_identity(file, read_edges(file))
     if not sliced:
         return Slices(identity, [None], [0])
     with guard.clear_errors(path, reader.kind):
@@ -99,10 +99,10 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
             )
         footer = int.from_bytes(end[:4], "little")
         stream.seek(-8 - footer, 2)
-        identity = identity_of(file, stream.read())
+        identity = compute_identity(file, stream.read())
     metadata = parquet.read_metadata(file)
     geometry_column(source, metadata.schema.to_arrow_schema())
-    wanted = comparisons(where)
+    wanted = parse_comparisons(where)
     rows: list[tuple[int, int]] = []
     start = pruned = 0
     for number in range(metadata.num_row_groups):
@@ -126,7 +126,7 @@ def _joined(before: tuple[int, int], more: int) -> bool:
     return min(size, more) < MIN_ROWS and size + more <= MAX_ROWS
 
 
-def in_degrees(file: Path) -> bool:
+def has_degrees(file: Path) -> bool:
     """Whether a file's coordinates are longitude and latitude, by its first features.
 
     False if it cannot be read, which reading all of it reports.
@@ -138,14 +138,14 @@ def in_degrees(file: Path) -> bool:
     return first.projection is not None
 
 
-def comparisons(where: str | None) -> list[tuple[str, str, float]]:
+def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
     """Return (column, comparison, number) of a conjunction of comparisons.
 
     [] for any other condition.
 
-    >>> comparisons("bbox.xmin > 24.5 AND height = 3 AND name LIKE 'A'")
+    >>> parse_comparisons("bbox.xmin > 24.5 AND height = 3 AND name LIKE 'A'")
     []
-    >>> comparisons("bbox.xmin > 24.5 and height = 3")
+    >>> parse_comparisons("bbox.xmin > 24.5 and height = 3")
     [('bbox.xmin', '>', 24.5), ('height', '=', 3.0)]
     """
     found = []
@@ -175,15 +175,15 @@ def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
     return True
 
 
-def edges(file: Path) -> bytes:
+def read_edges(file: Path) -> bytes:
     """Return the first and last bytes of a file and of its SQLite log, or a folder's names."""
     if file.is_dir():
         return "\n".join(sorted(each.name for each in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
-    return b"".join(guard.edges(file) + (guard.edges(log) if log.is_file() else ()))
+    return b"".join(guard.read_edges(file) + (guard.read_edges(log) if log.is_file() else ()))
 
 
-def identity_of(file: Path, content: bytes) -> str:
+def compute_identity(file: Path, content: bytes) -> str:
     """Return a digest of a file's name, size, modification time and the given content."""
     about = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{about.st_size}\0{int(about.st_mtime)}\0".encode())
@@ -199,7 +199,7 @@ _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Chosen:
+class TileSelection:
     """The part of an archive to read.
 
     zooms : first and last zoom; None for all
@@ -212,34 +212,36 @@ class Chosen:
     pixels: int = PIXELS
 
 
-def chosen(text: str) -> tuple[str, Chosen] | None:
+def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
     """Return a file, folder or pattern of map tiles and the part to read, or None for other files.
 
     Raises SceneError for an invalid parameter.
 
-    >>> chosen("berlin.pmtiles:zoom=12-16,layers=water")
+    >>> parse_tile_selection("berlin.pmtiles:zoom=12-16,layers=water")
     ('berlin.pmtiles', Chosen(zooms=(12, 16), layers=('water',), pixels=512))
-    >>> chosen("berlin.gpkg") is None
+    >>> parse_tile_selection("berlin.gpkg") is None
     True
     """
-    name, given = parsed(text)
+    name, given = parse_name(text)
     archives = any(_ARCHIVE.search(each.name) for each in [Path(name), *_inside(name)])
     asked = not {"zoom", "layers", "pixels"}.isdisjoint(given)
     if not (asked or archives or _TILE.search(name) or is_folder(name)):
         return None
-    return name, _chosen(**arguments_for(name, _chosen, given))
+    return name, _chosen(**convert_arguments(name, _chosen, given))
 
 
-def _chosen(*, zoom: str | None = None, layers: str | None = None, pixels: int = PIXELS) -> Chosen:
+def _chosen(
+    *, zoom: str | None = None, layers: str | None = None, pixels: int = PIXELS
+) -> TileSelection:
     check_pixels(pixels)
     names = None if layers is None else tuple(layers.split(","))
     if zoom is None:
-        return Chosen(None, names, pixels)
+        return TileSelection(None, names, pixels)
     match = re.fullmatch(r"(\d{1,2})(?:-(\d{1,2}))?", zoom)
     first, last = map(int, (match[1], match[2] or match[1])) if match else (1, 0)
     if first > last:
         raise SceneError(f"zoom={zoom} is no zoom nor a range: give zoom=14 or zoom=12-16")
-    return Chosen((first, last), names, pixels)
+    return TileSelection((first, last), names, pixels)
 
 
 def is_folder(name: str) -> bool:
@@ -251,7 +253,7 @@ def is_folder(name: str) -> bool:
 
 
 def _inside(name: str) -> list[Path]:
-    return list(Path(name).iterdir()) if exists(name) and Path(name).is_dir() else []
+    return list(Path(name).iterdir()) if path_exists(name) and Path(name).is_dir() else []
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
@@ -259,18 +261,18 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
 
     Raises SceneError if it is missing, cannot be read, or has no tile of these zooms.
     """
-    file = existing(path)
+    file = check_path(path)
     rows: list[tuple[int, int] | None] = []
     sizes: list[int] = []
     with guard.clear_errors(path, "map tiles"):
-        archive = opened(file)
+        archive = open_archive(file)
         for zoom in archive.zooms_of(path, zooms):
             for first, last, size in _cut(archive.runs(zoom)):
                 rows.append((first, last))
                 sizes.append(size)
     if not rows:
         raise SceneError(f"{path} holds no tile of what is asked for: give another zoom")
-    return Slices(identity_of(file, _content(file)), rows, sizes)
+    return Slices(compute_identity(file, _content(file)), rows, sizes)
 
 
 def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
@@ -290,7 +292,7 @@ def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
 def _content(file: Path) -> bytes:
     """Return bytes that change with the content of a file, or of the files of a folder."""
     if not file.is_dir():
-        return edges(file)
+        return read_edges(file)
     about = ((each, each.stat()) for each in sorted(file.rglob("*")) if each.is_file())
     lines = (f"{each.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for each, s in about)
     return "\n".join(lines).encode()
@@ -306,7 +308,7 @@ class Tile(NamedTuple):
     name: str
     zoom: int | None
     times: int
-    parts: Parts
+    parts: TileContent
 
     @property
     def damage(self) -> str:
@@ -315,15 +317,15 @@ class Tile(NamedTuple):
         return "; ".join(filter(None, (*layers, self.parts.damage)))
 
 
-def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Tile]:
+def read_tiles(path: str, numbers: tuple[int, int], what: TileSelection) -> Iterator[Tile]:
     """Yield the tiles of a slice; layers that cannot be read are skipped and noted.
 
     Raises SceneError if the file is missing or cannot be read.
     """
     with guard.clear_errors(path, "map tiles"):
-        archive = opened(existing(path))
+        archive = open_archive(check_path(path))
         for run in archive.runs(archive.zoom_of(numbers[0]), *numbers):
             name = archive.name_of(run.number)
-            zoom = name.zoom if archive.zooms and isinstance(name, Place) else None
-            parts = parts_of(archive, name, what.layers, what.pixels)
+            zoom = name.zoom if archive.zooms and isinstance(name, TilePosition) else None
+            parts = read_tile(archive, name, what.layers, what.pixels)
             yield Tile(str(name), zoom, run.times, parts)

@@ -16,12 +16,12 @@ from urllib.parse import unquote, urlsplit
 from scenes.scene import SceneError
 
 
-def suggestion(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+def format_suggestion(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
     """Return the end of an error message: the nearest known name, or all of them.
 
-    >>> suggestion("ctiy", ["city", "glyphs"])
+    >>> format_suggestion("ctiy", ["city", "glyphs"])
     'did you mean city?'
-    >>> suggestion("qqqqq", ["city", "glyphs"])
+    >>> format_suggestion("qqqqq", ["city", "glyphs"])
     'there are: city, glyphs'
     """
     choices = list(known)
@@ -35,13 +35,13 @@ _FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
 
 
-def install(extra: str) -> str:
+def format_install_command(extra: str) -> str:
     """Return the command that installs an optional extra, as the package itself was installed.
 
     From a checkout the command names the checkout: the package may be in no index, or another
     package may have its name there.
 
-    >>> "[tiles]" in install("tiles")
+    >>> "[tiles]" in format_install_command("tiles")
     True
     """
     python = Path(sys.executable)
@@ -64,13 +64,13 @@ def install(extra: str) -> str:
     return f'{pip} "{DISTRIBUTION}[{extra}]{source}"'
 
 
-def parsed(text: str) -> tuple[str, dict[str, str]]:
+def parse_name(text: str) -> tuple[str, dict[str, str]]:
     """Split "name:key=value,key=value" into name and parameters; an existing path is a name.
 
-    >>> parsed("city:buildings=20,seed=3")
+    >>> parse_name("city:buildings=20,seed=3")
     ('city', {'buildings': '20', 'seed': '3'})
     """
-    if exists(text):
+    if path_exists(text):
         return text, {}
     match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
     if not match:
@@ -91,7 +91,7 @@ def is_function(name: str) -> bool:
     >>> is_function("my.module:squares"), is_function("city"), is_function("town.gpkg")
     (True, False, False)
     """
-    return _FUNCTION.fullmatch(name) is not None and not exists(name)
+    return _FUNCTION.fullmatch(name) is not None and not path_exists(name)
 
 
 def is_path(name: str) -> bool:
@@ -100,15 +100,15 @@ def is_path(name: str) -> bool:
     >>> is_path("town.gpkg"), is_path("maps/town"), is_path("city"), is_path("my.module:squares")
     (True, True, False, False)
     """
-    if exists(name):
+    if path_exists(name):
         return True
     return not is_function(name) and ("/" in name or "\\" in name or Path(name).suffix != "")
 
 
-def exists(name: str) -> bool:
+def path_exists(name: str) -> bool:
     """Whether a file or folder of this name exists; the name may be invalid.
 
-    >>> exists("."), exists("a\\0b"), exists(1000 * "long")
+    >>> path_exists("."), path_exists("a\\0b"), path_exists(1000 * "long")
     (True, False, False)
     """
     try:
@@ -117,38 +117,38 @@ def exists(name: str) -> bool:
         return False
 
 
-def joined(name: str, **parameters: Any) -> str:
+def join_name(name: str, **parameters: Any) -> str:
     """Return a scene's name with parameters added, as `load` reads them; None adds nothing.
 
     Raises SceneError for a value that would be parsed as several parameters.
 
-    >>> joined("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
+    >>> join_name("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
     "town.gpkg:layer=parks,where=kind IN ('a', b=1)"
     """
-    base, given = parsed(name)
+    base, given = parse_name(name)
     wanted = {
         **given,
         **{key: str(value) for key, value in parameters.items() if value is not None},
     }
     text = base + ":" * bool(wanted) + ",".join(f"{key}={value}" for key, value in wanted.items())
-    if parsed(text) != (base, wanted):
+    if parse_name(text) != (base, wanted):
         raise SceneError(
             f"{text} is ambiguous, because ',name=' begins the next parameter: put it in brackets"
         )
     return text
 
 
-def label(text: str) -> str:
+def format_label(text: str) -> str:
     """Return the scene's name in results: files without their folder, for comparison.
 
-    >>> label("data/town.gpkg:where=height/2 > 3"), label("city:buildings=20")
+    >>> format_label("data/town.gpkg:where=height/2 > 3"), format_label("city:buildings=20")
     ('town.gpkg:where=height/2 > 3', 'city:buildings=20')
     """
-    name, _ = parsed(text)
+    name, _ = parse_name(text)
     return Path(name).name + text[len(name) :] if is_path(name) else text
 
 
-def arguments_for(
+def convert_arguments(
     name: str, function: Callable[..., Any], parameters: dict[str, Any]
 ) -> dict[str, Any]:
     """Return parameters converted to the types that the builder declares.
@@ -156,7 +156,7 @@ def arguments_for(
     Raises SceneError for unknown parameters.
 
     >>> def build(*, seed: int = 0, size: float = 1.0): ...
-    >>> arguments_for("grid", build, {"size": "2"})
+    >>> convert_arguments("grid", build, {"size": "2"})
     {'size': 2.0}
     """
     try:
@@ -173,16 +173,16 @@ def arguments_for(
     ]
     for key in parameters:
         if key not in known:
-            hint = suggestion(key, known, "it has") if known else "it has none"
+            hint = format_suggestion(key, known, "it has") if known else "it has none"
             raise SceneError(f"scene {name} has no parameter {key!r}; {hint}")
-    return {k: converted(k, v, declared[k].annotation) for k, v in parameters.items()}
+    return {k: convert_value(k, v, declared[k].annotation) for k, v in parameters.items()}
 
 
-def converted(key: str, value: Any, kind: Any) -> Any:
+def convert_value(key: str, value: Any, kind: Any) -> Any:
     """Return a value given as text in the declared type; other values unchanged.
 
-    >>> converted("limit", "7", int | None), converted("project", "no", bool), converted("n", 7, 0)
-    (7, False, 7)
+    >>> convert_value("limit", "7", int | None), convert_value("project", "no", bool)
+    (7, False)
     """
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
     if not isinstance(value, str) or inspect.Parameter.empty in kinds:

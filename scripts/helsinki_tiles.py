@@ -14,8 +14,8 @@ import pyogrio.raw
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import write
 
-from scenes.real import EXTRACT, WHERE, extract
-from scenes.tiles.archives import Place, PMTiles
+from scenes.real import EXTRACT, WHERE, find_extract
+from scenes.tiles.archives import PMTiles, TilePosition
 from scenes.tiles.read import ATTRIBUTION, FILE
 
 ZOOMS = range(12, 17)
@@ -25,7 +25,7 @@ LAYERS = {"area": "areas", "building": "buildings"}
 def cut(folder: Path, layer: str, kind: str) -> PMTiles:
     """Cut the polygons of a kind of `scenes.real` into tiles with one layer."""
     meta, _, geometries, _ = pyogrio.raw.read(
-        extract(), layer="multipolygons", where=WHERE[kind], columns=[]
+        find_extract(), layer="multipolygons", where=WHERE[kind], columns=[]
     )
     options = {"MINZOOM": str(ZOOMS[0]), "MAXZOOM": str(ZOOMS[-1])}
     path = folder / f"{layer}.pmtiles"
@@ -38,7 +38,7 @@ def cut(folder: Path, layer: str, kind: str) -> PMTiles:
 
 def main() -> None:
     """Write the archive and print its size."""
-    tiles: dict[Place, bytes] = {}
+    tiles: dict[TilePosition, bytes] = {}
     with tempfile.TemporaryDirectory() as folder:
         for layer, kind in LAYERS.items():
             archive = cut(Path(folder), layer, kind)

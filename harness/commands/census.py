@@ -89,18 +89,18 @@ def census(
     """
     from harness.scaling.census import Census, TileCensus
     from harness.scaling.dataset import files
-    from scenes.slices import chosen, in_degrees
+    from scenes.slices import has_degrees, parse_tile_selection
     from triangulators.registry import full_name
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
     names = tuple(map(full_name, triangulators))
     if len(set(names)) < 2:
         raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
-    tiles = chosen(file)
+    tiles = parse_tile_selection(file)
     if tiles is None:
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # A thousand units, or a hundredth of a degree: a kilometre.
-        size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
+        size = cell or (0.01 if has_degrees(files(file)[0]) else 1000.0)
         _count(file, out, Census(names, scale, size, layer, where), dask, reporter)
         return
     of_files: dict[str, object] = {
@@ -137,7 +137,7 @@ def _count(
     from harness.scaling.census import THIN, TileCensus
     from harness.scaling.dataset import Dataset
     from harness.scaling.sums import Counted
-    from scenes.spec import suggestion
+    from scenes.spec import format_suggestion
 
     dataset = Dataset(pattern, out / "parts", census)
     summary = complete(dataset, out, where, reporter)
@@ -149,7 +149,7 @@ def _count(
     if not counted:
         asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
         if missing := [name for name in asked if found.known and name not in found.known]:
-            hint = suggestion(missing[0], sorted(found.known), "it has")
+            hint = format_suggestion(missing[0], sorted(found.known), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
         if not any(kind == "failed" or why == THIN for kind, why in summary.counts):
             condition = getattr(census, "where", None)

@@ -102,7 +102,7 @@ def inspect(
     from harness.frame import View
     from harness.measuring.loading import load_scene
     from harness.triangulating.recipes import parse_all
-    from scenes.spec import joined
+    from scenes.spec import join_name
 
     if every is not None and sizes is not None:
         raise UsageError("--every and --sizes are mutually exclusive")
@@ -113,7 +113,7 @@ def inspect(
     default = PICTURE_TRIANGULATORS if sizes is None else SIZES_TRIANGULATORS
     recipes = parse_all(triangulator or default, seed=seed)
     options.refuse_own_source(scene, out)
-    scene = joined(scene, layer=layer, where=where)
+    scene = join_name(scene, layer=layer, where=where)
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

@@ -19,7 +19,7 @@ def _scenes() -> Iterator[Row]:
     from scenes import registry
 
     for name in registry.names():
-        entry = registry.entry(name)
+        entry = registry.find_entry(name)
         missing = entry.available()
         polygons, vertices, holes = (None if missing else entry.size) or (None, None, None)
         yield {

@@ -228,9 +228,9 @@ def refuse_given(given: Mapping[str, object], why: str) -> None:
 
 def refuse_own_source(source: str, out: Path | None) -> None:
     """Raise UsageError if the output would overwrite the input."""
-    from scenes.spec import parsed
+    from scenes.spec import parse_name
 
-    place = Path(parsed(source)[0])
+    place = Path(parse_name(source)[0])
     if out is not None and out.is_file() and place.is_file() and out.samefile(place):
         raise UsageError(f"-o {out}: would overwrite the input; give another name")
 

@@ -21,7 +21,7 @@ from harness.results.run_folder import Run, clear_errors, file_stem, read_run
 from harness.stats.run_quality import state_of
 from harness.summary import print_summary, rows_of, write_csv
 from scenes import Scene
-from scenes.spec import label
+from scenes.spec import format_label
 
 
 def folder_for(scene: str, out: Path | None, resume: Path | None = None, before: str = "") -> Path:
@@ -38,7 +38,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
         raise UsageError(
             "--out and --resume are mutually exclusive: --resume writes to its own folder"
         )
-    name = before + file_stem(Path(label(scene)).stem)
+    name = before + file_stem(Path(format_label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     new, number = first, 2
     while new.exists():  # two short runs may start within a second

@@ -109,7 +109,7 @@ def run(
     from harness.measuring.run import run as carry_out
     from harness.rasterisers.base import Options
     from harness.viewing import is_model_with_views
-    from scenes.spec import joined
+    from scenes.spec import join_name
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     timing = replace(timing, processes=repeats)
@@ -122,7 +122,7 @@ def run(
         if is_model_with_views(scene) and not options.is_given(context, "triangulators"):
             triangulators = options.Several(MODEL_TRIANGULATORS)
         plan = Plan(
-            scene=joined(scene, layer=layer, where=where, limit=limit),
+            scene=join_name(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=run_inputs.parse_recipes(triangulators, seed, profile),
             rasterisers=options.named_rasterisers(rasterisers),

@@ -53,10 +53,10 @@ def study_all(
     """
     from harness.results.run_folder import file_stem
     from harness.study import replication
-    from scenes.spec import label
+    from scenes.spec import format_label
 
     console = Screen(quiet=quiet)
-    names = [file_stem(Path(label(scene)).stem) for scene in scenes]
+    names = [file_stem(Path(format_label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
     settings = _Settings(

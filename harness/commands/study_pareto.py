@@ -47,7 +47,7 @@ def study_pareto(
     from harness.report.page import write_report
     from harness.study import pareto
     from harness.triangulating.recipes import parse_all
-    from scenes.spec import label
+    from scenes.spec import format_label
 
     view = View(resolution)
     plan = Plan(
@@ -75,5 +75,5 @@ def study_pareto(
             points.to_csv(folder / "fronts.csv", index=False)
             table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
         write_report(run)
-    pareto.print_table(table, label(scene), Screen(highlight=False))
+    pareto.print_table(table, format_label(scene), Screen(highlight=False))
     finish_study(run)

@@ -118,7 +118,7 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence needs --certify: give both")
     from harness.export.export import export_file, full_triangulator_name
-    from scenes.spec import joined
+    from scenes.spec import join_name
     from triangulators.devices import CPU
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
@@ -142,7 +142,7 @@ def triangulate(
         reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
     ):
         report = export_file(
-            joined(file, layer=layer, where=where, limit=limit),
+            join_name(file, layer=layer, where=where, limit=limit),
             out,
             name,
             progress=report_progress,

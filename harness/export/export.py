@@ -30,8 +30,8 @@ from scenes.cleaning.notes import NoteCounter
 from scenes.cleaning.repair import Cleaned
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
-from scenes.registry import split
-from scenes.spec import arguments_for
+from scenes.registry import split_parameters
+from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse
 from triangulators.batch import Triangulations
 from triangulators.checking.evidence import as_claim
@@ -231,7 +231,7 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
 
     solid : the output is a 3D model; UsageError if the source is one as well
     """
-    name, given, is_file = split(source)
+    name, given, is_file = split_parameters(source)
     if not is_file:
         yield from _of_scene(source, size)
         return
@@ -240,7 +240,7 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
             f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
             f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
         )
-    given = arguments_for(name, read, given)  # not those of map tiles
+    given = convert_arguments(name, read, given)  # not those of map tiles
     limit = given.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from harness.atomic import Output
 from harness.errors import InputError, UsageError
 from harness.export.writers import About, ExportMesh, to_json_value
-from scenes.cleaning.projection import system
-from scenes.spec import install
+from scenes.cleaning.projection import find_system
+from scenes.spec import format_install_command
 
 
 class GeoJsonWriter:
@@ -67,7 +67,9 @@ def parquet_module() -> Any:
     try:
         from pyarrow import parquet
     except ImportError as error:
-        raise UsageError(f"GeoParquet needs pyarrow: {install('geoparquet')}") from error
+        raise UsageError(
+            f"GeoParquet needs pyarrow: {format_install_command('geoparquet')}"
+        ) from error
     return parquet
 
 
@@ -131,7 +133,7 @@ class GeoParquetWriter:
     def _metadata(self) -> dict[str, Any]:
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["MultiPolygon"]}
         if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
-            known = system(self._about.crs)
+            known = find_system(self._about.crs)
             column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 

@@ -77,7 +77,7 @@ def _is_foreign(name: str) -> bool:
     if is_model_with_views(name):
         return False
     try:
-        base, _, is_file = registry.split(name)
+        base, _, is_file = registry.split_parameters(name)
     except SceneError:
         return False  # wrong parameters of a file; `load` reports them
     if is_file or base in registry.ENTRIES:

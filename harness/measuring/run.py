@@ -49,7 +49,7 @@ from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.viewing import viewing_of
 from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
-from scenes.spec import label as scene_label
+from scenes.spec import format_label as scene_label
 
 TOLD = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
 """What of a scene a run's facts tell as it is."""

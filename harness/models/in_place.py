@@ -24,7 +24,7 @@ from harness.models.gltf import GltfModel
 from harness.models.obj import ObjModel
 from harness.models.views import PIXELS, Drawn, Seen, look
 from scenes.readers import guard
-from scenes.readers.guard import existing
+from scenes.readers.guard import check_path
 
 CRITERION = "edge-length"
 """Default criterion; proportional to the half-perimeter averaged over all rotations."""
@@ -131,7 +131,7 @@ def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
         raise UsageError(f"{source}: unsupported model format; export it as {', '.join(FORMATS)}")
-    existing(str(source))
+    check_path(str(source))
     with guard.clear_errors(str(source), _KIND):
         model = kind(source)
         return model, list(model.groups())

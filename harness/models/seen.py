@@ -24,7 +24,7 @@ from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
 from harness.viewing import ModelScene, Rows, Viewing
 from scenes.scene import Scene, SceneError
-from scenes.spec import arguments_for, parsed
+from scenes.spec import convert_arguments, parse_name
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 
@@ -116,8 +116,8 @@ _AROUND = 1.05
 
 def load(text: str) -> Scene:
     """Load "model.glb:views=24,pixels=512,distance=3,depth=file"; raises as `read` does."""
-    name, given = parsed(text)
-    return read(name, **arguments_for(name, read, dict(given)))
+    name, given = parse_name(text)
+    return read(name, **convert_arguments(name, read, dict(given)))
 
 
 @np.errstate(all="ignore")

@@ -25,7 +25,7 @@ from harness.errors import NoRasteriserError, UsageError, unknown
 from harness.machine import system
 from harness.rasterisers.counters import Counter
 from harness.settings import MAX_WORK, ORDERS, SAMPLES, Order
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
     from harness.frame import Frame
@@ -203,7 +203,7 @@ class Rasteriser(ABC):
     def remedy(cls, name: str | None = None) -> str:
         """Return an instruction to make the device `name`, or any device, work."""
         if cls.module and importlib.util.find_spec(cls.module) is None:
-            return f"run: {install(cls.name)}"
+            return f"run: {format_install_command(cls.name)}"
         remedy = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
         choose = f"choose from {', '.join(cls.device_names)}"
         return remedy or (choose if name else "see `raster-harness doctor`")

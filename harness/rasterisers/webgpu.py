@@ -28,7 +28,7 @@ from harness.rasterisers.base import (
     split_batches,
 )
 from harness.rasterisers.reference import SHADED, predict
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 FORMAT = "rgba8unorm"
 
@@ -258,7 +258,9 @@ def _find_adapter(device: Device) -> Any:
     try:
         import wgpu
     except (ImportError, OSError) as error:
-        raise NoRasteriserError(f"webgpu: {error}; run: {install('webgpu')}") from error
+        raise NoRasteriserError(
+            f"webgpu: {error}; run: {format_install_command('webgpu')}"
+        ) from error
     for adapter in wgpu.gpu.enumerate_adapters_sync():
         if all(adapter.info[name] == device.details[name] for name in ("device", "backend_type")):
             return adapter

@@ -31,8 +31,8 @@ from harness.scaling.sums import (
 from harness.triangulating.isolated import triangulate_many
 from scenes.cleaning.notes import NoteCounter
 from scenes.files import Chunk, read_chunks
-from scenes.slices import Chosen, Slices, Tile, cut, cut_tiles, read_tiles
-from scenes.tiles.read import rounding
+from scenes.slices import Slices, Tile, TileSelection, cut_file, cut_tiles, read_tiles
+from scenes.tiles.read import note_rounding
 from triangulators.polygon_arrays import PolygonArray
 
 PERIOD_PX = 4
@@ -72,9 +72,9 @@ class Census(Counting):
     layer: str | None = None
     where: str | None = None
 
-    def cut(self, path: str) -> Slices:
+    def cut_file(self, path: str) -> Slices:
         """Cut a file by its rows."""
-        return cut(path, self.layer, self.where)
+        return cut_file(path, self.layer, self.where)
 
     def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
         """Count the rows."""
@@ -93,9 +93,9 @@ class TileCensus(Counting):
     unit: ClassVar[str] = "tiles"
     noun: ClassVar[str] = "polygons"
 
-    chosen: Chosen
+    chosen: TileSelection
 
-    def cut(self, path: str) -> Slices:
+    def cut_file(self, path: str) -> Slices:
         """Cut an archive by its tiles."""
         return cut_tiles(path, self.chosen.zooms)
 
@@ -107,7 +107,7 @@ class TileCensus(Counting):
         for tile in read_tiles(part.path, part.rows, self.chosen):
             extents.update(layer.extent for layer in counter.add_tile(tile, self.chosen.pixels))
         counter.count_waiting(self.chosen.pixels)
-        counter.notes += rounding(extents, self.chosen.pixels)
+        counter.notes += note_rounding(extents, self.chosen.pixels)
         return counter.save(part, place)
 
 

@@ -109,14 +109,14 @@ class DaskExecutor(Executor):
     threads_per_task = 1
 
     def __init__(self, where: str) -> None:
-        from scenes.spec import install  # not needed in a worker
+        from scenes.spec import format_install_command  # not needed in a worker
         from triangulators.devices import cores
 
         try:
             import dask
             import distributed
         except ImportError as error:
-            raise UsageError(f"--dask needs Dask: {install('dask')}") from error
+            raise UsageError(f"--dask needs Dask: {format_install_command('dask')}") from error
         self._distributed = distributed
         self._client: Any = None
         self._cluster: Any = None

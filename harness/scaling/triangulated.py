@@ -12,7 +12,7 @@ from harness.export.export import Certified, Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
-from scenes.slices import Slices, cut
+from scenes.slices import Slices, cut_file
 
 FOOTER = "raster_harness_part"
 """Name under which a part's file holds what it says of itself, as JSON."""
@@ -30,9 +30,9 @@ class Triangulating(PartWork):
     where: str | None = None
     certify: bool = False
 
-    def cut(self, path: str) -> Slices:
+    def cut_file(self, path: str) -> Slices:
         """Cut a file by its rows."""
-        return cut(path, self.layer, self.where)
+        return cut_file(path, self.layer, self.where)
 
     @staticmethod
     def read(file: Path) -> PartResult | None:

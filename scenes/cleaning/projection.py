@@ -19,10 +19,10 @@ from pyproj.crs.coordinate_operation import (
 )
 from pyproj.exceptions import CRSError
 
-REACH = 90.0
+MAX_DISTANCE_DEG = 90.0
 """Maximum distance from the centre of an azimuthal map, in degrees: beyond it shapes fold."""
 
-LONG_EDGE = 90.0
+MAX_EDGE_DEG = 90.0
 """An edge over more degrees of longitude is straight on the plane of longitude and latitude, not on
 the globe."""
 
@@ -30,14 +30,14 @@ _POLE = 89.999
 
 
 @cache
-def system(crs: str | None) -> CRS | None:
+def find_system(crs: str | None) -> CRS | None:
     """Return the horizontal part of a reference system given by name, code, WKT or PROJJSON.
 
     None if PROJ does not know the system.
 
-    >>> system("EPSG:7844").name
+    >>> find_system("EPSG:7844").name
     'GDA2020'
-    >>> system("EPSG:999999") is None
+    >>> find_system("EPSG:999999") is None
     True
     """
     if not crs:
@@ -59,31 +59,31 @@ def is_geographic(crs: str | None) -> bool:
     >>> is_geographic("EPSG:6318"), is_geographic("EPSG:3067"), is_geographic(None)
     (True, False, False)
     """
-    datum = system(crs)
+    datum = find_system(crs)
     if datum is None or not datum.is_geographic:
         return False
     # Some systems, most of them French, use grads, 400 per turn.
     return bool(abs(datum.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
 
 
-def off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return (n,) whether coordinates (n, 2) exceed 360 degrees of longitude or 90 of latitude.
 
     False for NaN.
 
-    >>> off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
+    >>> is_off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
     [False, True, True]
     """
     return np.asarray((np.abs(coordinates) > [360.0, 90.0 + 1e-9]).any(axis=1))
 
 
-def units(crs: str | None) -> str | None:
+def find_unit(crs: str | None) -> str | None:
     """Return the unit of a reference system's coordinates, or None if PROJ does not know it.
 
-    >>> units("EPSG:3067"), units("EPSG:2263"), units("EPSG:4326")
+    >>> find_unit("EPSG:3067"), find_unit("EPSG:2263"), find_unit("EPSG:4326")
     ('m', 'US survey foot', 'degree')
     """
-    datum = system(crs)
+    datum = find_system(crs)
     if datum is None or not datum.axis_info:
         return None
     return {"metre": "m"}.get(datum.axis_info[0].unit_name, datum.axis_info[0].unit_name)
@@ -107,19 +107,19 @@ class Projection:
     def of(cls, crs: str, geometries: Any) -> "Projection":
         """Return the map for geometries in longitude and latitude.
 
-        The map is azimuthal unless geometries reach further than `REACH` from their centre, or
-        have edges longer than `LONG_EDGE`, such as a box from -180 to 180.
+        The map is azimuthal unless geometries reach further than `MAX_DISTANCE_DEG` from their centre, or
+        have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
         centre = mean_direction(degrees)
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
-        near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(REACH))
+        near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(MAX_DISTANCE_DEG))
         if near:
             step, middle, _ = _steps(geometries)
             step = np.abs(step)
-            long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
+            long = ((step > MAX_EDGE_DEG) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
             near = not (long & (np.abs(middle) < _POLE)).any()
         return cls(crs, centre if near else None)
 
@@ -131,7 +131,7 @@ class Projection:
 
     @cached_property
     def _to_metres(self) -> Transformer:
-        datum = system(self.crs) or CRS("OGC:CRS84")
+        datum = find_system(self.crs) or CRS("OGC:CRS84")
         base = datum.source_crs if datum.is_derived and datum.source_crs is not None else datum
         conversion = (
             LambertCylindricalEqualAreaConversion()

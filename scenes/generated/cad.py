@@ -12,8 +12,8 @@ from numpy.random import Generator
 
 from scenes.cleaning.layout import arrange_in_rows, translate
 from scenes.cleaning.repair import clean
-from scenes.readers.meshes import facets
-from scenes.real import outline
+from scenes.readers.meshes import join_facets
+from scenes.real import read_glyph
 from scenes.scene import Scene, SceneError
 
 Part = Callable[[Generator, int], shapely.Geometry]
@@ -170,7 +170,7 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
     for character in name:
-        cleaned, advance = outline(face, character, max(2, segments // 8))
+        cleaned, advance = read_glyph(face, character, max(2, segments // 8))
         letters += [translate(p, x, 0.0) for p in cleaned.polygons]
         x += 1.08 * advance
     scale = 28.0 / face.units_per_EM
@@ -183,7 +183,7 @@ def build_faces(*, seed: int = 0) -> Scene:
     """Return the faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
     polygons = []
     for part in build(seed=seed, parts=10, segments=16).polygons:
-        polygons += facets(*_extruded(part, 20.0))[0]
+        polygons += join_facets(*_extruded(part, 20.0))[0]
     cleaned = clean(arrange_in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",

@@ -13,7 +13,7 @@ from scenes.cleaning.layout import arrange_in_rows
 from scenes.cleaning.repair import clean
 from scenes.scene import Scene, SceneError
 
-MOST = 100_000
+MAX_VERTICES = 100_000
 _SIDE = 100.0  # every polygon fills about a square of this side
 
 Ring = NDArray[np.float64]
@@ -27,8 +27,8 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     random-star, random-monotone, random-maze. Raises SceneError for another family and for
     `vertices` not in 12..100,000.
     """
-    if not 12 <= vertices <= MOST:
-        raise SceneError(f"stress: vertices={vertices} is out of range: give 12 to {MOST}")
+    if not 12 <= vertices <= MAX_VERTICES:
+        raise SceneError(f"stress: vertices={vertices} is out of range: give 12 to {MAX_VERTICES}")
     if family != "all" and family not in FAMILIES:
         raise SceneError(f"stress: there is no family {family!r}; there are {', '.join(FAMILIES)}")
     chosen = list(FAMILIES) if family == "all" else [family]

@@ -9,7 +9,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.guard import clear_errors, noted, refuse_unended
+from scenes.readers.guard import check_last_line, clear_errors, note_errors
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
@@ -44,7 +44,7 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
 
     The first line is a CityJSON object, each other line a CityJSONFeature.
     """
-    refuse_unended(source.path, json.loads)
+    check_last_line(source.path, json.loads)
     surfaces = _Surfaces(source)
     with source.path.open("rb") as lines:
         head = _model(f"{source.path}, line 1", lambda: next(lines, b""))
@@ -52,7 +52,7 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
         for number, line in enumerate(lines, start=2):
             if not line.strip():
                 continue
-            with noted(surfaces.dropped, f"line {number}", "is not sound"):
+            with note_errors(surfaces.dropped, f"line {number}", "is not sound"):
                 feature = json.loads(line)
                 if feature["type"] != "CityJSONFeature":
                     raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
@@ -80,7 +80,7 @@ class _Surfaces:
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
         """Collect the surfaces of objects that share vertices."""
         for identifier, city_object in objects.items():
-            with noted(self.dropped, str(identifier), "is not a sound city object"):
+            with note_errors(self.dropped, str(identifier), "is not a sound city object"):
                 geometry_types = [g["type"] for g in city_object.get("geometry", [])]
                 if "GeometryInstance" in geometry_types:
                     self.dropped.append((str(identifier), _INSTANCE))

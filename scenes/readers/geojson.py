@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-from scenes.cleaning.projection import system
-from scenes.readers.guard import LONGEST, edges, numbered_lines
+from scenes.cleaning.projection import find_system
+from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines, read_edges
 from scenes.readers.reader import Raw
 from scenes.scene import Note, SceneError
 
@@ -31,7 +31,7 @@ def find_crs(path: Path, crs: str | None) -> str | None:
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES):
         return crs
-    head, tail = edges(path)
+    head, tail = read_edges(path)
     if crs is None:
         return _DEGREES if re.search(rb'"type"\s*:\s*"Topology"', head + tail) else None
     around = head.partition(b'"features"')[0] + tail.rpartition(b"]")[2]
@@ -40,7 +40,7 @@ def find_crs(path: Path, crs: str | None) -> str | None:
     if match is None:
         return crs
     name: str | None = json.loads(match[1])
-    return name if system(name) is None else crs
+    return name if find_system(name) is None else crs
 
 
 def is_sequence(path: Path) -> bool:
@@ -48,7 +48,7 @@ def is_sequence(path: Path) -> bool:
     if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
         return path.suffix.lower() in _SEQUENCES
     with path.open("rb") as stream:
-        first, more = stream.readline(LONGEST).strip(), stream.read(4096).strip()
+        first, more = stream.readline(MAX_LINE_CHARACTERS).strip(), stream.read(4096).strip()
     if first.startswith((b"\x1e", b"\xef\xbb\xbf\x1e")):
         return True
     if re.search(rb'"type"\s*:\s*"(FeatureCollection|Topology|CityJSON)"', first[:4096]):

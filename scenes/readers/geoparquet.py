@@ -12,7 +12,7 @@ import numpy as np
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkb import parse_wkb
 from scenes.scene import SceneError
-from scenes.spec import install, suggestion
+from scenes.spec import format_install_command, format_suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +36,7 @@ def pyarrow_parquet(source: Source) -> Any:
         from pyarrow import parquet
     except ImportError as error:
         raise SceneError(
-            f"{source.path} needs pyarrow to be read: {install('geoparquet')}"
+            f"{source.path} needs pyarrow to be read: {format_install_command('geoparquet')}"
         ) from error
     return parquet
 
@@ -74,7 +74,7 @@ def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple
     if column not in columns:
         raise SceneError(
             f"{source.path} has no geometry column {column!r}; "
-            + suggestion(column, columns, "it has")
+            + format_suggestion(column, columns, "it has")
         )
     about = columns[column]
     encoding = about["encoding"]

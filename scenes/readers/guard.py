@@ -15,7 +15,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from scenes.scene import Note, SceneError
-from scenes.spec import exists
+from scenes.spec import path_exists
 
 _LOG = logging.getLogger(__name__)
 
@@ -43,17 +43,17 @@ its format, or export it again
         ) from error
     except Exception as error:
         raise SceneError(
-            f"{name} cannot be read as {kind}: {reason(error)}; "
+            f"{name} cannot be read as {kind}: {format_reason(error)}; "
             "check its format, or export it again"
         ) from error
 
 
 @contextmanager
-def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
+def note_errors(notes: list[Note], which: str, what: str) -> Iterator[None]:
     """Add a note to `notes` for any exception raised within: an invalid item is skipped.
 
     >>> notes = []
-    >>> with noted(notes, "line 7", "is not sound"):
+    >>> with note_errors(notes, "line 7", "is not sound"):
     ...     raise KeyError("vertices")
     >>> notes
     [('line 7', "is not sound: no 'vertices'")]
@@ -64,14 +64,14 @@ def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
         raise
     except Exception as error:
         _LOG.debug("%s: %s", which, what, exc_info=error)
-        notes.append((which, f"{what}: {reason(error)}"))
+        notes.append((which, f"{what}: {format_reason(error)}"))
 
 
-def reason(error: Exception) -> str:
+def format_reason(error: Exception) -> str:
     """Return the message of an error, in one line.
 
-    >>> reason(ValueError("no\\n  number")), reason(KeyError("type")), reason(EOFError())
-    ('no number', "no 'type'", 'EOFError')
+    >>> [format_reason(e) for e in (ValueError("no\\n  number"), KeyError("type"), EOFError())]
+    ['no number', "no 'type'", 'EOFError']
     """
     text = " ".join(str(error).split())
     if isinstance(error, KeyError):
@@ -79,10 +79,10 @@ def reason(error: Exception) -> str:
     return text or type(error).__name__
 
 
-LONGEST = 64 * 2**20
+MAX_LINE_CHARACTERS = 64 * 2**20
 """Maximum characters of a line; a coastline of a million vertices has 40 million."""
 
-LARGEST = 2**30
+MAX_FILE_BYTES = 2**30
 """Maximum bytes of a file that is read into memory at once.
 
 Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
@@ -92,7 +92,7 @@ _RATIO = 100
 """Maximum ratio of an archive's content to its size; that of a ZIP bomb is 1000."""
 
 
-def existing(path: str) -> Path:
+def check_path(path: str) -> Path:
     """Return the path; raises SceneError if nothing is there, or an empty or special file."""
     file = Path(path)
     try:
@@ -105,34 +105,34 @@ def existing(path: str) -> Path:
     except (FileNotFoundError, NotADirectoryError):
         raise SceneError(f"there is no file {path}: check the path") from None
     except (OSError, ValueError) as error:
-        raise SceneError(f"{path} cannot be opened: {reason(error)}") from error
+        raise SceneError(f"{path} cannot be opened: {format_reason(error)}") from error
     return file
 
 
 def refuse_special(path: Path) -> None:
     """Raise SceneError for a pipe, socket or device, whose content may be endless."""
-    if exists(str(path)) and not (path.is_file() or path.is_dir()):
+    if path_exists(str(path)) and not (path.is_file() or path.is_dir()):
         raise SceneError(f"{path} is a pipe, socket or device, not a file: save it as a file first")
 
 
 def refuse_gzip(path: Path) -> None:
     """Raise SceneError for a file compressed by gzip."""
-    if edges(path, 2)[0] == b"\x1f\x8b":
+    if read_edges(path, 2)[0] == b"\x1f\x8b":
         raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
 
 
 def check_size(path: Path, whole: bool) -> None:
     """Raise SceneError for a file too large for memory, and for a ZIP bomb."""
     size = path.stat().st_size
-    if whole and size > LARGEST:
+    if whole and size > MAX_FILE_BYTES:
         raise SceneError(
             f"{path} has {size:,} bytes, but files of its format are held in memory and the limit "
-            f"is {LARGEST:,}: give a part of it"
+            f"is {MAX_FILE_BYTES:,}: give a part of it"
         )
-    if edges(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+    if read_edges(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > max(LARGEST, _RATIO * size):
+        if unpacked > max(MAX_FILE_BYTES, _RATIO * size):
             raise SceneError(
                 f"{path} unpacks to {unpacked:,} bytes, more than {_RATIO} times its size: "
                 "unpack it yourself and give the file that you want from it"
@@ -140,20 +140,20 @@ def check_size(path: Path, whole: bool) -> None:
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (number from 1, text) of each line; SceneError for one longer than `LONGEST`."""
+    """Yield (number from 1, text) of each line; SceneError above `MAX_LINE_CHARACTERS`."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
-        while line := stream.readline(LONGEST):
+        while line := stream.readline(MAX_LINE_CHARACTERS):
             number += 1
-            if len(line) == LONGEST:
+            if len(line) == MAX_LINE_CHARACTERS:
                 raise SceneError(
-                    f"{path} line {number} has more than {LONGEST} characters: give a "
+                    f"{path} line {number} has more than {MAX_LINE_CHARACTERS} characters: give a "
                     "text file with shorter lines"
                 )
             yield number, line
 
 
-def edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
+def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
     """Return the first and the last bytes of a file."""
     with path.open("rb") as stream:
         head = stream.read(size)
@@ -161,12 +161,12 @@ def edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
         return head, stream.read()
 
 
-def cut_off(path: Path, where: str) -> SceneError:
+def truncation_error(path: Path, where: str) -> SceneError:
     """Return the error for a truncated file; `where` is the evidence."""
     return SceneError(f"{path} was cut off: {where}; polygons are missing: write or copy it again")
 
 
-def check_cut_off(path: Path) -> None:
+def check_truncation(path: Path) -> None:
     """Raise SceneError for a truncated file of a format that states its length or its end.
 
     The check depends on the suffix: it is for formats whose readers ignore truncation. In XML,
@@ -175,14 +175,14 @@ def check_cut_off(path: Path) -> None:
     check = _CHECKS.get(path.suffix.lower())
     where = check(path) if check is not None else None
     if where:
-        raise cut_off(path, where)
+        raise truncation_error(path, where)
 
 
-def refuse_unended(path: Path, is_valid: Callable[[bytes], object]) -> None:
+def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
     """Raise SceneError for a file of lines whose last one has no end and is invalid."""
-    last = edges(path)[1]
+    last = read_edges(path)[1]
     if b"\n" not in last:
-        last = edges(path, LONGEST)[1]
+        last = read_edges(path, MAX_LINE_CHARACTERS)[1]
     before, _, line = last.rpartition(b"\n")
     if not (before.strip() and line.strip()):
         return  # the line has an end, or is the only one
@@ -191,11 +191,11 @@ def refuse_unended(path: Path, is_valid: Callable[[bytes], object]) -> None:
     except (ValueError, RecursionError):
         is_complete = False
     if not is_complete:
-        raise cut_off(path, "its last line ends in the middle")
+        raise truncation_error(path, "its last line ends in the middle")
 
 
 def _drawing(path: Path) -> str | None:
-    ended = edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
+    ended = read_edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
     return None if ended else "a DXF ends with EOF"
 
 
@@ -206,13 +206,13 @@ def _shorter(path: Path, stated: int) -> str | None:
 
 def _shape(path: Path) -> str | None:
     """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
-    head, _ = edges(path)
+    head, _ = read_edges(path)
     return _shorter(path, 2 * struct.unpack_from(">I", head, 24)[0]) if len(head) >= 100 else None
 
 
 def _database(path: Path) -> str | None:
     """Return evidence from SQLite's number of pages, if its last writer updated it."""
-    head, _ = edges(path)
+    head, _ = read_edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
     page = struct.unpack_from(">H", head, 16)[0]
@@ -223,7 +223,7 @@ def _database(path: Path) -> str | None:
 
 def _stl(path: Path) -> str | None:
     """Return evidence from the number of triangles of binary STL, or the end of text."""
-    head, tail = edges(path)
+    head, tail = read_edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
         return None
@@ -253,7 +253,7 @@ _CHECKS: dict[str, Callable[[Path], str | None]] = {
 }
 
 
-DEEPEST = 100
+MAX_DEPTH = 100
 """Maximum levels of a geometry that is parsed: more than any has, and safe on any stack."""
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
@@ -262,25 +262,25 @@ _HOLDERS = (4, 5, 6, 7, 9, 10, 11, 12)
 
 
 def is_text_too_deep(text: str) -> bool:
-    """Whether WKT is nested deeper than `DEEPEST`; GEOS, which recurses, might end the process.
+    """Whether WKT is nested deeper than `MAX_DEPTH`; GEOS, which recurses, might end the process.
 
     >>> is_text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_text_too_deep("(" * 101)
     (False, True)
     """
-    if text.count("(") <= DEEPEST:
+    if text.count("(") <= MAX_DEPTH:
         return False
     steps = ((match[0] == "(") - (match[0] == ")") for match in re.finditer(r"[()]", text))
-    return max(accumulate(steps)) > DEEPEST
+    return max(accumulate(steps)) > MAX_DEPTH
 
 
 def is_too_deep(wkb: bytes) -> bool:
-    """Whether (E)WKB is nested deeper than `DEEPEST`; False for bytes that are not WKB.
+    """Whether (E)WKB is nested deeper than `MAX_DEPTH`; False for bytes that are not WKB.
 
     >>> level = bytes.fromhex("010700000001000000")
     >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
-    if len(wkb) <= 9 * DEEPEST:  # each level has 9 bytes at least
+    if len(wkb) <= 9 * MAX_DEPTH:  # each level has 9 bytes at least
         return False
     try:
         _end(wkb, 0, "<", 0)
@@ -293,7 +293,7 @@ def is_too_deep(wkb: bytes) -> bool:
 
 def _end(wkb: bytes, at: int, order: str, level: int) -> tuple[int, str]:
     """Return the end of the geometry that begins at `at`, and the byte order there."""
-    if level > DEEPEST:
+    if level > MAX_DEPTH:
         raise RecursionError
     order = {0: ">", 1: "<"}.get(wkb[at], order)
     number = struct.Struct(order + "I").unpack_from

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers.gltf import read_triangles
-from scenes.readers.guard import LONGEST, numbered_lines
+from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 _FLAT = "each face flat in its own plane, side by side"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
@@ -85,12 +85,12 @@ def _flatten(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float
         length = np.linalg.norm(normal)
     if not np.isfinite(length) or length == 0.0:
         return None, 0.0
-    axes = plane(normal / length)
+    axes = compute_axes(normal / length)
     size = np.abs(local).max()
     return shapely.Polygon(local @ axes[:2].T), float(np.abs(local @ axes[2]).max() / size)
 
 
-def plane(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rows x, y, normal of a right-handed frame; x is level, y points up if possible."""
     x = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(x) < 1e-9:
@@ -158,12 +158,12 @@ def _merge(
 
 def _join(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
     """Return the faces of a model of triangles: neighbours in one plane become one polygon."""
-    polygons, dropped = facets(vertices, triangles)
+    polygons, dropped = join_facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
     return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
 
 
-def facets(
+def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
     """Return coplanar neighbouring triangles of a mesh joined and laid flat, one per facet."""
@@ -183,7 +183,7 @@ def facets(
         if not np.isfinite(length) or length == 0.0:
             dropped.append((f"triangle {group[0]}", _NO_AREA))
             continue
-        flat = (corners - corners[0, 0]) @ plane(normal / length)[:2].T
+        flat = (corners - corners[0, 0]) @ compute_axes(normal / length)[:2].T
         polygons.append(shapely.union_all(shapely.polygons(flat)))
     return polygons, dropped
 
@@ -219,7 +219,7 @@ def _continued(path: Path) -> Iterator[tuple[int, str]]:
     for number, line in numbered_lines(path):
         text = line.rstrip("\r\n")
         length += len(text)
-        if text.endswith("\\") and length < LONGEST:
+        if text.endswith("\\") and length < MAX_LINE_CHARACTERS:
             parts.append(text[:-1])
             continue
         yield number, " ".join([*parts, text])
@@ -246,7 +246,9 @@ def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
     try:
         from plyfile import PlyData  # type: ignore[import-untyped]
     except ImportError:
-        raise SceneError(f"{path} needs plyfile to be read: {install('ply')}") from None
+        raise SceneError(
+            f"{path} needs plyfile to be read: {format_install_command('ply')}"
+        ) from None
     data = PlyData.read(path, mmap=False)
     if "face" not in data or not len(data["face"].data):
         raise SceneError(f"{path} holds no face: give a model with faces")

@@ -98,7 +98,7 @@ class Reader:
             if source.path.is_file():
                 guard.refuse_gzip(source.path)
                 guard.check_size(source.path, self.whole)
-                guard.check_cut_off(source.path)
+                guard.check_truncation(source.path)
             # Imported on first use, because some imports take long.
             yield from getattr(importlib.import_module(module), function)(source, size)
 
@@ -128,7 +128,7 @@ def is_model(path: Path) -> bool:
     return reader is not None and reader.function == _MESH.function
 
 
-def reader_of(path: Path) -> Reader:
+def choose_reader(path: Path) -> Reader:
     """Return the reader for this file."""
     suffix = path.suffix.lower()
     city = {".json": _CITY, ".jsonl": _SEQUENCE}

@@ -12,14 +12,14 @@ import shapely
 from fontTools.misc.transform import Identity, Transform  # type: ignore[import-untyped]
 
 from scenes.cleaning.fill import fill_contours
-from scenes.readers.guard import noted
+from scenes.readers.guard import note_errors
 from scenes.readers.reader import Raw, Source
 from scenes.readers.svg_shapes import (
     FLIP,
     SHAPES,
     Viewport,
     flatten_outline,
-    outline_of,
+    format_outline,
     parse_length,
     parse_transform,
     tag_of,
@@ -102,7 +102,7 @@ class _Drawing:
                 continue
             label = f"{kind} {element.get('id') or number}"
             number += kind not in _CONTAINERS
-            with noted(self.dropped, label, "cannot be read as SVG"):
+            with note_errors(self.dropped, label, "cannot be read as SVG"):
                 state, style = self._enter(element, state)
                 if kind in _CONTAINERS:
                     children = list(element)
@@ -190,7 +190,7 @@ class _Drawing:
         self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
     ) -> Any:
         """Return the area of a shape that is drawn, or None if nothing of it is."""
-        outline = outline_of(element, style, state.viewport)
+        outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
         name = state.properties[rule]
         areas = fill_contours(contours, "evenodd" if name == "evenodd" else "nonzero")
@@ -208,7 +208,7 @@ class _Drawing:
             if tag_of(element) not in SHAPES:
                 raise ValueError("its clip path has the size of a group, which is not supported")
             points = np.concatenate(
-                flatten_outline(outline_of(element, {}, state.viewport), Identity)
+                flatten_outline(format_outline(element, {}, state.viewport), Identity)
             )
             (x, y), (w, h) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
             state = replace(state, matrix=state.matrix.translate(x, y).scale(w, h))

@@ -151,7 +151,7 @@ def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]
     return rings
 
 
-def outline_of(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
+def format_outline(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
     """Return a shape as SVG path data; `style` are its CSS properties, which may be lengths."""
     kind = tag_of(element)
     if kind == "path":

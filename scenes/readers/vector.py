@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from scenes.readers import geojson
 from scenes.readers.gdal import FailureLog
 from scenes.readers.geoparquet import to_pandas
-from scenes.readers.guard import cut_off, refuse_special, refuse_unended
+from scenes.readers.guard import check_last_line, refuse_special, truncation_error
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkb import parse_wkb
 from scenes.scene import SceneError
-from scenes.spec import suggestion
+from scenes.spec import format_suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
         refuse_special(file)
     is_sequence = geojson.is_sequence(source.path)
     if is_sequence:
-        refuse_unended(source.path, lambda line: bool(json.loads(line)))
+        check_last_line(source.path, lambda line: bool(json.loads(line)))
     failures = FailureLog()
     count = missing = 0
     with warnings.catch_warnings(), _explain_errors(source):
@@ -111,7 +111,7 @@ def _check_count(source: Source, layer: str, count: int) -> None:
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             count = len(pyogrio.raw.read(source.path, **options)[1])
     if count < stated:
-        raise cut_off(source.path, f"it has {count} of {stated} features")
+        raise truncation_error(source.path, f"it has {count} of {stated} features")
 
 
 def _list_opened(path: Path) -> Iterator[Path]:
@@ -299,7 +299,7 @@ def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
             remedy = f"read it as map tiles, by a zoom: {source.path}:zoom=14"
         raise SceneError(f"{source.path} has no layer: {remedy}")
     if source.layer is not None and source.layer not in names:
-        hint = suggestion(source.layer, names, "it has")
+        hint = format_suggestion(source.layer, names, "it has")
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
     # The first that has polygons, or else may have some, or else the first.
     kinds = [str(kind) for _, kind in layers]

@@ -8,10 +8,10 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.readers.gdal import linearize
-from scenes.readers.guard import DEEPEST, is_text_too_deep, is_too_deep
+from scenes.readers.guard import MAX_DEPTH, is_text_too_deep, is_too_deep
 from scenes.scene import Note
 
-_DEEP = f"is nested more than {DEEPEST} levels deep"
+_DEEP = f"is nested more than {MAX_DEPTH} levels deep"
 UNPARSABLE = "geometry cannot be parsed"
 CURVED = "has curves; replaced by chords of 4 degrees"
 

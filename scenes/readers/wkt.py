@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.readers.guard import numbered_lines, refuse_unended
+from scenes.readers.guard import check_last_line, numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkb import UNPARSABLE, parse_wkb, parse_wkt
 from scenes.scene import Note
@@ -27,7 +27,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
     if single is not None:
         yield single
         return
-    refuse_unended(source.path, _is_ended)
+    check_last_line(source.path, _is_ended)
     numbered = numbered_lines(source.path)
     crs, is_first = None, True
     while chunk := list(islice(numbered, size)):

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from scenes.readers import guard
 from scenes.scene import SceneError
-from scenes.spec import install
+from scenes.spec import format_install_command
 
 MAX_TILE_BYTES = 64 * 2**20
 """Maximum size of an uncompressed tile; clients expect some hundred kilobytes."""
@@ -30,7 +30,7 @@ MAX_TILE_BYTES = 64 * 2**20
 MAX_DIRECTORY_BYTES = 4 * 2**20
 """Maximum size of an uncompressed directory of PMTiles; writers make some ten kilobytes."""
 
-ANSWER_S = 60.0
+QUERY_TIMEOUT_S = 60.0
 """Maximum wait for a row of an SQLite database, in which a view may be endless."""
 
 _STEPS = 100_000  # of SQLite's machine, some milliseconds, from one look at the clock to the next
@@ -47,7 +47,7 @@ _VECTOR_FORMATS = ("pbf", "mvt", "application/x-protobuf", "application/vnd.mapb
 """Names of the vector tile format in the metadata of MBTiles."""
 
 
-class Place(NamedTuple):
+class TilePosition(NamedTuple):
     """A tile's zoom, column from the west and row from the north."""
 
     zoom: int
@@ -99,7 +99,7 @@ class Archive(ABC):
 
     @abstractmethod
     def name_of(self, number: int) -> Any:
-        """Return the name of a tile: its `Place`, or a file's path."""
+        """Return the name of a tile: its `TilePosition`, or a file's path."""
 
     @abstractmethod
     def packed(self, name: Any) -> bytes | None:
@@ -131,24 +131,24 @@ class Archive(ABC):
     def read(self, name: Any) -> bytes | None:
         """Return the uncompressed bytes of a tile; raises ValueError if they are invalid."""
         data = self.packed(name)
-        return None if data is None else unpacked(data)
+        return None if data is None else decompress(data)
 
 
-def opened(path: Path) -> Archive:
+def open_archive(path: Path) -> Archive:
     """Return the archive at a path; raises SceneError if it is none."""
     return KINDS.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
 
 
-def first_of(zoom: int) -> int:
+def first_number(zoom: int) -> int:
     """Return the number of the first tile of a zoom, in numbering by zooms.
 
-    >>> [first_of(zoom) for zoom in range(4)]
+    >>> [first_number(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
     """
     return int(4**zoom - 1) // 3
 
 
-def unpacked(data: bytes, most: int | None = None) -> bytes:
+def decompress(data: bytes, most: int | None = None) -> bytes:
     """Return a tile uncompressed; its first bytes show whether gzip or zlib compressed it.
 
     Raises ValueError if a member is invalid, or for `most` (`MAX_TILE_BYTES`) bytes or more.
@@ -171,20 +171,21 @@ def unpacked(data: bytes, most: int | None = None) -> bytes:
     return data
 
 
-def attribution_of(metadata: bytes) -> str:
+def parse_attribution(metadata: bytes) -> str:
     """Return the attribution in an archive's metadata in JSON, or ""."""
     with suppress(ValueError, AttributeError, RecursionError):
         return str(json.loads(metadata).get("attribution") or "")
     return ""
 
 
-def needed(package: str) -> Any:
+def import_optional(package: str) -> Any:
     """Return an optional package; raises SceneError if it is not installed."""
     try:
         return import_module(package)
     except ImportError:
         raise SceneError(
-            f"these tiles need the package {package.partition('.')[0]}: {install('tiles')}"
+            f"these tiles need the package {package.partition('.')[0]}: "
+            f"{format_install_command('tiles')}"
         ) from None
 
 
@@ -203,7 +204,7 @@ class Folder(Archive):
             if not (match and file.is_file()):
                 continue
             if match[1]:
-                place = Place(*map(int, match.groups()[:3]))
+                place = TilePosition(*map(int, match.groups()[:3]))
                 name = place if max(place.x, place.y) < 2**place.zoom else name
             if name in found:
                 raise SceneError(f"{found[name]} and {file} are both tile {name}: keep one of them")
@@ -214,13 +215,13 @@ class Folder(Archive):
                 ".mbtiles, .mvt and .pbf files, and folders of these"
             )
         self._files = found
-        placed = [name for name in found if isinstance(name, Place)]
+        placed = [name for name in found if isinstance(name, TilePosition)]
         self._names: list[Any] = list(found)
         if len(placed) == len(found):
             self.zooms = tuple(sorted({place.zoom for place in placed}))
             self._names = sorted(placed, key=lambda place: place.zoom)
         with suppress(OSError):
-            self.attribution = attribution_of((path / "metadata.json").read_bytes())
+            self.attribution = parse_attribution((path / "metadata.json").read_bytes())
 
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield each file separately."""
@@ -248,7 +249,7 @@ class MBTiles(Archive):
     """An SQLite database of tiles, whose rows count from the south; numbered column by column."""
 
     def __init__(self, path: Path) -> None:
-        guard.check_cut_off(path)
+        guard.check_truncation(path)
         self._path = path
         self._uri = f"{path.resolve().as_uri()}?mode=ro"
         log = Path(f"{path.resolve()}-wal")
@@ -267,14 +268,16 @@ class MBTiles(Archive):
             raise SceneError(f"{path} holds no tile: give an archive with tiles")
 
     def _ask(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
-        """Yield the rows of a query; raises SceneError if one takes longer than `ANSWER_S`.
+        """Yield the rows of a query; raises SceneError if one takes longer than `QUERY_TIMEOUT_S`.
 
         Python does not receive Ctrl-C while SQLite runs. So SQLite calls a progress handler now
         and then, which checks the clock; an exception there interrupts SQLite.
         """
         begun = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:
-            database.set_progress_handler(lambda: time.monotonic() - begun > ANSWER_S, _STEPS)
+            database.set_progress_handler(
+                lambda: time.monotonic() - begun > QUERY_TIMEOUT_S, _STEPS
+            )
             rows: Iterator[Any] | None = None
             while True:
                 begun = time.monotonic()
@@ -284,10 +287,10 @@ class MBTiles(Archive):
                 except sqlite3.OperationalError as error:
                     if "interrupted" not in str(error):
                         raise
-                    if time.monotonic() - begun <= ANSWER_S:
+                    if time.monotonic() - begun <= QUERY_TIMEOUT_S:
                         raise KeyboardInterrupt from None
                     raise SceneError(
-                        f"{self._path} gives no answer within {ANSWER_S:g} s: a view in it "
+                        f"{self._path} gives no answer within {QUERY_TIMEOUT_S:g} s: a view in it "
                         "may be endless"
                     ) from None
                 if row is None:
@@ -297,8 +300,8 @@ class MBTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield each tile once, separately; tiles outside the world are ignored."""
         assert zoom is not None
-        side, begin = 2**zoom, first_of(zoom)
-        last = first_of(zoom + 1) if last is None else last
+        side, begin = 2**zoom, first_number(zoom)
+        last = first_number(zoom + 1) if last is None else last
         query = (
             "SELECT tile_column, tile_row, max(length(tile_data)) FROM tiles WHERE zoom_level = ? "
             "AND tile_column BETWEEN ? AND ? AND tile_row BETWEEN 0 AND ? "
@@ -314,7 +317,7 @@ class MBTiles(Archive):
         """Return its place."""
         zoom = self.zoom_of(number)
         assert zoom is not None
-        return Place(zoom, *divmod(number - first_of(zoom), 2**zoom))
+        return TilePosition(zoom, *divmod(number - first_number(zoom), 2**zoom))
 
     def packed(self, name: Any) -> bytes | None:
         """Return the data of a place; raises ValueError if they are NULL."""
@@ -334,7 +337,7 @@ class PMTiles(Archive):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._format = needed("pmtiles.tile")
+        self._format = import_optional("pmtiles.tile")
         try:
             self.header = self._format.deserialize_header(self._bytes(0, 127))
         except (self._format.MagicNumberNotFound, self._format.SpecVersionUnsupported) as error:
@@ -357,7 +360,7 @@ class PMTiles(Archive):
         if not self.zooms:
             raise SceneError(f"{path} holds no tile: give an archive with tiles")
         metadata = self._inner(header["metadata_offset"], header["metadata_length"])
-        self.attribution = attribution_of(metadata)
+        self.attribution = parse_attribution(metadata)
         self._directory = lru_cache(64)(self._read_directory)
 
     def _bytes(self, start: int, count: int) -> bytes:
@@ -365,7 +368,7 @@ class PMTiles(Archive):
             size = self._path.stat().st_size
             if start + count > size:
                 where = f"it has {size} bytes, and byte {start + count} is asked for"
-                raise guard.cut_off(self._path, where)
+                raise guard.truncation_error(self._path, where)
             stream.seek(start)
             return stream.read(count)
 
@@ -373,7 +376,7 @@ class PMTiles(Archive):
         """Return a directory or the metadata, uncompressed as the header states."""
         data = self._bytes(start, count)
         if self.header["internal_compression"] != self._format.Compression.NONE:
-            data = unpacked(data, MAX_DIRECTORY_BYTES)
+            data = decompress(data, MAX_DIRECTORY_BYTES)
         if len(data) >= MAX_DIRECTORY_BYTES:
             raise ValueError(f"a directory of it has {MAX_DIRECTORY_BYTES // 2**20} MiB or more")
         return data
@@ -410,8 +413,8 @@ class PMTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield the tiles of each entry; entries out of order are invalid and skipped."""
         assert zoom is not None
-        first = max(first, first_of(zoom))
-        last = first_of(zoom + 1) if last is None else last
+        first = max(first, first_number(zoom))
+        last = first_number(zoom + 1) if last is None else last
         before = -1
         for entry in self._entries(first, last):
             start, end = max(entry.tile_id, first), min(entry.tile_id + entry.run_length, last)
@@ -421,7 +424,7 @@ class PMTiles(Archive):
 
     def name_of(self, number: int) -> Any:
         """Return its place."""
-        return Place(*self._format.tileid_to_zxy(number))
+        return TilePosition(*self._format.tileid_to_zxy(number))
 
     def packed(self, name: Any) -> bytes | None:
         """Return the data of a place, or None."""
@@ -436,10 +439,10 @@ KINDS: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
 """Classes of archives by the suffix of their file."""
 
 
-def column_and_row(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
+def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
     """Return the tile of a position in web Mercator; latitudes outside are those of its edge.
 
-    >>> column_and_row(24.94, 60.17, 14)
+    >>> locate_tile(24.94, 60.17, 14)
     (9327, 4742)
     """
     side = 2**zoom

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.repair import clean
 from scenes.readers import guard
-from scenes.readers.guard import existing
+from scenes.readers.guard import check_path
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, Scene, SceneError, Tiling
-from scenes.spec import suggestion
-from scenes.tiles.archives import Archive, Place, Run, column_and_row, opened
-from scenes.tiles.vector_tile import Layer, layer_of, layers_of
+from scenes.spec import format_suggestion
+from scenes.tiles.archives import Archive, Run, TilePosition, locate_tile, open_archive
+from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 
 PIXELS = 512
 """Default side of a tile on the screen; 256 on old maps, 1024 on dense screens."""
@@ -38,10 +38,10 @@ def check_pixels(pixels: int) -> None:
         )
 
 
-def rounding(extents: Iterable[int], pixels: int) -> list[str]:
+def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
     """Return a note on each extent whose units are not on the grid of pixels.
 
-    >>> rounding({4096}, 512), len(rounding({4096, 5000}, 512))
+    >>> note_rounding({4096}, 512), len(note_rounding({4096, 5000}, 512))
     ([], 1)
     """
     return [
@@ -51,7 +51,7 @@ def rounding(extents: Iterable[int], pixels: int) -> list[str]:
     ]
 
 
-class Usable(NamedTuple):
+class DrawableLayer(NamedTuple):
     """The polygons of a layer that can be drawn.
 
     polygons : (p,) valid polygons in px of their tile, y up
@@ -65,7 +65,7 @@ class Usable(NamedTuple):
     repaired: list[Note]
 
 
-def usable(layer: Layer, pixels: int) -> Usable:
+def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
     """Return the polygons of a layer that can be drawn, on a tile of so many pixels.
 
     Coordinates stay exact: an invalid polygon is repaired only if all added vertices are integers,
@@ -100,11 +100,11 @@ def usable(layer: Layer, pixels: int) -> Usable:
     exact = cleaned.polygons[~np.isin(cleaned.source, inexact)]
     scale = pixels / layer.extent
     drawn = shapely.transform(exact, lambda xy: xy * scale)
-    return Usable(layer.name, layer.extent, drawn, dropped, repaired)
+    return DrawableLayer(layer.name, layer.extent, drawn, dropped, repaired)
 
 
 @dataclass
-class Parts:
+class TileContent:
     """The layers of a tile that were read.
 
     layers : the layers asked for
@@ -114,29 +114,31 @@ class Parts:
     absent : whether the archive does not contain the tile
     """
 
-    layers: list[Usable] = field(default_factory=list)
+    layers: list[DrawableLayer] = field(default_factory=list)
     known: list[str] = field(default_factory=list)
     damage: str = ""
     damaged: list[Note] = field(default_factory=list)
     absent: bool = False
 
 
-def parts_of(archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int) -> Parts:
+def read_tile(
+    archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int
+) -> TileContent:
     """Read a tile of an archive; layers that cannot be read are skipped and noted.
 
     wanted : names of layers, in addition to those without a name; None for all
     pixels : a tile's side on the screen
     """
-    parts, notes = Parts(), list[Note]()
-    with guard.noted(notes, "", "cannot be read"):
+    parts, notes = TileContent(), list[Note]()
+    with guard.note_errors(notes, "", "cannot be read"):
         data = archive.read(name)
         parts.absent = data is None
-        messages = layers_of(data or b"")
+        messages = decode_layers(data or b"")
         parts.known = [layer for layer in messages if layer]
         for layer, pieces in messages.items():
             if wanted is None or layer in ("", *wanted):
-                with guard.noted(parts.damaged, layer, "cannot be read"):
-                    parts.layers.append(usable(layer_of(layer, pieces), pixels))
+                with guard.note_errors(parts.damaged, layer, "cannot be read"):
+                    parts.layers.append(select_drawable(build_layer(layer, pieces), pixels))
     parts.damage = notes[0][1] if notes else ""
     return parts
 
@@ -160,7 +162,7 @@ def read(
 ) -> Scene:
     """Return the polygons of map tiles, in px of their tile, y up.
 
-    Polygons are not clipped at their tile's edge. Coordinates are exact: see `usable`.
+    Polygons are not clipped at their tile's edge. Coordinates are exact: see `select_drawable`.
 
     Parameters
     ----------
@@ -181,14 +183,14 @@ def read(
         If the file is missing, cannot be read, or contains no polygon for these parameters.
     """
     check_pixels(pixels)
-    file = existing(path)
+    file = check_path(path)
     asked = None if layers is None else layers.split(",")
     with guard.clear_errors(path, "map tiles"):
-        archive = opened(file)
+        archive = open_archive(file)
         zoom = archive.zooms_of(path, None if zoom is None else (zoom, zoom))[-1]
         runs = list(archive.runs(zoom))
         names = _chosen(archive, runs, tiles, zoom)
-        tiles_read = [(str(name), parts_of(archive, name, asked, pixels)) for name in names]
+        tiles_read = [(str(name), read_tile(archive, name, asked, pixels)) for name in names]
     polygons: list[shapely.Polygon] = []
     of_tile: list[str] = []
     of_layer: list[str] = []
@@ -213,7 +215,7 @@ def read(
     there, found = sum(run.times for run in runs), sum(not parts.absent for _, parts in tiles_read)
     notes = [f"{found} of {there} tiles{at}, {len(sizes)} with polygons"]
     notes.append(f"layers {', '.join(dict.fromkeys(of_layer))}")
-    notes += rounding({own.extent for _, parts in tiles_read for own in parts.layers}, pixels)
+    notes += note_rounding({own.extent for _, parts in tiles_read for own in parts.layers}, pixels)
     table = None
     if attributes:
         import pandas as pd  # a census, which loads this module, can do without
@@ -251,12 +253,12 @@ def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None)
         if zoom is None or not (-180 <= west < east <= 180 and south < north):
             raise wrong
         (left, top), (right, bottom) = (
-            column_and_row(*corner, zoom) for corner in ((west, north), (east, south))
+            locate_tile(*corner, zoom) for corner in ((west, north), (east, south))
         )
         if (right - left + 1) * (bottom - top + 1) > MAX_TILES:
             raise SceneError(f"tiles={tiles} are more than {MAX_TILES} tiles: give a smaller box")
         columns, rows = range(left, right + 1), range(top, bottom + 1)
-        return [Place(zoom, x, y) for x in columns for y in rows]
+        return [TilePosition(zoom, x, y) for x in columns for y in rows]
     if not tiles.isdecimal() or not 1 <= int(tiles) <= MAX_TILES:
         raise wrong
     ends = np.cumsum([run.times for run in runs], dtype=np.int64)
@@ -275,7 +277,9 @@ def _nothing(
     """Return why there is no polygon, in one line."""
     unknown = [each for each in (layers or "").split(",") if each and each not in known]
     if unknown and known:
-        return f"{path} has no layer {unknown[0]!r}; {suggestion(unknown[0], known, 'it has')}"
+        return (
+            f"{path} has no layer {unknown[0]!r}; {format_suggestion(unknown[0], known, 'it has')}"
+        )
     if dropped:
         which, why = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
@@ -315,12 +319,12 @@ _HALF_WORLD = 20_037_508.342789244
 
 def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a tile is a chunk
     """Yield the polygons of an archive's largest zoom, tile by tile, in web Mercator."""
-    archive = opened(source.path)
+    archive = open_archive(source.path)
     zoom = archive.zooms[-1]
     side = 2 * _HALF_WORLD / 2**zoom
     wanted = None if source.layer is None else (source.layer,)
     for name in archive.names(zoom):
-        parts = parts_of(archive, name, wanted, PIXELS)
+        parts = read_tile(archive, name, wanted, PIXELS)
         corner = np.array([name.x * side - _HALF_WORLD, _HALF_WORLD - (name.y + 1) * side])
         polygons: list[Any] = []
         labels: list[str] = []

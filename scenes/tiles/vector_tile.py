@@ -18,9 +18,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.guard import noted
+from scenes.readers.guard import note_errors
 from scenes.scene import Note
-from scenes.tiles.archives import needed
+from scenes.tiles.archives import import_optional
 
 POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""
@@ -44,7 +44,7 @@ def _messages() -> _Messages:
     Nested messages are bytes here and decoded separately: an invalid layer or feature then affects
     no other. A name is bytes, too, because it may be invalid UTF-8.
     """
-    descriptor = needed("google.protobuf.descriptor_pb2")
+    descriptor = import_optional("google.protobuf.descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
     kinds = descriptor.FieldDescriptorProto
     bytes_, number = kinds.TYPE_BYTES, kinds.TYPE_UINT32
@@ -68,11 +68,11 @@ def _messages() -> _Messages:
         message = file.message_type.add(name=name)
         for field, place, label, kind in fields:
             message.field.add(name=field, number=place, label=label, type=kind)
-    pool = needed("google.protobuf.descriptor_pool").DescriptorPool()
+    pool = import_optional("google.protobuf.descriptor_pool").DescriptorPool()
     pool.Add(file)
-    made = needed("google.protobuf.message_factory").GetMessageClass
+    made = import_optional("google.protobuf.message_factory").GetMessageClass
     kinds_of = (pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type)
-    unknown = needed("google.protobuf.unknown_fields").UnknownFieldSet
+    unknown = import_optional("google.protobuf.unknown_fields").UnknownFieldSet
     tile, layer, feature = map(made, kinds_of)
     return _Messages(tile, layer, feature, unknown)
 
@@ -109,7 +109,7 @@ class Layer:
     dropped: list[Note]
 
 
-def layers_of(tile: bytes) -> dict[str, list[Any]]:
+def decode_layers(tile: bytes) -> dict[str, list[Any]]:
     """Return the layers of an uncompressed tile, as messages, by name; "" if it has none.
 
     Each name should have one message. A layer that cannot be decoded is a ValueError under "".
@@ -127,8 +127,8 @@ def layers_of(tile: bytes) -> dict[str, list[Any]]:
     return found
 
 
-def layer_of(name: str, found: list[Any]) -> Layer:
-    """Return a layer, given the messages of its name by `layers_of`.
+def build_layer(name: str, found: list[Any]) -> Layer:
+    """Return a layer, given the messages of its name by `decode_layers`.
 
     Raises ValueError, in one line, if it violates the format. Invalid features are noted and
     skipped.
@@ -154,7 +154,7 @@ def _layer(name: str, layer: Any) -> Layer:
     sizes: list[int] = []
     owners: list[int] = []
     for number, feature in enumerate(layer.features):
-        with noted(dropped, f"feature {number}", "cannot be read"):
+        with note_errors(dropped, f"feature {number}", "cannot be read"):
             kind, geometry = _feature(feature, len(layer.keys), len(layer.values))
             if kind != POLYGON:
                 _check_strokes(geometry, kind)

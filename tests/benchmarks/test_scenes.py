@@ -12,13 +12,13 @@ import pytest
 
 from harness.results.run_folder import Record, read_run
 from scenes import load
-from scenes.registry import entry, names
+from scenes.registry import find_entry, names
 from tests.paths import ROOT
 from tests.records import lines_of
 from triangulators import names as triangulators
 from triangulators.registry import BUILTIN
 
-SCENES = [name for name in names() if entry(name).available() is None]
+SCENES = [name for name in names() if find_entry(name).available() is None]
 EXPECTED_REASONS = (
     "holes",
     "no vertex sees the whole polygon",

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from scenes.cleaning.projection import system
+from scenes.cleaning.projection import find_system
 from tests.conftest import assert_refused, make_geojson, require_ok, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.models.various import MODELS
@@ -87,7 +87,7 @@ def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, named):
     column = geo["columns"]["geometry"]
     assert ("crs" in column) is named
     if named:
-        assert system(json.dumps(column["crs"])) == system(crs)
+        assert find_system(json.dumps(column["crs"])) == find_system(crs)
     # and it is found again
     assert harness("triangulate", "out.parquet", "-o", "again.parquet")[0] == 0
     again = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])

@@ -20,7 +20,7 @@ from harness.scaling.executors import Executor
 from harness.scaling.triangulated import Triangulating
 from harness.triangulating.isolated import triangulate_many
 from scenes.files import read_chunks
-from scenes.slices import comparisons, cut
+from scenes.slices import cut_file, parse_comparisons
 from tests.conftest import require_ok
 from tests.scaling.conftest import EVERY, PER_FILE, contents, ids, parts_in, rows, write_parquet
 
@@ -237,7 +237,7 @@ def polygons_of(path, rows, **options):
 
 
 def test_row_groups_are_slices_and_give_the_file(parts, footprints):
-    found = cut(str(parts / "0.parquet"))
+    found = cut_file(str(parts / "0.parquet"))
     assert found.rows == [(0, 40), (40, 80), (80, 120)]
     assert found.sizes == [40, 40, 40]
     read = np.concatenate([polygons_of(parts / "0.parquet", rows) for rows in found.rows])
@@ -247,10 +247,10 @@ def test_row_groups_are_slices_and_give_the_file(parts, footprints):
 def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
     monkeypatch.setattr("scenes.slices.MIN_ROWS", 60)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", 80)
-    assert cut(str(parts / "0.parquet")).rows == [(0, 80), (80, 120)]
+    assert cut_file(str(parts / "0.parquet")).rows == [(0, 80), (80, 120)]
     monkeypatch.setattr("scenes.slices.MIN_ROWS", 5)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", 15)
-    rows = cut(str(parts / "0.parquet")).rows
+    rows = cut_file(str(parts / "0.parquet")).rows
     assert rows == [*pairwise([0, 13, 26, 40, 53, 66, 80, 93, 106, 120])]
     read = [polygons_of(parts / "0.parquet", each) for each in rows]
     assert [len(each) for each in read] == [end - start for start, end in rows]
@@ -261,7 +261,7 @@ def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
 def test_statistics_prune_and_the_rest_is_filtered(parts, footprints):
     edge = float(np.sort(shapely.bounds(footprints[:PER_FILE])[:, 0])[50])
     where = f"bbox.xmin < {edge!r}"
-    found = cut(str(parts / "0.parquet"), where=where)
+    found = cut_file(str(parts / "0.parquet"), where=where)
     assert found.rows == [(0, 40), (40, 80)]
     assert found.pruned == 40
     read = [polygons_of(parts / "0.parquet", rows, where=where) for rows in found.rows]
@@ -273,16 +273,16 @@ def test_statistics_prune_and_the_rest_is_filtered(parts, footprints):
     ["bbox.xmin > 1e9 OR id = 1", "NOT bbox.xmin > 1e9", "id IN (1, 2)", "storeys = '3'", None],
 )
 def test_what_is_no_plain_comparison_prunes_nothing(parts, where):
-    assert comparisons(where) == []
-    assert len(cut(str(parts / "0.parquet"), where=where).rows) == 3
+    assert parse_comparisons(where) == []
+    assert len(cut_file(str(parts / "0.parquet"), where=where).rows) == 3
 
 
 def test_a_change_of_the_file_changes_its_identity(parts, footprints):
-    before = cut(str(parts / "0.parquet")).identity
-    assert cut(str(parts / "0.parquet")).identity == before
-    assert cut(str(parts / "1.parquet")).identity != before
+    before = cut_file(str(parts / "0.parquet")).identity
+    assert cut_file(str(parts / "0.parquet")).identity == before
+    assert cut_file(str(parts / "1.parquet")).identity != before
     os.utime(parts / "0.parquet", (1, 1))
-    assert cut(str(parts / "0.parquet")).identity != before
+    assert cut_file(str(parts / "0.parquet")).identity != before
 
 
 def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
@@ -295,8 +295,8 @@ def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
         geometry_type="Polygon",
         crs="EPSG:3067",
     )
-    found = cut(str(file))
+    found = cut_file(str(file))
     assert found.rows == [(0, 40), (40, 80), (80, 100)]
     tables = [next(read_chunks(str(file), rows=rows)).attributes for rows in found.rows]
     assert pd.concat(tables)["id"].tolist() == list(range(100))
-    assert cut(str(file), where="id > 3").rows == [None]
+    assert cut_file(str(file), where="id > 3").rows == [None]

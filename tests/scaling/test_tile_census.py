@@ -28,8 +28,8 @@ from harness.scaling.sums import Counted
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
-from scenes.slices import MAX_TILES, chosen, cut_tiles
-from scenes.tiles.archives import Place, PMTiles, first_of, opened
+from scenes.slices import MAX_TILES, cut_tiles, parse_tile_selection
+from scenes.tiles.archives import PMTiles, TilePosition, first_number, open_archive
 from scenes.tiles.read import FILE
 from tests.conftest import assert_refused, require_ok
 from tests.paths import run_python
@@ -41,7 +41,7 @@ EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "t
 
 def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
     """What the parts say, and the summary."""
-    name, what = chosen(text)
+    name, what = parse_tile_selection(text)
     dataset = Dataset(name, out, TileCensus(names, what))
     summary = dataset.complete(Executor(), Reporter(quiet=True))
     return Counted.read(out / f"{key}.npz" for key in dataset.keys_done), summary
@@ -107,7 +107,11 @@ def same(a: Any, b: Any) -> bool:
 
 def test_all_archives_count_the_same(tmp_path):
     court, box = encoded([COURT]), encoded([shapely.box(-40, 8, 30, 90), COURT], layer="water")
-    tiles = {Place(3, 4, 2): court, Place(3, 4, 3): box, Place(2, 1, 1): court + box}
+    tiles = {
+        TilePosition(3, 4, 2): court,
+        TilePosition(3, 4, 3): box,
+        TilePosition(2, 1, 1): court + box,
+    }
     found = {
         kind: census(path, tmp_path / f"out-{kind}")[0].groups
         for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
@@ -131,7 +135,7 @@ def written(path: Path, tiles: dict[int, bytes]) -> str:
 
 
 def test_a_run_of_equal_tiles_counts_as_often_as_it_is_there(tmp_path, monkeypatch):
-    first = first_of(8)
+    first = first_number(8)
     once = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
     path = written(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
     read = []
@@ -147,14 +151,14 @@ def test_a_run_of_equal_tiles_counts_as_often_as_it_is_there(tmp_path, monkeypat
 
 
 def test_slices_hold_each_tile_once_and_are_small(tmp_path):
-    first = first_of(9)
+    first = first_number(9)
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
     path = written(tmp_path / "a.pmtiles", tiles)
     slices = cut_tiles(path, None)
     assert len(slices.rows) == -(-len(tiles) // MAX_TILES)
     assert sum(slices.sizes) == len(tiles)
     assert max(slices.sizes) == MAX_TILES
-    archive = opened(Path(path))
+    archive = open_archive(Path(path))
     found = [run for rows in slices.rows for run in archive.runs(9, *rows)]
     assert [archive.name_of(run.number) for run in found] == archive.names(9)
 
@@ -162,40 +166,42 @@ def test_slices_hold_each_tile_once_and_are_small(tmp_path):
 def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
-    tiles = {first_of(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
+    tiles = {first_number(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
     assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
 
 
 def test_entries_beside_leaves_are_in_order(tmp_path):
     """A root may hold both; the tiles of a leaf come before those of what follows it."""
-    leaf = serialize_directory([Entry(first_of(3) + 1, 0, 4, 1), Entry(first_of(3) + 2, 4, 4, 1)])
-    ends = [Entry(first_of(3), 8, 4, 1), Entry(first_of(3) + 1, 0, len(leaf), 0)]
-    root = serialize_directory([*ends, Entry(first_of(3) + 9, 12, 4, 2)])
+    leaf = serialize_directory(
+        [Entry(first_number(3) + 1, 0, 4, 1), Entry(first_number(3) + 2, 4, 4, 1)]
+    )
+    ends = [Entry(first_number(3), 8, 4, 1), Entry(first_number(3) + 1, 0, len(leaf), 0)]
+    root = serialize_directory([*ends, Entry(first_number(3) + 9, 12, 4, 2)])
     zooms = {"min_zoom": 3, "max_zoom": 3}
     tiles = PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", root, leaf, b"aaaabbbbccccdddd", **zooms)))
     assert [tiles.packed(name) for name in tiles.names(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
-    assert [(run.number - first_of(3), run.times) for run in tiles.runs(3)] == [
+    assert [(run.number - first_number(3), run.times) for run in tiles.runs(3)] == [
         (0, 1), (1, 1), (2, 1), (9, 2),
     ]  # fmt: skip
 
 
 def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
     """Damage may give one number to two entries: a tile is there once."""
-    numbers = [first_of(3) + each for each in (0, 2, 2, 5)]
+    numbers = [first_number(3) + each for each in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    found = [run.number - first_of(3) for run in PMTiles(path).runs(3)]
+    found = [run.number - first_number(3) for run in PMTiles(path).runs(3)]
     assert found == [0, 2, 5]
     assert len(PMTiles(path).names(3)) == 3
 
 
 def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
-    tiles = {Place(5, k, 7): encoded([COURT]) for k in range(4)}
+    tiles = {TilePosition(5, k, 7): encoded([COURT]) for k in range(4)}
     file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
     good = census(file, tmp_path / "good")[0].groups
-    tiles[Place(5, 2, 7)] = tiles[Place(5, 2, 7)][:-3]
+    tiles[TilePosition(5, 2, 7)] = tiles[TilePosition(5, 2, 7)][:-3]
     for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items():
         found, summary = census(path, tmp_path / f"bad-{kind}")
         ((name, why),) = found.damaged
@@ -217,7 +223,7 @@ def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
     reporter = Reporter(quiet=True)
     reporter.once = told.append
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
-    name, what = chosen(path)
+    name, what = parse_tile_selection(path)
     dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, what))
     dataset.complete(Executor(), reporter)
     assert "1/5000 of 512 px" in told[0]
@@ -319,10 +325,10 @@ def test_which_files_are_map_tiles(tmp_path):
     (tmp_path / "no").mkdir()
     (tmp_path / "no" / "a.osm.pbf").write_bytes(b"")
     for name in ("a.mvt", "zooms", "packed", "archives", "archives/*.pmtiles"):
-        assert chosen(str(tmp_path / name)) is not None, name
+        assert parse_tile_selection(str(tmp_path / name)) is not None, name
     for name in ("no", "no/a.osm.pbf", "a.parquet", "*.gpkg"):
-        assert chosen(str(tmp_path / name)) is None, name
+        assert parse_tile_selection(str(tmp_path / name)) is None, name
     with pytest.raises(SceneError, match="has no parameter 'tiles'"):
-        chosen("a.pmtiles:tiles=4")
+        parse_tile_selection("a.pmtiles:tiles=4")
     found, _ = census(str(tmp_path / "packed"), tmp_path / "out")
     assert list(found.groups) == [(None, "land")]

@@ -14,7 +14,7 @@ import shapely
 from pmtiles.tile import Compression
 
 from scenes import Scene, SceneError, load
-from scenes.tiles.archives import Place
+from scenes.tiles.archives import TilePosition
 from tests.scenes.conftest import assert_valid_polygons
 
 COUNT = 24
@@ -133,7 +133,9 @@ def _write_tiles(path: Path, kind: str) -> None:
         tile = encoded(BOXES)
         path.write_bytes(gzip.compress(tile) if kind == "mvt.gz" else tile)
         return
-    tiles = {Place(5, 3, 2 + i): gzip.compress(encoded([box])) for i, box in enumerate(BOXES)}
+    tiles = {
+        TilePosition(5, 3, 2 + i): gzip.compress(encoded([box])) for i, box in enumerate(BOXES)
+    }
     with tempfile.TemporaryDirectory() as folder:
         written = three_archives(Path(folder), tiles, Compression.GZIP)[kind]
         path.write_bytes(Path(written).read_bytes())

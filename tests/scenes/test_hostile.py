@@ -152,7 +152,7 @@ def test_files_of_a_gigabyte_of_zeros_are_refused(tmp_path, suffix):
 def test_files_read_at_once_have_a_size_limit(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
-    monkeypatch.setattr(guard, "LARGEST", 2**20)
+    monkeypatch.setattr(guard, "MAX_FILE_BYTES", 2**20)
     with pytest.raises(SceneError, match="limit is 1,048,576"):
         load(path)
 
@@ -171,14 +171,14 @@ def zipped(path: Path, content: bytes) -> Path:
 @pytest.mark.parametrize("suffix", [".zip", ".shz"])
 def test_an_archive_that_unpacks_to_far_too_much(tmp_path, monkeypatch, suffix):
     bomb = zipped(tmp_path / f"a{suffix}", town(1) + b" " * 2**22)
-    monkeypatch.setattr(guard, "LARGEST", 2**20)
+    monkeypatch.setattr(guard, "MAX_FILE_BYTES", 2**20)
     with pytest.raises(SceneError, match=r"unpacks to 4,.* bytes, more than 100 times its size"):
         load(bomb)
 
 
 def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
     assert len(load(zipped(tmp_path / "a.zip", town(1) + b" " * 2**22)).polygons) == 1
-    monkeypatch.setattr(guard, "LARGEST", 1000)
+    monkeypatch.setattr(guard, "MAX_FILE_BYTES", 1000)
     path = zipped(tmp_path / "b.zip", town(30))
     assert path.stat().st_size < 1000 < len(town(30))
     assert len(load(path).polygons) == 30

@@ -102,7 +102,7 @@ def test_counties_by_state_and_level():
 
 def test_real_data_or_the_line_that_installs_it():
     for name, least in (("helsinki", 1000), ("counties", 3000)):
-        install = registry.entry(name).available()
+        install = registry.find_entry(name).available()
         if install is None:
             scene = load(name)
             assert_valid_polygons(scene.polygons)
@@ -145,11 +145,14 @@ def test_the_command_is_that_of_how_it_was_installed(monkeypatch, about, wanted)
     # the egg-info that building leaves in a checkout says nothing, and may be found first
     found = [Installed(None), Installed(about)]
     monkeypatch.setattr(metadata, "distributions", lambda name: found)
-    assert spec.install("tiles") == f".venv/bin/python -m pip install {wanted}"
+    assert spec.format_install_command("tiles") == f".venv/bin/python -m pip install {wanted}"
 
 
 def test_a_checkout_that_is_not_installed_is_named(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(metadata, "distributions", lambda name: [])
     checkout = Path(spec.__file__).parents[1]
-    assert spec.install("ply") == f'{sys.executable} -m pip install -e "{checkout}[ply]"'
+    assert (
+        spec.format_install_command("ply")
+        == f'{sys.executable} -m pip install -e "{checkout}[ply]"'
+    )

@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.projection import Projection, is_geographic, mean_direction, off_globe, units
+from scenes.cleaning.projection import (
+    Projection,
+    find_unit,
+    is_geographic,
+    is_off_globe,
+    mean_direction,
+)
 from scenes.files import read_chunks
 from tests.conftest import make_geojson
 from tests.scenes.conftest import assert_valid_polygons
@@ -156,7 +162,7 @@ def test_a_feature_off_the_globe_in_a_later_chunk_is_named_too(tmp_path):
 
 
 def test_nan_is_not_off_the_globe():
-    assert off_globe(np.array([[np.nan, 60.0], [25.0, np.nan], [np.inf, 3]])).tolist() == [
+    assert is_off_globe(np.array([[np.nan, 60.0], [25.0, np.nan], [np.inf, 3]])).tolist() == [
         False,
         False,
         True,
@@ -164,10 +170,10 @@ def test_nan_is_not_off_the_globe():
 
 
 def test_units():
-    assert units("EPSG:3067") == "m"
-    assert units("EPSG:2263") == "US survey foot"
-    assert units("EPSG:4326") == "degree"
-    assert units("no such system") is None
+    assert find_unit("EPSG:3067") == "m"
+    assert find_unit("EPSG:2263") == "US survey foot"
+    assert find_unit("EPSG:4326") == "degree"
+    assert find_unit("no such system") is None
 
 
 @pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:6318", "urn:ogc:def:crs:OGC:1.3:CRS84"])

@@ -12,7 +12,7 @@ from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature
 
 @pytest.mark.parametrize("name", list(registry.ENTRIES))
 def test_registered_sizes_are_correct(name):
-    entry = registry.entry(name)
+    entry = registry.find_entry(name)
     if (missing := entry.available()) is not None:
         pytest.skip(missing)
     polygons = load(name).polygons
@@ -202,7 +202,7 @@ class TestSpec:
         if parameters is None:  # the condition is all between where= and limit
             condition = text.partition("where=")[2].removesuffix(",limit=3")
             parameters = {"where": condition, "limit": "3"}
-        assert spec.parsed(text) == (name, parameters)
+        assert spec.parse_name(text) == (name, parameters)
 
     @given(
         st.sampled_from(["city", "a.gpkg", "a.gpkg:layer=b", "m:f"]),
@@ -210,19 +210,19 @@ class TestSpec:
         st.none() | st.text(alphabet="ab=,'\"() 1", min_size=1),
     )
     def test_joined_is_parsed_again_or_refused(self, name, limit, where):
-        base, before = spec.parsed(name)
+        base, before = spec.parse_name(name)
         wanted = {"limit": limit, "where": where}
         try:
-            text = spec.joined(name, **wanted)
+            text = spec.join_name(name, **wanted)
         except SceneError:
             assert where is not None
             assert "," in where
             return
         added = {key: str(value) for key, value in wanted.items() if value is not None}
-        assert spec.parsed(text) == (base, before | added)
+        assert spec.parse_name(text) == (base, before | added)
 
     def test_label_is_the_same_wherever_a_file_lies(self):
-        assert spec.label("/a/b.gpkg:where=h/2 > 3") == "b.gpkg:where=h/2 > 3"
-        assert spec.label("b.gpkg") == spec.label("x/b.gpkg") == "b.gpkg"
-        assert spec.label("city:buildings=3") == "city:buildings=3"
-        assert spec.label("my.module:f") == "my.module:f"
+        assert spec.format_label("/a/b.gpkg:where=h/2 > 3") == "b.gpkg:where=h/2 > 3"
+        assert spec.format_label("b.gpkg") == spec.format_label("x/b.gpkg") == "b.gpkg"
+        assert spec.format_label("city:buildings=3") == "city:buildings=3"
+        assert spec.format_label("my.module:f") == "my.module:f"

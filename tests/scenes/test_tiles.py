@@ -33,11 +33,11 @@ from harness.frame import View, frame_of, view_of
 from harness.grid import SUBPIXEL
 from scenes import SceneError, load
 from scenes.scene import Note
-from scenes.slices import Chosen, cut_tiles, read_tiles
+from scenes.slices import TileSelection, cut_tiles, read_tiles
 from scenes.tiles import archives
-from scenes.tiles.archives import Place, PMTiles, column_and_row, first_of, unpacked
+from scenes.tiles.archives import PMTiles, TilePosition, decompress, first_number, locate_tile
 from scenes.tiles.read import FILE
-from scenes.tiles.vector_tile import Layer, layer_of, layers_of
+from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
 
 HERE = ROOT / "tests" / "scenes"
@@ -57,11 +57,11 @@ def tile_of(name: str) -> bytes:
     if name == "helsinki":
         tiles = PMTiles(FILE)
         return tiles.read(tiles.names(14)[0]) or b""
-    return unpacked(next(each for each in STREETS if each.name.startswith(name)).read_bytes())
+    return decompress(next(each for each in STREETS if each.name.startswith(name)).read_bytes())
 
 
 def decode(tile: bytes) -> list[Layer]:
-    return [layer_of(*each) for each in layers_of(tile).items()]
+    return [build_layer(*each) for each in decode_layers(tile).items()]
 
 
 @pytest.fixture(params=["helsinki", "12-3188-1888", "14-9384-9577"])
@@ -239,7 +239,7 @@ def test_only_the_layers_and_tiles_that_are_asked_for():
     places = PMTiles(FILE).names(16)
     assert some.tiling.names == tuple(str(places[k]) for k in (2, 7, 12, 16, 21))
     around = load("helsinki-tiles:zoom=16,tiles=24.94,60.168,24.945,60.17")
-    corners = [column_and_row(24.94, 60.168, 16), column_and_row(24.945, 60.17, 16)]
+    corners = [locate_tile(24.94, 60.168, 16), locate_tile(24.945, 60.17, 16)]
     assert around.tiling.names[0] == "16/{}/{}".format(*np.min(corners, axis=0))
     assert len(around.tiling.names) <= 4
 
@@ -336,7 +336,7 @@ def changing(path: Path | str) -> Iterator[sqlite3.Connection]:
 
 
 def three_archives(
-    folder: Path, tiles: dict[Place, bytes], compression: Compression
+    folder: Path, tiles: dict[TilePosition, bytes], compression: Compression
 ) -> dict[str, str]:
     """Write the same tiles as PMTiles, MBTiles and files in a folder."""
     pmtiles = folder / "a.pmtiles"
@@ -364,7 +364,9 @@ def three_archives(
 def two(folder: Path, packed: Any, compression: Compression) -> dict[str, str]:
     """Two tiles of zoom 3, one below the other."""
     tile = packed(encoded([COURT]))
-    return three_archives(folder, {Place(3, 4, 2): tile, Place(3, 4, 3): tile}, compression)
+    return three_archives(
+        folder, {TilePosition(3, 4, 2): tile, TilePosition(3, 4, 3): tile}, compression
+    )
 
 
 PACKED = {
@@ -388,10 +390,10 @@ def test_all_archives_hold_the_same(how, tmp_path):
 
 def test_tile_of_several_gzip_members_is_read_completely():
     pieces = gzip.compress(b"one, ") + gzip.compress(b"") + gzip.compress(b"two")
-    assert unpacked(pieces) == b"one, two"
+    assert decompress(pieces) == b"one, two"
     for short in (pieces[:-1], pieces[:-9]):
         with pytest.raises(ValueError, match="cut off"):
-            unpacked(short)
+            decompress(short)
 
 
 def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
@@ -399,7 +401,7 @@ def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
     packed = gzip.compress(bytes(2**24))
     tracemalloc.start()
     with pytest.raises(ValueError, match="it has 0 MiB or more, unpacked"):
-        unpacked(packed)
+        decompress(packed)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2**20
@@ -448,19 +450,19 @@ def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
     assert tiles.header["leaf_directory_length"] > 0
     names = tiles.names(8)
     assert len(names) == 40_000
-    assert names[0] == Place(8, 0, 0)
+    assert names[0] == TilePosition(8, 0, 0)
     for number in (0, 1, 11_111, 19_999):
         assert zxy_to_tileid(*names[number]) == first + number
         assert tiles.packed(names[number]) == contents[number]
     assert len(tiles.names(7)) == 0
-    assert tiles.packed(Place(8, 255, 0)) is None
+    assert tiles.packed(TilePosition(8, 255, 0)) is None
 
 
 @pytest.mark.parametrize("kind", ["mvt", "application/vnd.mapbox-vector-tile", "PBF", None])
 @pytest.mark.parametrize("pack", [gzip.compress, zlib.compress, bytes])
 def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, pack):
     tile = pack(encoded([shapely.box(0, 0, 100, 100)]))
-    path = three_archives(tmp_path, {Place(3, 4, 2): tile}, Compression.NONE)["mbtiles"]
+    path = three_archives(tmp_path, {TilePosition(3, 4, 2): tile}, Compression.NONE)["mbtiles"]
     with changing(Path(path)) as database:
         database.execute("UPDATE metadata SET value = ? WHERE name = 'format'", (kind,))
     scene = load(f"{path}:tiles=9")
@@ -475,7 +477,7 @@ def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, 
 
 def test_truncated_zlib_is_named(tmp_path):
     with pytest.raises(ValueError, match="its packed bytes are cut off"):
-        unpacked(zlib.compress(encoded([shapely.box(0, 0, 100, 100)]))[:-6])
+        decompress(zlib.compress(encoded([shapely.box(0, 0, 100, 100)]))[:-6])
 
 
 @pytest.mark.parametrize(
@@ -572,7 +574,7 @@ def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], st
     """The layers that are read, and what is said of the others, by a scene and by a census."""
     scene = load(f"{path}:pixels=512" + (f",layers={layers}" if layers else ""))
     wanted = None if layers is None else tuple(layers.split(","))
-    (tile,) = read_tiles(str(path), (0, 1), Chosen(layers=wanted))
+    (tile,) = read_tiles(str(path), (0, 1), TileSelection(layers=wanted))
     found = scene.attributes["layer"].to_list()
     assert [own.name for own in tile.parts.layers if len(own.polygons)] == found
     return found, scene.dropped, tile.damage
@@ -626,7 +628,8 @@ def test_a_tile_that_is_null_is_damaged(tmp_path):
     assert scene.tiling.names == ("3/4/3",)
     assert scene.dropped == [("tile 3/4/2", "cannot be read: its tile_data is NULL")]
     damaged = {
-        tile.name: tile.damage for tile in read_tiles(path, (first_of(3), first_of(4)), Chosen())
+        tile.name: tile.damage
+        for tile in read_tiles(path, (first_number(3), first_number(4)), TileSelection())
     }
     assert damaged == {"3/4/2": "cannot be read: its tile_data is NULL", "3/4/3": ""}
 
@@ -664,7 +667,7 @@ def test_a_limit_of_any_size_is_a_limit():
 
 
 def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(archives, "ANSWER_S", 0.2)
+    monkeypatch.setattr(archives, "QUERY_TIMEOUT_S", 0.2)
     path = tmp_path / "endless.mbtiles"
     with changing(path) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
