@@ -1,4 +1,4 @@
-"""Where polygons come from: named scenes and any file a user has.
+"""Polygons from named scenes and from files.
 
 >>> from scenes import load
 >>> city = load("city", buildings=200)

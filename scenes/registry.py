@@ -29,7 +29,7 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
-"""Parameters by which a file is read as map tiles, each a view: see `scenes.tiles.read`."""
+"""Parameters of map tiles: a file with one of these is read by `scenes.tiles.read`."""
 
 
 @dataclass(frozen=True)
@@ -138,31 +138,31 @@ def names() -> list[str]:
     >>> names()[:3]
     ['city', 'helsinki', 'helsinki-tiles']
     """
-    return [*ENTRIES, *sorted(point.name for point in _installed())]
+    return [*ENTRIES, *sorted(point.name for point in _list_installed())]
 
 
 def find_entry(name: str) -> Entry:
     """Return the entry of a registered scene, or of a user's function "module:function".
 
-    Raises UnknownSceneError, suggesting the nearest name.
+    Raises UnknownSceneError, which suggests the nearest name.
 
     >>> find_entry("paper").description
     "test polygon of the paper's Table 1"
     """
     if name in ENTRIES:
         return ENTRIES[name]
-    for point in _installed():
+    for point in _list_installed():
         if point.name == name:
             package = point.dist.name if point.dist else point.module
             return Entry(name, point.value, f"added by {package}", licence="see " + package)
     if is_function(name):
-        base, _, rest = name.partition(":")
+        base, _, value = name.partition(":")
         if base in names() or path_exists(base):
-            raise UnknownSceneError(f"{name} names no parameter: give {base}:NAME={rest}")
+            raise UnknownSceneError(f"{name} lacks a parameter's name: give {base}:NAME={value}")
         return Entry(name, name, f"user's function {name}", licence="the user's")
     raise UnknownSceneError(
-        f"no scene is called {name!r}; {format_suggestion(name, names())} "
-        "(a file needs its suffix or a path, a function is given as module:function)"
+        f"unknown scene {name!r}; {format_suggestion(name, names())} "
+        "(a file needs a suffix or a path, a function is module:function)"
     )
 
 
@@ -171,28 +171,42 @@ def load(
 ) -> Scene:
     """Load a scene by name, the polygons of a file, or the result of a user's function.
 
-    `name_or_path` may carry parameters: "city:buildings=2000,seed=3". Anything that exists as a
-    path, contains a path separator or has a suffix is a file. "module:function" is a function that
-    returns a Scene or polygons, and is called with `seed`, if it takes that, and the parameters by
-    keyword. Every scene takes `limit`, the number of polygons to keep; files also take `layer`,
-    `where` and `project` (see `scenes.files.read`), or, as map tiles, `zoom`, `layers`, `tiles` and
-    `pixels` (see `scenes.tiles.read`); without `attributes`, theirs are not read where
-    that saves time.
+    Parameters
+    ----------
+    name_or_path
+        A scene's name; a file, if it exists or has a path separator or a suffix; or a function that
+        returns a Scene or polygons, as "module:function". Parameters may follow, for example
+        "city:buildings=2000,seed=3".
+    seed
+        Seed of generated scenes; passed to functions that take a seed.
+    attributes
+        Whether to read a file's attributes; without them reading may be faster.
+    **parameters
+        Every scene takes `limit`, the maximum number of polygons; files also take `layer`, `where`
+        and `project` (see `scenes.files.read`), or, as map tiles, `zoom`, `layers`, `tiles` and
+        `pixels` (see `scenes.tiles.read`).
 
-    Raises UnknownSceneError for a name that is not registered and SceneError for anything else that
-    stops the scene from being loaded: a parameter that it does not have, a missing or unreadable
-    file, no polygon in it, a function that fails.
+    Raises
+    ------
+    UnknownSceneError
+        If the name is not registered.
+    SceneError
+        For an unknown parameter, a file that is missing or unreadable or has no polygon, or a
+        function that fails.
+
+    Examples
+    --------
 
     >>> scene = load("city:buildings=20", limit=5)
     >>> len(scene.polygons), scene.units, scene.parameters["buildings"]
     (5, 'm', 20)
     """
-    name, given = parse_name(str(name_or_path))
-    parameters = {**given, **parameters}
+    name, parsed_parameters = parse_name(str(name_or_path))
+    parameters = {**parsed_parameters, **parameters}
     seed = convert_value("seed", parameters.pop("seed", seed), int)
     limit = parameters.pop("limit", None)
     if is_path(name):
-        function = _reader(parameters)
+        function = _choose_reader(parameters)
         arguments = {"attributes": attributes} | convert_arguments(name, function, parameters)
         if limit is not None:
             arguments["limit"] = convert_value("limit", limit, int)
@@ -214,17 +228,17 @@ def load(
 
 
 def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
-    """Split "name:key=value" into name, parameters as `load` passes them, and whether it is a file.
+    """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
 
     An existing path is a name. Parameters of a file are converted and checked; raises SceneError.
 
     >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
     """
-    name, given = parse_name(text)
+    name, parsed_parameters = parse_name(text)
     if not is_path(name):
-        return name, given, False
-    return name, convert_arguments(name, _reader(given), given), True
+        return name, parsed_parameters, False
+    return name, convert_arguments(name, _choose_reader(parsed_parameters), parsed_parameters), True
 
 
 def is_tiled(text: str) -> bool:
@@ -233,23 +247,23 @@ def is_tiled(text: str) -> bool:
     >>> is_tiled("city"), is_tiled("town.pmtiles:limit=9"), is_tiled("town.pmtiles:zoom=14")
     (False, False, True)
     """
-    name, given = parse_name(text)
+    name, parsed_parameters = parse_name(text)
     if is_path(name):
-        return not TILE_OPTIONS.isdisjoint(given)
+        return not TILE_OPTIONS.isdisjoint(parsed_parameters)
     return name in ENTRIES and ENTRIES[name].tiled
 
 
-def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
-    """Return the function that reads a file: as map tiles, if a parameter asks for these."""
+def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
+    """Return the function that reads a file, for map tiles if there is a parameter of these."""
     module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
     reader: Callable[..., Scene] = importlib.import_module(module).read
     return reader
 
 
 def _import_builder(scene: Entry) -> Callable[..., Any]:
-    missing = scene.available()
-    if missing:
-        raise SceneError(f"scene {scene.name} needs data that are not installed: {missing}")
+    command = scene.available()
+    if command:
+        raise SceneError(f"scene {scene.name} needs data that are not installed: {command}")
     full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
     with _contain_errors(f"scene {full_name} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
@@ -260,19 +274,19 @@ def _import_builder(scene: Entry) -> Callable[..., Any]:
 
 
 @contextmanager
-def _contain_errors(what: str) -> Iterator[None]:
-    """Turn errors of a third party's code, including SystemExit, into a SceneError."""
+def _contain_errors(problem: str) -> Iterator[None]:
+    """Turn errors of third-party code, including SystemExit, into a SceneError."""
     try:
         yield
     except (SceneError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:
         detail = format_reason(error) if isinstance(error, Exception) else f"it raised {error!r}"
-        raise SceneError(f"{what}: {detail}") from error
+        raise SceneError(f"{problem}: {detail}") from error
 
 
 def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Scene:
-    """Return the result of a builder as a Scene: a third party's may return a list of polygons."""
+    """Return the result of a builder, a Scene or a list of polygons, as a Scene."""
     if isinstance(result, Scene):
         return replace(result, parameters=parameters | result.parameters)
     if not isinstance(result, list):
@@ -293,5 +307,5 @@ def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Sce
     )
 
 
-def _installed() -> list[EntryPoint]:
+def _list_installed() -> list[EntryPoint]:
     return [point for point in entry_points(group=GROUP) if point.name not in ENTRIES]

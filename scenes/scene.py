@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Note = tuple[str, str]
-"""(name, reason): one geometry of the source, and why it was dropped or how it was changed."""
+"""(name, reason): a geometry of the source, and why it was dropped, or the repair."""
 
 
 class SceneError(Exception):
-    """A scene that could not be loaded; the message is one line: object, problem, remedy."""
+    """A scene that cannot be loaded; the message is one line: object, problem, remedy."""
 
     def __str__(self) -> str:
         # A file's name may contain line ends and control codes.
@@ -28,15 +28,15 @@ class SceneError(Exception):
 
 
 class UnknownSceneError(SceneError):
-    """A name that is not registered; the message suggests the nearest one."""
+    """An unregistered name; the message suggests the nearest name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
     """Map tiles of a scene's polygons; each tile is a separate view.
 
-    Polygons are in px, y up, with the tile's lower left corner at (0, 0). Polygons that cross the
-    tile's edge are clipped when they are drawn.
+    Polygons are in px, y up, with the tile's lower left corner at (0, 0), and are clipped at the
+    tile's edge when drawn.
 
     pixels : side of a tile on the screen, even
     names : names of the t tiles with polygons, for example "14/9326/4741"
@@ -50,7 +50,7 @@ class Tiling:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A named source of polygons in its own units.
+    """Polygons with a name and a unit.
 
     Attributes
     ----------
@@ -58,12 +58,11 @@ class Scene:
         Valid, two-dimensional, oriented polygons: exterior counter-clockwise with y up, interiors
         clockwise.
     dropped, repaired
-        Geometries of the source that are not among the polygons, and those that were changed to
-        make them valid.
+        Notes on geometries of the source without a polygon here, and on changed geometries.
     attributes
         Table with one row per polygon, or None.
     notes
-        Steps that apply to the whole source: the layer chosen, the projection, heights dropped.
+        Steps that apply to the complete source: choice of a layer, projection, dropped heights.
     tiling
         The map tile of each polygon, or None.
     """
@@ -103,7 +102,7 @@ class Scene:
     def head(self, limit: int) -> Scene:
         """Return the scene with its first `limit` polygons, or all if it has fewer."""
         if limit < 1:
-            raise SceneError(f"limit={limit} leaves no polygon of {self.name}: give 1 or more")
+            raise SceneError(f"limit={limit} is out of range for {self.name}: give 1 or more")
         limit = min(limit, len(self.polygons))
         attributes = None if self.attributes is None else self.attributes.iloc[:limit]
         tiling = self.tiling

@@ -1,9 +1,9 @@
 """Slices of files and of archives of map tiles, which several machines read in parallel.
 
-A slice of a file is a run of row groups of GeoParquet, or a part of one that is too large, or a run
-of features of a file that GDAL can read from the middle; everything else is one slice. A slice of
-tiles is a run of one zoom, by their numbers in the archive: to cut an archive takes its directory
-alone, a piece at a time, and to read a slice takes its own tiles alone.
+A slice of a file is a range of rows of GeoParquet, along its row groups if possible, or of features
+of a file that GDAL can read from the middle; other files are a single slice. A slice of tiles is a
+range of the numbers of a zoom: cutting an archive reads the directory in pieces, and reading a
+slice reads only its tiles.
 """
 
 import hashlib
@@ -29,9 +29,9 @@ from scenes.tiles.archives import Run, TilePosition, open_archive
 from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
 
 MIN_ROWS, MAX_ROWS = 20_000, 50_000
-"""Rows of a slice: smaller slices are merged, larger ones are split, if the file allows it."""
+"""Rows of a slice: smaller slices are merged and larger slices split, if the file permits."""
 
-RANDOM = (".gpkg", ".fgb", ".shp")
+RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")
 """Suffixes of files in which GDAL can skip features without reading them."""
 
 _COMPARISON = re.compile(
@@ -44,7 +44,7 @@ _TESTS: dict[str, Callable[[float, float, float], bool]] = {
     ">=": lambda _, high, value: high >= value,
     "=": lambda low, high, value: low <= value <= high,
 }
-"""Whether a range (low, high) holds anything that compares so with the value."""
+"""Whether a range (low, high) contains a number that meets the comparison with the value."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Slices:
     """The slices of a file.
 
     identity : 16 hexadecimal digits that change with the file's content
-    rows : first row and the one after the last of each slice; None for the complete file
-    sizes : number of rows of each slice; 0 if unknown before it is read
-    pruned : number of rows in slices that are skipped because no row can meet the condition
+    rows : range of rows (first, stop) of each slice; None for the complete file
+    sizes : number of rows of each slice; 0 if unknown
+    pruned : number of rows in skipped slices, in which no row can meet the condition
     """
 
     identity: str
@@ -67,50 +67,47 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
     """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
     If `where` is a conjunction of comparisons of a column with a number, such as
-    `bbox.xmin > 24.5 AND bbox.xmax < 25`, row groups of a GeoParquet file whose statistics exclude
-    it are skipped. Raises SceneError if the file is missing or cannot be read.
+    `bbox.xmin > 24.5 AND bbox.xmax < 25`, row groups of a GeoParquet file are skipped if the
+    statistics exclude a match. Raises SceneError if the file is missing or cannot be read.
     """
     file = check_path(path)
     reader = choose_reader(file)
     if reader.function == "scenes.readers.geoparquet:read":
         with guard.clear_errors(path, reader.kind):
-            return _of_parquet(Source(file, layer), where)
-    sliced = file.suffix.lower() in RANDOM and where is None
+            return _cut_parquet(Source(file, layer), where)
+    is_random_access = file.suffix.lower() in RANDOM_ACCESS and where is None
     identity = compute_identity(file, read_edges(file))
-    if not sliced:
+    if not is_random_access:
         return Slices(identity, [None], [0])
     with guard.clear_errors(path, reader.kind):
         name, _ = choose_layer(Source(file, layer))
         count = pyogrio.read_info(file, layer=name, force_feature_count=True)["features"]
-    whole = [(start, min(start + MAX_ROWS, count)) for start in range(0, count, MAX_ROWS)]
-    return Slices(identity, [*whole], [last - first for first, last in whole])
+    ranges = [(start, min(start + MAX_ROWS, count)) for start in range(0, count, MAX_ROWS)]
+    return Slices(identity, [*ranges], [last - first for first, last in ranges])
 
 
-def _of_parquet(source: Source, where: str | None) -> Slices:
+def _cut_parquet(source: Source, where: str | None) -> Slices:
     parquet = pyarrow_parquet(source)
     file = source.path
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - 8))
         end = stream.read()
         if end[-4:] != b"PAR1":
-            raise SceneError(
-                f"{file} cannot be read as GeoParquet: it does not end as such a file does "
-                "(it was cut off: write or copy it again)"
-            )
+            raise guard.truncation_error(file, "no PAR1 at the end")
         footer = int.from_bytes(end[:4], "little")
         stream.seek(-8 - footer, 2)
         identity = compute_identity(file, stream.read())
     metadata = parquet.read_metadata(file)
     geometry_column(source, metadata.schema.to_arrow_schema())
-    wanted = parse_comparisons(where)
+    parsed_comparisons = parse_comparisons(where)
     rows: list[tuple[int, int]] = []
     start = pruned = 0
     for number in range(metadata.num_row_groups):
         group = metadata.row_group(number)
         end = start + group.num_rows
-        if not _may_match(group, wanted):
+        if not _may_match(group, parsed_comparisons):
             pruned += group.num_rows
-        elif rows and rows[-1][1] == start and _joined(rows[-1], group.num_rows):
+        elif rows and rows[-1][1] == start and _can_merge(rows[-1], group.num_rows):
             rows[-1] = (rows[-1][0], end)
         elif group.num_rows:
             pieces = -(-group.num_rows // MAX_ROWS)
@@ -120,16 +117,16 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
     return Slices(identity, [*rows], [last - first for first, last in rows], pruned)
 
 
-def _joined(before: tuple[int, int], more: int) -> bool:
-    """Whether a row group of `more` rows is merged into the slice before it."""
-    size = before[1] - before[0]
-    return min(size, more) < MIN_ROWS and size + more <= MAX_ROWS
+def _can_merge(previous: tuple[int, int], more_rows: int) -> bool:
+    """Whether a row group of `more_rows` rows is merged into the previous slice."""
+    size = previous[1] - previous[0]
+    return min(size, more_rows) < MIN_ROWS and size + more_rows <= MAX_ROWS
 
 
 def has_degrees(file: Path) -> bool:
-    """Whether a file's coordinates are longitude and latitude, by its first features.
+    """Whether a file's coordinates are longitude and latitude, by the first features.
 
-    False if it cannot be read, which reading all of it reports.
+    False for an unreadable file, which a complete read reports.
     """
     try:
         first = next(read_chunks(str(file), size=1))
@@ -148,29 +145,29 @@ def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
     >>> parse_comparisons("bbox.xmin > 24.5 and height = 3")
     [('bbox.xmin', '>', 24.5), ('height', '=', 3.0)]
     """
-    found = []
+    parsed = []
     for clause in re.split(r"\band\b", where or "", flags=re.IGNORECASE):
         match = _COMPARISON.match(clause)
         if match is None:
             return []
-        found.append((match[2], match[3], float(match[4])))
-    return found
+        parsed.append((match[2], match[3], float(match[4])))
+    return parsed
 
 
-def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
+def _may_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> bool:
     """Whether a row group's statistics allow for a row that meets all comparisons."""
-    if not wanted:
+    if not parsed_comparisons:
         return True
     columns = {group.column(i).path_in_schema: i for i in range(group.num_columns)}
-    for name, comparison, value in wanted:
+    for name, comparison, value in parsed_comparisons:
         if name not in columns:
             continue
         statistics = group.column(columns[name]).statistics
         if statistics is None or not statistics.has_min_max:
             continue
         low, high = statistics.min, statistics.max
-        numbers = all(isinstance(each, (int, float)) for each in (low, high))
-        if numbers and not _TESTS[comparison](low, high, value):
+        is_number = isinstance(low, (int, float)) and isinstance(high, (int, float))
+        if is_number and not _TESTS[comparison](low, high, value):
             return False
     return True
 
@@ -178,21 +175,21 @@ def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
 def read_edges(file: Path) -> bytes:
     """Return the first and last bytes of a file and of its SQLite log, or a folder's names."""
     if file.is_dir():
-        return "\n".join(sorted(each.name for each in file.iterdir())).encode()
+        return "\n".join(sorted(entry.name for entry in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
     return b"".join(guard.read_edges(file) + (guard.read_edges(log) if log.is_file() else ()))
 
 
 def compute_identity(file: Path, content: bytes) -> str:
     """Return a digest of a file's name, size, modification time and the given content."""
-    about = file.stat()
-    digest = hashlib.sha256(f"{file.name}\0{about.st_size}\0{int(about.st_mtime)}\0".encode())
+    status = file.stat()
+    digest = hashlib.sha256(f"{file.name}\0{status.st_size}\0{int(status.st_mtime)}\0".encode())
     digest.update(content)
     return digest.hexdigest()[:16]
 
 
 MAX_TILES, MAX_BYTES = 4096, 2**21
-"""Maximum tiles and stored bytes of a slice of several tiles."""
+"""Maximum number of tiles, and of stored bytes, of a slice of several tiles."""
 
 _TILE = re.compile(r"\.mvt(\.gz)?$", re.IGNORECASE)
 _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
@@ -213,7 +210,7 @@ class TileSelection:
 
 
 def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
-    """Return a file, folder or pattern of map tiles and the part to read, or None for other files.
+    """Return a path or pattern of map tiles and the part to read, or None for other files.
 
     Raises SceneError for an invalid parameter.
 
@@ -222,15 +219,15 @@ def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
     >>> parse_tile_selection("berlin.gpkg") is None
     True
     """
-    name, given = parse_name(text)
-    archives = any(_ARCHIVE.search(each.name) for each in [Path(name), *_inside(name)])
-    asked = not {"zoom", "layers", "pixels"}.isdisjoint(given)
-    if not (asked or archives or _TILE.search(name) or is_folder(name)):
+    name, parameters = parse_name(text)
+    has_archives = any(_ARCHIVE.search(entry.name) for entry in [Path(name), *_list_folder(name)])
+    has_tile_options = not {"zoom", "layers", "pixels"}.isdisjoint(parameters)
+    if not (has_tile_options or has_archives or _TILE.search(name) or is_folder(name)):
         return None
-    return name, _chosen(**convert_arguments(name, _chosen, given))
+    return name, _build_selection(**convert_arguments(name, _build_selection, parameters))
 
 
-def _chosen(
+def _build_selection(
     *, zoom: str | None = None, layers: str | None = None, pixels: int = PIXELS
 ) -> TileSelection:
     check_pixels(pixels)
@@ -240,92 +237,92 @@ def _chosen(
     match = re.fullmatch(r"(\d{1,2})(?:-(\d{1,2}))?", zoom)
     first, last = map(int, (match[1], match[2] or match[1])) if match else (1, 0)
     if first > last:
-        raise SceneError(f"zoom={zoom} is no zoom nor a range: give zoom=14 or zoom=12-16")
+        raise SceneError(f"zoom={zoom} is invalid: give zoom=14 or zoom=12-16")
     return TileSelection((first, last), names, pixels)
 
 
 def is_folder(name: str) -> bool:
-    """Whether this is a folder of tiles, by its content: zooms, or tiles."""
+    """Whether a folder contains zooms or tiles."""
     return any(
-        _TILE.search(each.name) or (each.name.isdecimal() and each.is_dir())
-        for each in _inside(name)
+        _TILE.search(entry.name) or (entry.name.isdecimal() and entry.is_dir())
+        for entry in _list_folder(name)
     )
 
 
-def _inside(name: str) -> list[Path]:
+def _list_folder(name: str) -> list[Path]:
     return list(Path(name).iterdir()) if path_exists(name) and Path(name).is_dir() else []
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
-    """Return the slices of an archive; sizes are in tiles, a run of equal ones counts as one.
+    """Return the slices of an archive; sizes are in runs of equal tiles.
 
-    Raises SceneError if it is missing, cannot be read, or has no tile of these zooms.
+    Raises SceneError if the archive is missing, cannot be read, or has no tile of these zooms.
     """
     file = check_path(path)
     rows: list[tuple[int, int] | None] = []
     sizes: list[int] = []
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(file)
-        for zoom in archive.zooms_of(path, zooms):
-            for first, last, size in _cut(archive.runs(zoom)):
+        for zoom in archive.select_zooms(path, zooms):
+            for first, last, size in _cut_runs(archive.runs(zoom)):
                 rows.append((first, last))
                 sizes.append(size)
     if not rows:
-        raise SceneError(f"{path} holds no tile of what is asked for: give another zoom")
-    return Slices(compute_identity(file, _content(file)), rows, sizes)
+        raise SceneError(f"{path} holds no tile of the requested zooms: give another zoom")
+    return Slices(compute_identity(file, _read_content(file)), rows, sizes)
 
 
-def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
-    """Yield first number, the one after the last, and number of runs of each slice of a zoom."""
+def _cut_runs(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
+    """Yield (first, stop, number of runs) of each slice of a zoom."""
     first = last = tiles = size = 0
     for run in runs:
         if tiles and (tiles == MAX_TILES or size + run.size > MAX_BYTES):
             yield first, last, tiles
             tiles = size = 0
         if not tiles:
-            first = run.number
-        last, tiles, size = run.number + run.times, tiles + 1, size + run.size
+            first = run.first
+        last, tiles, size = run.first + run.repeats, tiles + 1, size + run.size
     if tiles:
         yield first, last, tiles
 
 
-def _content(file: Path) -> bytes:
-    """Return bytes that change with the content of a file, or of the files of a folder."""
+def _read_content(file: Path) -> bytes:
+    """Return bytes that change with the content of a file or folder."""
     if not file.is_dir():
         return read_edges(file)
-    about = ((each, each.stat()) for each in sorted(file.rglob("*")) if each.is_file())
-    lines = (f"{each.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for each, s in about)
+    files = ((entry, entry.stat()) for entry in sorted(file.rglob("*")) if entry.is_file())
+    lines = (f"{entry.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for entry, s in files)
     return "\n".join(lines).encode()
 
 
 class Tile(NamedTuple):
     """A tile that was read.
 
-    zoom : None if the archive does not state it
-    times : number of consecutive tiles with the same bytes
+    zoom : None if unknown
+    repeats : number of consecutive tiles with the same bytes
     """
 
     name: str
     zoom: int | None
-    times: int
-    parts: TileContent
+    repeats: int
+    content: TileContent
 
     @property
     def damage(self) -> str:
-        """Return why the tile or its layers cannot be read, or ""."""
-        layers = (f"layer {name}".strip() + f" {why}" for name, why in self.parts.damaged)
-        return "; ".join(filter(None, (*layers, self.parts.damage)))
+        """Return why the tile or layers cannot be read, or ""."""
+        layers = (f"layer {name}".strip() + f" {reason}" for name, reason in self.content.damaged)
+        return "; ".join(filter(None, (*layers, self.content.damage)))
 
 
-def read_tiles(path: str, numbers: tuple[int, int], what: TileSelection) -> Iterator[Tile]:
-    """Yield the tiles of a slice; layers that cannot be read are skipped and noted.
+def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) -> Iterator[Tile]:
+    """Yield the tiles of a slice; unreadable layers are skipped and noted.
 
     Raises SceneError if the file is missing or cannot be read.
     """
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(check_path(path))
-        for run in archive.runs(archive.zoom_of(numbers[0]), *numbers):
-            name = archive.name_of(run.number)
+        for run in archive.runs(archive.get_zoom(numbers[0]), *numbers):
+            name = archive.get_name(run.first)
             zoom = name.zoom if archive.zooms and isinstance(name, TilePosition) else None
-            parts = read_tile(archive, name, what.layers, what.pixels)
-            yield Tile(str(name), zoom, run.times, parts)
+            content = read_tile(archive, name, selection.layers, selection.pixels)
+            yield Tile(str(name), zoom, run.repeats, content)

@@ -16,17 +16,17 @@ from urllib.parse import unquote, urlsplit
 from scenes.scene import SceneError
 
 
-def format_suggestion(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
-    """Return the end of an error message: the nearest known name, or all of them.
+def format_suggestion(name: str, options: Iterable[str], prefix: str = "there are") -> str:
+    """Return the end of an error message: the nearest name, or all names.
 
     >>> format_suggestion("ctiy", ["city", "glyphs"])
     'did you mean city?'
     >>> format_suggestion("qqqqq", ["city", "glyphs"])
     'there are: city, glyphs'
     """
-    choices = list(known)
+    choices = list(options)
     nearest = difflib.get_close_matches(name, choices, n=1)
-    return f"did you mean {nearest[0]}?" if nearest else f"{otherwise}: {', '.join(choices)}"
+    return f"did you mean {nearest[0]}?" if nearest else f"{prefix}: {', '.join(choices)}"
 
 
 DISTRIBUTION = "raster-harness"
@@ -36,10 +36,10 @@ _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
 
 
 def format_install_command(extra: str) -> str:
-    """Return the command that installs an optional extra, as the package itself was installed.
+    """Return the command that installs an optional extra, as the package was installed.
 
-    From a checkout the command names the checkout: the package may be in no index, or another
-    package may have its name there.
+    From a checkout the command names the checkout: an index may lack the package, or have another
+    package of this name.
 
     >>> "[tiles]" in format_install_command("tiles")
     True
@@ -48,19 +48,20 @@ def format_install_command(extra: str) -> str:
     with suppress(ValueError):
         python = python.relative_to(Path.cwd())
     pip = f"{python} -m pip install"
-    # A checkout may contain an egg-info, too, which does not record how it was installed.
+    # The egg-info of a checkout does not record the installation.
     records = [
-        each.read_text("direct_url.json") for each in metadata.distributions(name=DISTRIBUTION)
+        distribution.read_text("direct_url.json")
+        for distribution in metadata.distributions(name=DISTRIBUTION)
     ]
-    here = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
-    about: dict[str, Any] = json.loads(next(filter(None, records), "{}")) if records else here
-    if "dir_info" in about:
-        folder = unquote(urlsplit(about["url"]).path)
-        return f'{pip} {"-e " * bool(about["dir_info"].get("editable"))}"{folder}[{extra}]"'
-    source = f" @ {about['url']}" if about else ""
-    if "vcs_info" in about:
-        version = about["vcs_info"]
-        source = f" @ {version['vcs']}+{about['url']}@{version['commit_id']}"
+    checkout = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    record: dict[str, Any] = json.loads(next(filter(None, records), "{}")) if records else checkout
+    if "dir_info" in record:
+        folder = unquote(urlsplit(record["url"]).path)
+        return f'{pip} {"-e " * bool(record["dir_info"].get("editable"))}"{folder}[{extra}]"'
+    source = f" @ {record['url']}" if record else ""
+    if "vcs_info" in record:
+        version = record["vcs_info"]
+        source = f" @ {version['vcs']}+{record['url']}@{version['commit_id']}"
     return f'{pip} "{DISTRIBUTION}[{extra}]{source}"'
 
 
@@ -75,18 +76,18 @@ def parse_name(text: str) -> tuple[str, dict[str, str]]:
     match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
     if not match:
         return text, {}
-    # A comma within quotes or brackets separates nothing.
-    masked, before = match[2], ""
-    while masked != before:
-        before, masked = masked, _ENCLOSED.sub(lambda match: "_" * len(match[0]), masked)
-    cuts = [match.start() for match in re.finditer(r",(?=[A-Za-z_]\w*=)", masked)]
-    starts = [0, *(cut + 1 for cut in cuts)]
-    pairs = [match[2][a:b] for a, b in zip(starts, [*cuts, None], strict=True)]
+    # Commas within quotes or brackets are not separators.
+    masked, previous = match[2], ""
+    while masked != previous:
+        previous, masked = masked, _ENCLOSED.sub(lambda match: "_" * len(match[0]), masked)
+    commas = [match.start() for match in re.finditer(r",(?=[A-Za-z_]\w*=)", masked)]
+    starts = [0, *(cut + 1 for cut in commas)]
+    pairs = [match[2][a:b] for a, b in zip(starts, [*commas, None], strict=True)]
     return match[1], dict(pair.split("=", 1) for pair in pairs)
 
 
 def is_function(name: str) -> bool:
-    """Whether this is "module:function"; an existing path never is.
+    """Whether a name is "module:function" and not an existing path.
 
     >>> is_function("my.module:squares"), is_function("city"), is_function("town.gpkg")
     (True, False, False)
@@ -95,7 +96,7 @@ def is_function(name: str) -> bool:
 
 
 def is_path(name: str) -> bool:
-    """Whether this is the name of a file: it exists, or has a separator or a suffix.
+    """Whether a name is a file: an existing path, or with a separator or suffix.
 
     >>> is_path("town.gpkg"), is_path("maps/town"), is_path("city"), is_path("my.module:squares")
     (True, True, False, False)
@@ -106,7 +107,7 @@ def is_path(name: str) -> bool:
 
 
 def path_exists(name: str) -> bool:
-    """Whether a file or folder of this name exists; the name may be invalid.
+    """Whether a file or folder exists; the name may be invalid.
 
     >>> path_exists("."), path_exists("a\\0b"), path_exists(1000 * "long")
     (True, False, False)
@@ -118,23 +119,21 @@ def path_exists(name: str) -> bool:
 
 
 def join_name(name: str, **parameters: Any) -> str:
-    """Return a scene's name with parameters added, as `load` reads them; None adds nothing.
+    """Return a scene's name with parameters added, as for `load`; None values are ignored.
 
     Raises SceneError for a value that would be parsed as several parameters.
 
     >>> join_name("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
     "town.gpkg:layer=parks,where=kind IN ('a', b=1)"
     """
-    base, given = parse_name(name)
-    wanted = {
-        **given,
+    base, existing = parse_name(name)
+    merged = {
+        **existing,
         **{key: str(value) for key, value in parameters.items() if value is not None},
     }
-    text = base + ":" * bool(wanted) + ",".join(f"{key}={value}" for key, value in wanted.items())
-    if parse_name(text) != (base, wanted):
-        raise SceneError(
-            f"{text} is ambiguous, because ',name=' begins the next parameter: put it in brackets"
-        )
+    text = base + ":" * bool(merged) + ",".join(f"{key}={value}" for key, value in merged.items())
+    if parse_name(text) != (base, merged):
+        raise SceneError(f"{text} is ambiguous, because ',name=' begins a parameter: add brackets")
     return text
 
 
@@ -161,41 +160,42 @@ def convert_arguments(
     """
     try:
         declared = inspect.signature(function, eval_str=True).parameters
-    except NameError:  # an annotation for type checkers only: values stay text
+    except NameError:  # an annotation for type checkers only: values remain text
         declared = inspect.signature(function).parameters
     if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
         return dict(parameters)
-    known = [
+    options = [
         key
         for key, parameter in declared.items()
         if key != "seed"
         and (parameter.kind is parameter.KEYWORD_ONLY or parameter.default is not parameter.empty)
     ]
     for key in parameters:
-        if key not in known:
-            hint = format_suggestion(key, known, "it has") if known else "it has none"
+        if key not in options:
+            hint = format_suggestion(key, options, "it has") if options else "it has none"
             raise SceneError(f"scene {name} has no parameter {key!r}; {hint}")
     return {k: convert_value(k, v, declared[k].annotation) for k, v in parameters.items()}
 
 
-def convert_value(key: str, value: Any, kind: Any) -> Any:
+def convert_value(key: str, value: Any, annotation: Any) -> Any:
     """Return a value given as text in the declared type; other values unchanged.
 
     >>> convert_value("limit", "7", int | None), convert_value("project", "no", bool)
     (7, False)
     """
-    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
-    if not isinstance(value, str) or inspect.Parameter.empty in kinds:
+    is_union = get_origin(annotation) in (Union, types.UnionType)
+    permitted = get_args(annotation) if is_union else (annotation,)
+    if not isinstance(value, str) or inspect.Parameter.empty in permitted:
         return value
-    for each in kinds:
-        if each is bool and value.lower() in ("true", "yes", "1", "false", "no", "0"):
+    for type_ in permitted:
+        if type_ is bool and value.lower() in ("true", "yes", "1", "false", "no", "0"):
             return value.lower() in ("true", "yes", "1")
-        if each in (int, float):
+        if type_ in (int, float):
             try:
-                return each(value)
+                return type_(value)
             except ValueError:
                 continue
-        if each is str:
+        if type_ is str:
             return value
-    wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
-    raise SceneError(f"parameter {key}={value!r} is not {wanted}: give a value like {key}=10")
+    names = " or ".join(k.__name__ for k in permitted if k is not type(None))
+    raise SceneError(f"parameter {key}={value!r} is not {names}: give a value like {key}=10")

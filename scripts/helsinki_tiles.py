@@ -14,7 +14,7 @@ import pyogrio.raw
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import write
 
-from scenes.real import EXTRACT, WHERE, find_extract
+from scenes.real import CONDITIONS, EXTRACT, find_extract
 from scenes.tiles.archives import PMTiles, TilePosition
 from scenes.tiles.read import ATTRIBUTION, FILE
 
@@ -25,7 +25,7 @@ LAYERS = {"area": "areas", "building": "buildings"}
 def cut(folder: Path, layer: str, kind: str) -> PMTiles:
     """Cut the polygons of a kind of `scenes.real` into tiles with one layer."""
     meta, _, geometries, _ = pyogrio.raw.read(
-        find_extract(), layer="multipolygons", where=WHERE[kind], columns=[]
+        find_extract(), layer="multipolygons", where=CONDITIONS[kind], columns=[]
     )
     options = {"MINZOOM": str(ZOOMS[0]), "MAXZOOM": str(ZOOMS[-1])}
     path = folder / f"{layer}.pmtiles"

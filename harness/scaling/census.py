@@ -152,23 +152,23 @@ class _Counter:
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
         """Add the polygons of a tile; count once enough wait; return layers with polygons."""
-        self.counted.known.update(tile.parts.known)
+        self.counted.known.update(tile.content.layer_names)
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
-            self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.times
-        layers = [own for own in tile.parts.layers if len(own.polygons) or own.dropped]
+            self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.repeats
+        layers = [own for own in tile.content.layers if len(own.polygons) or own.dropped]
         for own in layers:
             numbers = {"tiles": int(len(own.polygons) > 0)}
             place = f"{tile.name} {own.name}"
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
                 numbers[kind] = len(notes)
                 placed = [(f"{place} {which}", why) for which, why in notes]
-                self.noted.note(kind, placed, tile.times)
-            numbers = {name: tile.times * count for name, count in numbers.items()}
+                self.noted.note(kind, placed, tile.repeats)
+            numbers = {name: tile.repeats * count for name, count in numbers.items()}
             group = (tile.zoom, own.name)
             self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
             labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
-            self.waiting.append(_Batch(group, own.polygons, labels, tile.times))
+            self.waiting.append(_Batch(group, own.polygons, labels, tile.repeats))
         if sum(len(some.polygons) for some in self.waiting) >= CHUNK_ROWS:
             self.count_waiting(side)
         return layers

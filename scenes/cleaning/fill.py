@@ -1,7 +1,7 @@
 """Fill rules: the area inside contours that may cross, by winding numbers.
 
-Fonts and SVG fill by the rule "nonzero": a point is inside if the contours wind round it a number
-of times other than 0, counted with their direction. By "evenodd" it is inside if the number is odd.
+Fonts and SVG fill by the rule "nonzero": a point is inside if the winding number of the contours
+around the point, counted with their direction, is not 0; by "evenodd", if the number is odd.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 Rule = Literal["nonzero", "evenodd"]
 
 MAX_CROSSINGS = 200_000
-"""Crossings of the contours that are resolved, into about as many faces."""
+"""Maximum number of crossings that are resolved; each adds about one face."""
 
 _SAMPLE = 100
-"""Vertices up to which crossings are not counted; edges by which they are estimated."""
+"""Number of edges by which crossings are estimated; smaller contours are not checked."""
 
 _MAX_PEELED = 1000
-"""Pieces of edges up to which `shapely.make_valid` is used."""
+"""Maximum number of pieces of edges for `shapely.make_valid`."""
 
 
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
-    """Return the area that contours fill together, as a list of one geometry, or of none.
+    """Return the area that contours fill together, as a list of one geometry or none.
 
     `contours` are (n, 2) arrays without a closing point. Contours that do not cross keep their
-    vertices; others get vertices where they cross. Raises shapely.GEOSException for contours that
-    cross more than `MAX_CROSSINGS` times.
+    vertices; crossing contours get vertices at the crossings. Raises shapely.GEOSException for
+    more than `MAX_CROSSINGS` crossings.
 
     >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
     >>> [area.area for area in fill_contours([square, square[::-1] / 2 + 1])]
@@ -48,7 +48,7 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
 
 
 def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
-    """Return the area of simple rings by the rings around each, or None if it has to be resolved.
+    """Return the area of simple rings by the rings around each, or None if rings cross.
 
     A ring bounds the area if the rule says "inside" on one of its sides only.
     """
@@ -59,46 +59,68 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
     keys = np.concatenate([outer * count + inner, inner * count + outer])
     if len(np.unique(keys)) < len(keys):
         return None  # equal rings contain each other
-    first, second = tree.query(rings, predicate="intersects")
-    # GEOS prepares rings for the tests above, which are fast, but not for this one.
-    others = (first < second) & ~np.isin(first * count + second, keys)
-    if shapely.overlaps(rings[first[others]], rings[second[others]]).any():
+    first, second = tree.query(rings)
+    separate = (first < second) & ~np.isin(first * count + second, keys)
+    if _has_overlap(rings[first[separate]], rings[second[separate]]):
         return None
     direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
-    around = np.bincount(inner, weights=direction[outer], minlength=len(rings)).astype(np.int64)
+    around = np.bincount(inner, weights=direction[outer], minlength=count).astype(np.int64)
     within = around + direction
     inside, outside = (
         number != 0 if rule == "nonzero" else number % 2 == 1 for number in (within, around)
     )
-    return _insert_holes(rings[inside & ~outside], rings[outside & ~inside])
+    return _insert_holes(rings, inside & ~outside, outside & ~inside, outer, inner)
 
 
-def _insert_holes(shells: NDArray[Any], holes: NDArray[Any]) -> Any | None:
+def _has_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
+    """Whether any of the pairs of polygons, neither of which contains the other, overlap.
+
+    GEOS looks up the edges of a prepared polygon and scans those of the other: the larger one is
+    prepared. `overlaps`, which prepared polygons do not accelerate, is for pairs that touch.
+    """
+    is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
+    larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
+    shapely.prepare(larger)
+    touching = shapely.intersects(larger, smaller)
+    return bool(shapely.overlaps(larger[touching], smaller[touching]).any())
+
+
+def _insert_holes(
+    rings: NDArray[Any],
+    is_shell: NDArray[np.bool_],
+    is_hole: NDArray[np.bool_],
+    outer: NDArray[np.int64],
+    inner: NDArray[np.int64],
+) -> Any | None:
     """Return the shells, each hole in the smallest shell around it, or None if that is invalid.
 
-    A shell may lie in a hole of another one, as in the copyright sign.
+    A shell may lie in a hole of another one, as in the copyright sign. Ring `outer[k]` contains
+    ring `inner[k]`.
     """
-    shells = shells[np.argsort(shapely.area(shells), kind="stable")]
-    around, hole = shapely.STRtree(holes).query(shells, predicate="covers")
-    owner = np.full(len(holes), len(shells))
-    np.minimum.at(owner, hole, around)
+    shells, holes = np.flatnonzero(is_shell), np.flatnonzero(is_hole)
+    shells = shells[np.argsort(shapely.area(rings[shells]), kind="stable")]
+    rank = np.full(len(rings), len(shells))
+    rank[shells] = np.arange(len(shells))
+    owner = np.full(len(rings), len(shells))
+    np.minimum.at(owner, inner, rank[outer])
+    owner = owner[holes]
     if (owner == len(shells)).any():
         return None
     order = np.argsort(owner, kind="stable")
     by_shell = np.split(order, np.cumsum(np.bincount(owner, minlength=len(shells)))[:-1])
-    inner = shapely.get_exterior_ring(holes)
-    pairs = zip(shells, by_shell, strict=True)
-    area = shapely.MultiPolygon([shapely.Polygon(s.exterior, inner[own]) for s, own in pairs])
+    hole_rings = shapely.get_exterior_ring(rings[holes])
+    pairs = zip(rings[shells], by_shell, strict=True)
+    area = shapely.MultiPolygon([shapely.Polygon(s.exterior, hole_rings[k]) for s, k in pairs])
     return area if area.is_valid else None
 
 
 def winding_numbers(
     rings: NDArray[Any], noded: Any | None = None
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the faces into which rings divide the plane, and how often the rings wind round each.
+    """Return the faces into which rings divide the plane, and the winding number of each.
 
-    A ring counts 1 around each face on its left and -1 around each face on its right, except the
-    face outside of all. `noded` is `shapely.unary_union(rings)`, if that is known.
+    A ring adds 1 to each face on the left and -1 to each face on the right, except the unbounded
+    face. `noded` is `shapely.unary_union(rings)`, if already computed.
 
     >>> square = shapely.box(0, 0, 2, 2).exterior
     >>> both = np.array([square, shapely.box(1, 0, 3, 2).exterior])
@@ -120,7 +142,7 @@ def winding_numbers(
     first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1])
     edges = zip(low, high, np.where(upward, 1, -1), first, last, strict=True)
     for (x0, y0), (x1, y1), sign, i, j in edges:
-        if i < j:  # a ray from the face to the right meets the edge
+        if i < j:  # does a ray from the face to the right meet the edge?
             meets = (x1 - x0) * (y[i:j] - y0) > (x[i:j] - x0) * (y1 - y0)
             numbers[i:j] += sign * meets
     return faces[order], numbers
@@ -139,9 +161,9 @@ def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
 def repair_polygon(polygon: shapely.Polygon) -> Any:
     """Return the area that an invalid polygon covers an odd number of times.
 
-    This is `shapely.make_valid`, except for rings that cross themselves often: there it peels layer
-    after layer, each at the cost of all crossings. Raises shapely.GEOSException if GEOS does, and
-    for a polygon that crosses itself more than `MAX_CROSSINGS` times.
+    This is `shapely.make_valid`, except for rings that cross themselves often: `make_valid` would
+    peel layer after layer, each at the cost of all crossings. Raises shapely.GEOSException if GEOS
+    does, and for a polygon with more than `MAX_CROSSINGS` crossings.
 
     >>> repair_polygon(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
     24.0

@@ -11,8 +11,8 @@ def arrange_in_rows(
 ) -> list[shapely.Polygon]:
     """Return the polygons, translated into rows from the top, in order and without contact.
 
-    `gap` is the space between polygons as a share of their mean width; `aspect` is the wanted
-    ratio of width to height of all rows together.
+    `gap` is the space between polygons as a share of the mean width; `aspect` is the target ratio
+    of width to height of all rows together.
 
     >>> row = arrange_in_rows([shapely.box(9, 9, 10, 10), shapely.box(5, 5, 6, 6)], 0.5, 9)
     >>> [polygon.bounds for polygon in row]
@@ -34,10 +34,6 @@ def arrange_in_rows(
 
 
 def translate(polygon: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
-    """Return the translated polygon.
-
-    >>> translate(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
-    (2.0, 3.0, 3.0, 4.0)
-    """
+    """Return the translated polygon."""
     translated: shapely.Polygon = shapely.transform(polygon, lambda xy: xy + np.array([dx, dy]))
     return translated

@@ -20,11 +20,11 @@ from pyproj.crs.coordinate_operation import (
 from pyproj.exceptions import CRSError
 
 MAX_DISTANCE_DEG = 90.0
-"""Maximum distance from the centre of an azimuthal map, in degrees: beyond it shapes fold."""
+"""Maximum distance from the centre of an azimuthal map, in degrees: shapes beyond would fold."""
 
 MAX_EDGE_DEG = 90.0
-"""An edge over more degrees of longitude is straight on the plane of longitude and latitude, not on
-the globe."""
+"""Maximum longitude difference of an edge that is straight on the globe; longer edges are straight
+on the plane of longitude and latitude."""
 
 _POLE = 89.999
 
@@ -62,7 +62,7 @@ def is_geographic(crs: str | None) -> bool:
     datum = find_system(crs)
     if datum is None or not datum.is_geographic:
         return False
-    # Some systems, most of them French, use grads, 400 per turn.
+    # Some systems, most of them French, use grads, 400 per revolution.
     return bool(abs(datum.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
 
 
@@ -93,8 +93,8 @@ def find_unit(crs: str | None) -> str | None:
 class Projection:
     """An equal-area map of a data set, in metres.
 
-    `crs` is the geographic system of the data; its datum is kept. `centre` is the longitude and
-    latitude, in degrees from that system's own prime meridian, of the centre of Lambert's azimuthal
+    `crs` is the geographic system of the data, whose datum the map uses. `centre` is the longitude
+    and latitude, in degrees from that system's prime meridian, of the centre of Lambert's azimuthal
     equal-area projection: lengths are exact at the centre and right to 0.1 % within 500 km. If
     `centre` is None, the map is Lambert's cylindrical equal-area projection of the whole globe:
     meridians and parallels stay straight, and nothing folds or collapses.
@@ -107,7 +107,7 @@ class Projection:
     def of(cls, crs: str, geometries: Any) -> "Projection":
         """Return the map for geometries in longitude and latitude.
 
-        The map is azimuthal unless geometries reach further than `MAX_DISTANCE_DEG` from their centre, or
+        The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or
         have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
@@ -115,13 +115,13 @@ class Projection:
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
-        near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(MAX_DISTANCE_DEG))
-        if near:
+        fits = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(MAX_DISTANCE_DEG))
+        if fits:
             step, middle, _ = _steps(geometries)
             step = np.abs(step)
             long = ((step > MAX_EDGE_DEG) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
-            near = not (long & (np.abs(middle) < _POLE)).any()
-        return cls(crs, centre if near else None)
+            fits = not (long & (np.abs(middle) < _POLE)).any()
+        return cls(crs, centre if fits else None)
 
     def __str__(self) -> str:
         if self.centre is None:
@@ -138,7 +138,7 @@ class Projection:
             if self.centre is None
             else LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
         )
-        # On the datum of the data: there is no shift to another one.
+        # On the datum of the data, without a shift to another datum.
         return Transformer.from_crs(
             datum, ProjectedCRS(conversion, geodetic_crs=base), always_xy=True
         )
@@ -148,22 +148,22 @@ class Projection:
 
         Coordinates that cannot be projected become infinite.
 
-        >>> there = Projection("EPSG:4326", (25.0, 60.0))
-        >>> there.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
+        >>> helsinki = Projection("EPSG:4326", (25.0, 60.0))
+        >>> helsinki.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
         [[0.0, 0.0], [0.0, 11141.3]]
         """
         if self.centre is not None:
-            # Both sides of the 180th meridian are one line, and all longitudes of a pole one point:
-            # equal numbers for these close the seam of a ring round a pole.
+            # -180 and 180 are the same meridian, and all longitudes of a pole the same point:
+            # equal numbers for these close the seam of a ring around a pole.
             lon, lat = coordinates.T
             lon = np.where(lon == -180.0, 180.0, lon)
             lon = np.where(np.abs(lat) == 90.0, 0.0, lon)
             return np.column_stack(self._to_metres.transform(lon, lat))
         # Longitudes beyond 180 continue; PROJ would wrap them.
-        turns = np.round(coordinates[:, 0] / 360.0)
-        lon = coordinates[:, 0] - turns * 360.0
+        revolutions = np.round(coordinates[:, 0] / 360.0)
+        lon = coordinates[:, 0] - revolutions * 360.0
         x, y = self._to_metres.transform(lon, coordinates[:, 1])
-        return np.column_stack([x + turns * self._width, y])
+        return np.column_stack([x + revolutions * self._width, y])
 
     def inverse(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the inverse of `forward`, to about 1e-11 degrees, with longitudes in -180..180."""
@@ -174,12 +174,12 @@ class Projection:
         # PROJ's inverse is accurate to some millimetres; one step of Newton's method, with finite
         # differences as derivatives, restores the source's coordinates.
         dlon, dlat = (np.copysign(1e-5, -angle) for angle in (lon, lat))
-        here = np.array(self._to_metres.transform(lon, lat))
+        projected = np.array(self._to_metres.transform(lon, lat))
         with np.errstate(all="ignore"):
-            along = (np.array(self._to_metres.transform(lon + dlon, lat)) - here) / dlon
-            up = (np.array(self._to_metres.transform(lon, lat + dlat)) - here) / dlat
-            miss = np.array([x, y]) - here
-            steps = np.array([_cross(miss, up), _cross(along, miss)]) / _cross(along, up)
+            along = (np.array(self._to_metres.transform(lon + dlon, lat)) - projected) / dlon
+            up = (np.array(self._to_metres.transform(lon, lat + dlat)) - projected) / dlat
+            residual = np.array([x, y]) - projected
+            steps = np.array([_cross(residual, up), _cross(along, residual)]) / _cross(along, up)
             # At a pole the longitude is undefined.
             steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
         return np.column_stack([lon + steps[0], lat + steps[1]])
@@ -199,7 +199,7 @@ class Projection:
     def torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
         """Return whether each geometry crosses the 180th meridian, where the cylindrical map ends.
 
-        An edge of more than 180 degrees does; one of just 360, along a parallel, does not.
+        An edge of more than 180 degrees does, except an edge of exactly 360 along a parallel.
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:

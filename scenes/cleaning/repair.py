@@ -1,4 +1,4 @@
-"""Repair of geometries: valid, oriented polygons, and a note on each that is dropped or changed."""
+"""Repair of geometries: valid, oriented polygons, and notes on dropped and changed geometries."""
 
 import re
 from collections.abc import Callable
@@ -42,7 +42,7 @@ Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 def clean(
     geometries: Any, labels: list[str] | None = None, locate: Locate | None = None
 ) -> Cleaned:
-    """Return valid, two-dimensional, oriented polygons of geometries, with notes on the others.
+    """Return valid, two-dimensional, oriented polygons of geometries, with notes on the rest.
 
     Each part of a multi-polygon becomes a polygon. An invalid polygon is repaired by
     `repair_polygon`; a polygon without area is dropped.
@@ -54,7 +54,7 @@ def clean(
     labels
         Names of the geometries in the notes; "feature 0", "feature 1", ... by default.
     locate
-        Inverse of the projection of the geometries: locations in notes are then the source's.
+        Inverse of the projection of the geometries, for source coordinates in notes.
 
     Examples
     --------
@@ -83,11 +83,9 @@ def clean(
         dropped.append((names[source[i]], reason))
     simple = _remove_empty_holes(shapely.remove_repeated_points(parts[usable_area]))
     polygons, source = shapely.orient_polygons(simple), source[usable_area]
-    # Areas of coordinates beyond 2^53 units are rounding errors, which depend on the first vertex.
+    # Areas of coordinates beyond 2^53 units are rounding errors that depend on the first vertex.
     positive = shapely.area(polygons) > 0
-    dropped += [
-        (names[source[i]], "its area is lost in rounding") for i in np.flatnonzero(~positive)
-    ]
+    dropped += [(names[source[i]], "area is lost in rounding") for i in np.flatnonzero(~positive)]
     return Cleaned(polygons[positive], source[positive], dropped, repaired)
 
 

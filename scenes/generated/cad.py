@@ -1,6 +1,6 @@
-"""Flat parts as they are cut from sheet metal: plates, flanges, brackets, gears, name plates.
+"""Parts cut from sheet metal: plates, flanges, brackets, gears, name plates.
 
-Their faces, each in its own plane, are what a mesh pipeline triangulates.
+The faces, each in a plane, are the input of a mesh pipeline.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
     """Return `parts` parts of random sizes, in millimetres, laid out in rows.
 
     `segments` is the number of chords in a full circle. A name plate gives one more polygon for
-    each island that its letters cut out (the inside of an O). Raises SceneError for `parts` not in
+    each island within a letter (the inside of an O). Raises SceneError for `parts` not in
     1..100,000 or `segments` not in 8..1000.
     """
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
@@ -32,13 +32,19 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
             "give 1 to 100000 parts and 8 to 1000 segments"
         )
     rng = np.random.default_rng([seed, 0xCAD])
-    kinds: list[Part] = [_plate, _flange, _bracket, _gear, _name_plate]
+    kinds: list[Part] = [
+        _build_plate,
+        _build_flange,
+        _build_bracket,
+        _build_gear,
+        _build_name_plate,
+    ]
     outlines = [kinds[i % len(kinds)](rng, segments) for i in range(parts)]
     rounded = shapely.transform(np.array(outlines), lambda xy: np.round(xy, 4) + 0.0)
     cleaned = clean(rounded, [f"part {i}" for i in range(parts)])
     return Scene(
         name="cad",
-        polygons=_by_part(cleaned.polygons, cleaned.source),
+        polygons=_arrange_by_part(cleaned.polygons, cleaned.source),
         units="mm",
         description="sheet metal parts: plates, flanges, brackets, gears, name plates",
         licence="generated, no rights reserved",
@@ -48,7 +54,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
     )
 
 
-def _by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
+def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
     """Return the polygons laid out by part, so that islands stay inside their letters."""
     boxes = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
     arranged = arrange_in_rows(boxes, gap=0.15)
@@ -59,7 +65,7 @@ def _by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
     return polygons_in_rows
 
 
-def _arc(
+def _build_arc(
     centre: tuple[float, float], radius: float, start: float, end: float, segments: int
 ) -> np.ndarray:
     """Return the points of an arc from `start` to `end` radians, both ends included."""
@@ -68,70 +74,75 @@ def _arc(
     return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
 
 
-def _circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon:
-    return shapely.Polygon(_arc((x, y), radius, 0.0, 2 * np.pi, segments)[:-1])
+def _build_circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon:
+    return shapely.Polygon(_build_arc((x, y), radius, 0.0, 2 * np.pi, segments)[:-1])
 
 
-def _slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
+def _build_slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
     """Return a hole with round ends, along x."""
-    right = _arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
-    left = _arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
+    right = _build_arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
+    left = _build_arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
     return shapely.Polygon(np.concatenate([right, left]))
 
 
-def _rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
+def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
     corners = [(w - radius, radius), (w - radius, h - radius), (radius, h - radius)]
     corners.append((radius, radius))
     arcs = [
-        _arc(c, radius, (k - 1) * np.pi / 2, k * np.pi / 2, segments) for k, c in enumerate(corners)
+        _build_arc(c, radius, (k - 1) * np.pi / 2, k * np.pi / 2, segments)
+        for k, c in enumerate(corners)
     ]
     return np.concatenate(arcs)
 
 
-def _without(
+def _cut_holes(
     outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
 ) -> shapely.Geometry:
     return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
 
 
-def _plate(rng: Generator, segments: int) -> shapely.Geometry:
+def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a plate with rounded corners, a bolt hole in each, and a row of slots."""
     w, h = rng.uniform(80, 160), rng.uniform(60, 110)
     inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
-    holes = [_circle(x, y, bolt, segments) for x in (inset, w - inset) for y in (inset, h - inset)]
+    holes = [
+        _build_circle(x, y, bolt, segments) for x in (inset, w - inset) for y in (inset, h - inset)
+    ]
     rows = int(rng.integers(1, 1 + int((h - 4 * inset) / 12)) if h > 4 * inset + 12 else 1)
     length = w - 4 * inset - 2
     for k in range(rows):
         y = h / 2 + (k - (rows - 1) / 2) * 12
-        holes.append(_slot(w / 2, y, length - 2 * bolt, rng.uniform(2, 4), segments))
-    return _without(_rounded(w, h, inset - 1, segments), holes)
+        holes.append(_build_slot(w / 2, y, length - 2 * bolt, rng.uniform(2, 4), segments))
+    return _cut_holes(_build_rounded(w, h, inset - 1, segments), holes)
 
 
-def _flange(rng: Generator, segments: int) -> shapely.Geometry:
+def _build_flange(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a disc with a bore and a circle of bolts."""
     radius, bolts = rng.uniform(35, 60), int(rng.integers(4, 13))
     bolt = min(4.5, 0.5 * np.pi * 0.8 * radius / bolts)
-    bore = _circle(0, 0, rng.uniform(0.3, 0.5) * radius, 2 * segments)
-    turn = 2 * np.pi / bolts
+    bore = _build_circle(0, 0, rng.uniform(0.3, 0.5) * radius, 2 * segments)
+    angle = 2 * np.pi / bolts
     ring = [
-        _circle(0.8 * radius * np.cos(k * turn), 0.8 * radius * np.sin(k * turn), bolt, segments)
+        _build_circle(
+            0.8 * radius * np.cos(k * angle), 0.8 * radius * np.sin(k * angle), bolt, segments
+        )
         for k in range(bolts)
     ]
-    return _without(_circle(0, 0, radius, 3 * segments), [bore, *ring])
+    return _cut_holes(_build_circle(0, 0, radius, 3 * segments), [bore, *ring])
 
 
-def _bracket(rng: Generator, segments: int) -> shapely.Geometry:
+def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
     """Return an L with a filleted inner corner and two slotted or drilled arms."""
     a, b, t = rng.uniform(70, 130), rng.uniform(70, 130), rng.uniform(18, 28)
     fillet = rng.uniform(6, 14)
-    inner = _arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)
+    inner = _build_arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)
     ring = np.concatenate([[[0, 0], [a, 0], [a, t]], inner, [[t, b], [0, b]]])
-    holes = [_slot(0.7 * a, t / 2, 0.25 * a, t / 6, segments)]
-    holes += [_circle(t / 2, y * b, t / 5, segments) for y in (0.45, 0.65, 0.85)]
-    return _without(ring, holes)
+    holes = [_build_slot(0.7 * a, t / 2, 0.25 * a, t / 6, segments)]
+    holes += [_build_circle(t / 2, y * b, t / 5, segments) for y in (0.45, 0.65, 0.85)]
+    return _cut_holes(ring, holes)
 
 
-def _gear(rng: Generator, segments: int) -> shapely.Geometry:
+def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a gear: involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
 
     The flank is the involute of the base circle; below it the tooth goes straight to the root.
@@ -142,7 +153,7 @@ def _gear(rng: Generator, segments: int) -> shapely.Geometry:
     alpha = np.arccos(base / np.linspace(max(base, root), tip, 5))
     involute = np.tan(alpha) - alpha
     at_pitch = np.tan(np.radians(20)) - np.radians(20)
-    # half of a tooth's angle at each radius: pi / (2 teeth) on the pitch circle
+    # Half of a tooth's angle at each radius: pi / (2 teeth) on the pitch circle.
     half = np.pi / (2 * teeth) + at_pitch - involute
     radii = base / np.cos(alpha)
     if root < base:
@@ -153,19 +164,19 @@ def _gear(rng: Generator, segments: int) -> shapely.Geometry:
     ring = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
     bore, key = 0.22 * pitch, 0.07 * pitch
     start = np.arcsin(key / bore)
-    arc = _arc((0, 0), bore, np.pi / 2 + start, 2.5 * np.pi - start, segments)
+    arc = _build_arc((0, 0), bore, np.pi / 2 + start, 2.5 * np.pi - start, segments)
     keyway = np.concatenate([arc, [[key, 1.3 * bore], [-key, 1.3 * bore]]])
     webs = int(rng.integers(4, 7))
-    turn = 2 * np.pi * np.arange(webs) / webs + np.pi / webs
+    angle = 2 * np.pi * np.arange(webs) / webs + np.pi / webs
     light = [
-        _circle(0.6 * pitch * np.cos(t), 0.6 * pitch * np.sin(t), 0.17 * pitch, segments)
-        for t in turn
+        _build_circle(0.6 * pitch * np.cos(t), 0.6 * pitch * np.sin(t), 0.17 * pitch, segments)
+        for t in angle
     ]
-    return _without(ring, [shapely.Polygon(keyway), *light])
+    return _cut_holes(ring, [shapely.Polygon(keyway), *light])
 
 
-def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a plate from which a part number is cut out."""
+def _build_name_plate(rng: Generator, segments: int) -> shapely.Geometry:
+    """Return a plate with a part number cut out."""
     face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
@@ -175,7 +186,7 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
         x += 1.08 * advance
     scale = 28.0 / face.units_per_EM
     text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])
-    plate = shapely.Polygon(_rounded(x * scale + 22.0, 46.0, 8.0, segments))
+    plate = shapely.Polygon(_build_rounded(x * scale + 22.0, 46.0, 8.0, segments))
     return shapely.difference(plate, text)
 
 
@@ -183,7 +194,7 @@ def build_faces(*, seed: int = 0) -> Scene:
     """Return the faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
     polygons = []
     for part in build(seed=seed, parts=10, segments=16).polygons:
-        polygons += join_facets(*_extruded(part, 20.0))[0]
+        polygons += join_facets(*_extrude(part, 20.0))[0]
     cleaned = clean(arrange_in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",
@@ -197,7 +208,7 @@ def build_faces(*, seed: int = 0) -> Scene:
     )
 
 
-def _extruded(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
+def _extrude(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and triangles of a prism over the polygon."""
     import trimesh
 

@@ -1,9 +1,9 @@
 """A generated city plan: districts, streets, blocks, lots, and a footprint on each lot.
 
-Districts are the Voronoi cells of seeds that lie denser towards the centre, cut by a ring boulevard
-and two avenues. Each district has a street grid of its own, straight through or staggered; blocks
-are cut into lots, and a footprint never leaves its lot, so footprints share walls but not area.
-Vertex counts and courtyards follow those of real footprints (see `_VERTEX_QUANTILES`).
+Districts are the Voronoi cells of seeds that are denser towards the centre, cut by a ring boulevard
+and two avenues. Each district has a separate street grid, regular or staggered; blocks are cut into
+lots, and a footprint stays within the lot, so footprints share walls but not area. Numbers of
+vertices and courtyards follow real footprints (see `_VERTEX_QUANTILES`).
 """
 
 from itertools import pairwise
@@ -14,24 +14,24 @@ import shapely
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from scenes.generated.footprints import footprint
+from scenes.generated.footprints import build_footprint
 from scenes.scene import Scene, SceneError
 
 MAX_BUILDINGS = 100_000
 _AREA_A_BUILDING = 900.0  # square metres of city, streets included
-_MILLIMETRE = 3  # decimals; coordinates are rounded so that every platform gives the same
+_MILLIMETRE = 3  # decimals; rounding makes coordinates equal on every platform
 
 # (share of buildings, vertices): quantiles seen in OpenStreetMap footprints of European cities
 _VERTEX_QUANTILES = (
     (0.0, 0.16, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0),
     (4.0, 4.0, 6.0, 9.8, 17.0, 27.5, 36.0, 78.0, 160.0),
 )
-_COURTYARDS = 0.1  # wanted; lots at odd corners cut some open, which leaves about 0.08
-_COURTYARD_VERTICES = 8  # a courtyard building has at least these
+_COURTYARDS = 0.1  # target share; irregular lots open some, which leaves about 0.08
+_COURTYARD_VERTICES = 8  # minimum of a building with a courtyard
 
 
 class _Lots(NamedTuple):
-    """Lots of one district, in its frame: polygons and, for each, the box its building fills."""
+    """Lots of a district, in the district's frame: polygons, and a box for each building."""
 
     polygons: NDArray[Any]
     boxes: NDArray[np.float64]  # (n, 4): x0, y0, x1, y1
@@ -46,12 +46,12 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
     if not 1 <= buildings <= MAX_BUILDINGS:
         raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MAX_BUILDINGS}")
     rng = np.random.default_rng([seed, 0xC17])
-    wanted = buildings * 1.25 + 40
-    radius = max(250.0, np.sqrt(wanted * _AREA_A_BUILDING / np.pi))
+    target = buildings * 1.25 + 40
+    radius = max(250.0, np.sqrt(target * _AREA_A_BUILDING / np.pi))
     polygons: NDArray[Any] = np.empty(0, dtype=object)
     while len(polygons) < buildings:
-        districts = _districts(rng, radius)
-        polygons = np.concatenate([_district(rng, d, radius) for d in districts])
+        districts = _build_districts(rng, radius)
+        polygons = np.concatenate([_build_district(rng, d, radius) for d in districts])
         radius *= 1.2
     # From the centre outwards, with a ragged edge of the city.
     distance = np.hypot(*shapely.get_coordinates(shapely.centroid(polygons)).T)
@@ -67,7 +67,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
     )
 
 
-def _districts(rng: Generator, radius: float) -> NDArray[Any]:
+def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
     """Return districts as polygons: Voronoi cells less the ring boulevard and the avenues."""
     count = max(7, int(np.pi * radius**2 / 55_000))
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
@@ -77,14 +77,14 @@ def _districts(rng: Generator, radius: float) -> NDArray[Any]:
     cells = shapely.get_parts(
         shapely.voronoi_polygons(shapely.MultiPoint(seeds), extend_to=shapely.envelope(disc))
     )
-    # an avenue across the city, a second one on one side only, and a ring that is not quite round
+    # An avenue across the city, a second avenue on one side, and a slightly oval ring.
     turn = rng.uniform(0.0, np.pi)
-    far = 2.0 * radius
+    length = 2.0 * radius
     across = np.array([np.cos(turn), np.sin(turn)])
     branch = np.array([np.cos(turn + 1.1), np.sin(turn + 1.1)])
     streets = [
-        shapely.buffer(shapely.LineString([-far * across, far * across]), 13.0),
-        shapely.buffer(shapely.LineString([[0.0, 0.0], far * branch]), 10.0),
+        shapely.buffer(shapely.LineString([-length * across, length * across]), 13.0),
+        shapely.buffer(shapely.LineString([[0.0, 0.0], length * branch]), 10.0),
     ]
     for ring_radius in np.arange(0.42 * min(radius, 900.0), 0.9 * radius, 900.0):
         t = np.linspace(0.0, 2 * np.pi, 97)[:-1]
@@ -97,99 +97,105 @@ def _districts(rng: Generator, radius: float) -> NDArray[Any]:
     return np.asarray(pieces[shapely.area(pieces) > 900.0])
 
 
-def _district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
-    """Footprints of one district."""
+def _build_district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
+    """Return the footprints of a district."""
     middle = district.centroid
     central = np.hypot(middle.x, middle.y) < 0.45 * radius
-    angle = _orientation(rng, district)
-    blocks = _blocks(rng, _turned(district, -angle), central)
-    lots = [_lots(rng, block, central) for block in blocks]
-    lots = [each for each in lots if len(each.polygons)]
+    angle = _choose_direction(rng, district)
+    blocks = _cut_blocks(rng, _rotate(district, -angle), central)
+    lots = [_cut_lots(rng, block, central) for block in blocks]
+    lots = [lots_of_block for lots_of_block in lots if len(lots_of_block.polygons)]
     if not lots:
         return np.empty(0, dtype=object)
     all_lots = map(np.concatenate, zip(*lots, strict=True))
-    turned = _turned(_footprints(rng, _Lots(*all_lots)), angle)
-    rounded = shapely.transform(turned, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
-    kept = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
-    return np.asarray(shapely.orient_polygons(kept))
+    rotated = _rotate(_build_footprints(rng, _Lots(*all_lots)), angle)
+    rounded = shapely.transform(rotated, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
+    usable = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
+    return np.asarray(shapely.orient_polygons(usable))
 
 
-def _orientation(rng: Generator, district: shapely.Polygon) -> float:
-    """Streets run along the district's longest side, now and then not quite."""
+def _choose_direction(rng: Generator, district: shapely.Polygon) -> float:
+    """Return the direction of streets, about that of the district's longest side."""
     corners = shapely.get_coordinates(district.simplify(5.0).exterior)
     sides = np.diff(corners, axis=0)
     longest = sides[np.argmax(np.hypot(*sides.T))]
     return float(np.arctan2(longest[1], longest[0]) + rng.normal(0.0, 0.03))
 
 
-def _turned(geometry: Any, angle: float) -> Any:
+def _rotate(geometry: Any, angle: float) -> Any:
     c, s = np.cos(angle), np.sin(angle)
     return shapely.transform(geometry, lambda xy: xy @ np.array([[c, s], [-s, c]]))
 
 
-def _cuts(rng: Generator, low: float, high: float, least: float, most: float) -> NDArray[Any]:
-    """Cut [low, high] into lengths between about `least` and `most`."""
-    count = max(1, round((high - low) / ((least + most) / 2)))
-    lengths = rng.uniform(least, most, count)
+def _cut_range(
+    rng: Generator, low: float, high: float, shortest: float, longest: float
+) -> NDArray[Any]:
+    """Return cuts of [low, high] into lengths from about `shortest` to `longest`."""
+    count = max(1, round((high - low) / ((shortest + longest) / 2)))
+    lengths = rng.uniform(shortest, longest, count)
     return low + (high - low) * np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
 
 
-def _blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Blocks of a street grid over a district that lies along the axes."""
+def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
+    """Return the blocks of a street grid over a district along the axes."""
     x0, y0, x1, y1 = district.bounds
-    rows = _cuts(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
+    rows = _cut_range(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
     length = (45.0, 95.0) if central else (80.0, 150.0)
     street = 3.5 if central else 6.0
     staggered = rng.random() < 0.4
-    columns = _cuts(rng, x0, x1, *length)
+    columns = _cut_range(rng, x0, x1, *length)
     boxes = []
     for bottom, top in pairwise(rows):
         if staggered:
-            columns = _cuts(rng, x0, x1, *length)
+            columns = _cut_range(rng, x0, x1, *length)
         boxes.append(
             shapely.box(columns[:-1] + street, bottom + street, columns[1:] - street, top - street)
         )
     pieces = shapely.get_parts(shapely.intersection(district, np.concatenate(boxes)))
-    # a park or a square here and there
+    # Some blocks are parks or squares.
     open_space = rng.random(len(pieces)) < 0.05
     polygonal = shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON
     return list(pieces[polygonal & ~open_space & (shapely.area(pieces) > 250.0)])
 
 
-def _lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
-    """Cut a block into lots along its streets, and say where on its lot each building stands."""
+def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
+    """Return the lots of a block along the streets, with a box for each building."""
     x0, y0, x1, y1 = block.bounds
     kind = rng.random()
-    whole = kind < 0.08
+    is_single = kind < 0.08
     slabs = not central and kind > 0.8
     detached = not central and 0.4 < kind <= 0.8
-    if whole or slabs or y1 - y0 < 26.0:
+    if is_single or slabs or y1 - y0 < 26.0:
         rows = np.array([y0, y1])
     else:
         rows = np.array([y0, y0 + (y1 - y0) * rng.uniform(0.42, 0.58), y1])
     width = (24.0, 34.0) if slabs else (17.0, 24.0) if detached else (13.0, 30.0)
-    if whole:
+    if is_single:
         width = (x1 - x0, x1 - x0)
     lots, buildings, facing = [], [], []
     for k, (bottom, top) in enumerate(pairwise(rows)):
-        columns = _cuts(rng, x0, x1, *width)
+        columns = _cut_range(rng, x0, x1, *width)
         n = len(columns) - 1
         lots.append(np.column_stack([columns[:-1], np.full(n, bottom), columns[1:], [top] * n]))
-        buildings.append(_standing(rng, lots[-1], k == 0, detached, slabs))
+        buildings.append(_place_buildings(rng, lots[-1], k == 0, detached, slabs))
         facing.append(np.full(n, k == 0))
     boxes = np.concatenate(lots)
     pieces = shapely.intersection(block, shapely.box(*boxes.T))
-    # what a slanting street leaves of a lot may be too little to build on
-    room = (shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON) & (
+    # A lot cut by a slanting street may be too small.
+    is_large_enough = (shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON) & (
         shapely.area(pieces) > 60.0
     )
-    return _Lots(pieces[room], np.concatenate(buildings)[room], np.concatenate(facing)[room])
+    return _Lots(
+        pieces[is_large_enough],
+        np.concatenate(buildings)[is_large_enough],
+        np.concatenate(facing)[is_large_enough],
+    )
 
 
-def _standing(
+def _place_buildings(
     rng: Generator, lots: NDArray[np.float64], low_street: bool, detached: bool, slabs: bool
 ) -> NDArray[np.float64]:
-    """Boxes of the buildings on a row of lots: party walls, detached houses, or slabs."""
+    """Return (n, 4) boxes of buildings on a row of lots: party walls, detached, or slabs."""
     n = len(lots)
     x0, y0, x1, y1 = lots.T
     depth = y1 - y0
@@ -209,12 +215,12 @@ def _standing(
     return np.column_stack([x0 + side, y1 - front - used, x1 - side, y1 - front])
 
 
-def _footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
-    """A building on each lot: big lots get the many vertices and the courtyards."""
+def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
+    """Return a footprint per lot; large lots tend to get more vertices and courtyards."""
     x0, y0, x1, y1 = lots.boxes.T
     n = len(lots.boxes)
     size = np.log(np.maximum((x1 - x0) * (y1 - y0), 1.0))
-    vertices = _correlated(rng, size, 0.55, rng.random(n))
+    vertices = _correlate(rng, size, 0.55, rng.random(n))
     vertices = np.rint(np.interp(vertices, *_VERTEX_QUANTILES)).astype(int)
     roomy = np.minimum(x1 - x0, y1 - y0) >= 15.0
     chance = _COURTYARDS * n / max(1, roomy.sum())
@@ -224,32 +230,34 @@ def _footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     u = rng.random((n, 8)).tolist()
     rings, counts = [], []
     for i in range(n):
-        made = footprint(x1[i] - x0[i], y1[i] - y0[i], int(vertices[i]), int(courtyards[i]), u[i])
-        rings.extend(made)
-        counts.append(len(made))
-    plans = _polygons(rings, counts, lots)
-    # a building inside its lot need not be clipped, and most are: lots are mostly rectangles
-    around = shapely.bounds(lots.polygons)
-    area = (around[:, 2] - around[:, 0]) * (around[:, 3] - around[:, 1])
-    low, high = lots.boxes[:, :2] >= around[:, :2] - 1e-9, lots.boxes[:, 2:] <= around[:, 2:] + 1e-9
-    whole = (shapely.area(lots.polygons) > area * (1 - 1e-9)) & (low & high).all(axis=1)
-    clipped = shapely.intersection(plans[~whole], lots.polygons[~whole])
-    return np.concatenate([plans[whole], _largest_parts(clipped)])
+        building = build_footprint(
+            x1[i] - x0[i], y1[i] - y0[i], int(vertices[i]), int(courtyards[i]), u[i]
+        )
+        rings.extend(building)
+        counts.append(len(building))
+    plans = _build_polygons(rings, counts, lots)
+    # Most lots are rectangles, which need no clipping.
+    bounds = shapely.bounds(lots.polygons)
+    area = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
+    low, high = lots.boxes[:, :2] >= bounds[:, :2] - 1e-9, lots.boxes[:, 2:] <= bounds[:, 2:] + 1e-9
+    is_inside = (shapely.area(lots.polygons) > area * (1 - 1e-9)) & (low & high).all(axis=1)
+    clipped = shapely.intersection(plans[~is_inside], lots.polygons[~is_inside])
+    return np.concatenate([plans[is_inside], _select_largest_parts(clipped)])
 
 
-def _correlated(
+def _correlate(
     rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
 ) -> NDArray[Any]:
-    """The uniform numbers, dealt out so that bigger sizes tend to get bigger ones."""
+    """Return the uniform numbers in an order that correlates with the sizes."""
     n = len(size)
     score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
-    out = np.empty(n)
-    out[np.argsort(score, kind="stable")] = np.sort(uniform)
-    return out
+    result = np.empty(n)
+    result[np.argsort(score, kind="stable")] = np.sort(uniform)
+    return result
 
 
-def _polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
-    """Rings in lot frames to polygons in the district's frame."""
+def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
+    """Return polygons in the district's frame from rings in the frames of lots."""
     coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])
     ends = np.concatenate([[0], np.cumsum([len(ring) + 1 for ring in rings])])
     owners = np.concatenate([[0], np.cumsum(counts)])
@@ -262,7 +270,7 @@ def _polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
     return np.asarray(shapely.from_ragged_array(shapely.GeometryType.POLYGON, *layout))
 
 
-def _largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
+def _select_largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
     parts, owner = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     parts, owner = parts[polygonal], owner[polygonal]

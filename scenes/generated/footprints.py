@@ -1,6 +1,6 @@
-"""The plan of one building: its basic form, then the bays, steps and bevels of its walls.
+"""The plan of a building: the basic form, then bays, steps and bevels of walls.
 
-A footprint is drawn in the frame of its lot: x from 0 to the width along the street, y from 0 (the
+A footprint is in the frame of the lot: x from 0 to the width along the street, y from 0 (the
 street) to the depth, both in metres. Rings have the building on their left.
 """
 
@@ -9,43 +9,43 @@ from math import cos, hypot, pi, sin
 
 Ring = list[tuple[float, float]]
 
-WING = 5.0
-"""Narrowest wing, in metres; bays cut at most a quarter into it from either side."""
+MIN_WING_M = 5.0
+"""Minimum width of a wing, in metres; bays cut at most a quarter from either side."""
 
 
-def footprint(
+def build_footprint(
     width: float, depth: float, vertices: int, courtyards: int, u: Sequence[float]
 ) -> list[Ring]:
     """Return the rings of a building of about `vertices` vertices, exterior first.
 
-    `u` are at least 8 numbers in [0, 1) that decide everything else. A building too small for
-    what is asked gets a simpler form.
+    `u` are at least 8 numbers in [0, 1) that determine the form. A small building gets a simpler
+    form.
     """
-    if courtyards and min(width, depth) >= 3 * WING:
-        rings = _courtyard(width, depth, courtyards, u)
+    if courtyards and min(width, depth) >= 3 * MIN_WING_M:
+        rings = _build_courtyards(width, depth, courtyards, u)
     elif 12 <= vertices <= 40 and u[0] < 0.035:
-        return [_ellipse(width, depth, vertices)]
-    elif vertices >= 9 and u[0] < 0.08 and depth > width / 2 + WING:
-        return [_apse(width, depth, vertices)]
+        return [_build_ellipse(width, depth, vertices)]
+    elif vertices >= 9 and u[0] < 0.08 and depth > width / 2 + MIN_WING_M:
+        return [_build_apse(width, depth, vertices)]
     else:
-        rings = [_winged(width, depth, vertices, u)]
+        rings = [_build_wings(width, depth, vertices, u)]
     extra = vertices - sum(map(len, rings))
     if len(rings) > 1:
-        # walls towards the street are plainer than those of the yard are irregular
+        # Walls towards the street are plainer than the walls of the yard.
         inner = int(extra * (0.2 + 0.4 * u[5]))
-        rings = [_articulated(rings[0], extra - inner, u)] + [
-            _articulated(ring, inner // courtyards, u) for ring in rings[1:]
+        rings = [_add_details(rings[0], extra - inner, u)] + [
+            _add_details(ring, inner // courtyards, u) for ring in rings[1:]
         ]
     else:
-        rings = [_articulated(rings[0], extra, u)]
+        rings = [_add_details(rings[0], extra, u)]
     return rings
 
 
-def _winged(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
-    """A rectangle, or a front building with one wing (L), a middle wing (T), two (U) or three."""
-    front = max(WING, d * (0.4 + 0.25 * u[1]))
-    wing = max(WING, w * (0.28 + 0.15 * u[2]))
-    if vertices < 6 or d - front < 2.0 or w < 2 * WING:
+def _build_wings(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
+    """Return a rectangle, or a front building with a wing (L), a middle wing (T), two or three."""
+    front = max(MIN_WING_M, d * (0.4 + 0.25 * u[1]))
+    wing = max(MIN_WING_M, w * (0.28 + 0.15 * u[2]))
+    if vertices < 6 or d - front < 2.0 or w < 2 * MIN_WING_M:
         return [(0, 0), (w, 0), (w, d), (0, d)]
     if vertices < 8 or u[3] < 0.3 or w < 2 * wing + 3.0:
         if u[4] < 0.5:
@@ -56,17 +56,24 @@ def _winged(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
         tail = [(x + wing, front), (x + wing, d), (x, d), (x, front)]
         return [(0, 0), (w, 0), (w, front), *tail, (0, front)]
     low = max(front + 1.0, d * (0.7 + 0.3 * u[4]))
-    if vertices >= 12 and u[3] > 0.85 and w > 3 * WING + 8.0:
-        a, b = (w - WING) / 2, (w + WING) / 2
-        middle = [(w - WING, front), (b, front), (b, low), (a, low), (a, front), (WING, front)]
-        return [(0, 0), (w, 0), (w, d), (w - WING, d), *middle, (WING, d), (0, d)]
+    if vertices >= 12 and u[3] > 0.85 and w > 3 * MIN_WING_M + 8.0:
+        a, b = (w - MIN_WING_M) / 2, (w + MIN_WING_M) / 2
+        middle = [
+            (w - MIN_WING_M, front),
+            (b, front),
+            (b, low),
+            (a, low),
+            (a, front),
+            (MIN_WING_M, front),
+        ]
+        return [(0, 0), (w, 0), (w, d), (w - MIN_WING_M, d), *middle, (MIN_WING_M, d), (0, d)]
     yard = [(w - wing, front), (wing, front), (wing, low), (0, low)]
     return [(0, 0), (w, 0), (w, d), (w - wing, d), *yard]
 
 
-def _courtyard(w: float, d: float, courtyards: int, u: Sequence[float]) -> list[Ring]:
-    """A rectangle around one or more rectangular yards, side by side."""
-    wall = max(WING, min(w, d) * (0.22 + 0.1 * u[1]))
+def _build_courtyards(w: float, d: float, courtyards: int, u: Sequence[float]) -> list[Ring]:
+    """Return a rectangle around rectangular yards, side by side."""
+    wall = max(MIN_WING_M, min(w, d) * (0.22 + 0.1 * u[1]))
     count = max(1, min(courtyards, int((w - wall) / (2 * wall))))
     pitch = (w - wall) / count
     rings: list[Ring] = [[(0, 0), (w, 0), (w, d), (0, d)]]
@@ -76,15 +83,15 @@ def _courtyard(w: float, d: float, courtyards: int, u: Sequence[float]) -> list[
     return rings
 
 
-def _ellipse(w: float, d: float, vertices: int) -> Ring:
-    # round buildings are round, but for those in a narrow lot
+def _build_ellipse(w: float, d: float, vertices: int) -> Ring:
+    # Buildings are circles, except in a narrow lot.
     a, b = (min(w, d), min(w, d)) if max(w, d) < 1.6 * min(w, d) else (w, d)
     step = 2 * pi / vertices
     return [(w / 2 + a / 2 * cos(k * step), d / 2 + b / 2 * sin(k * step)) for k in range(vertices)]
 
 
-def _apse(w: float, d: float, vertices: int) -> Ring:
-    """A rectangle whose rear is a half circle."""
+def _build_apse(w: float, d: float, vertices: int) -> Ring:
+    """Return a rectangle with a half circle at the rear."""
     arc = vertices - 2
     r = w / 2
     turn = pi / (arc - 1)
@@ -92,8 +99,8 @@ def _apse(w: float, d: float, vertices: int) -> Ring:
     return [(0, 0), (w, 0), *rear]
 
 
-def _articulated(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
-    """Add about `extra` vertices: bays into long walls (4 each), corner steps (2), bevels (1)."""
+def _add_details(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
+    """Return a ring with `extra` more vertices: bays (4 each), corner steps (2), bevels (1)."""
     if extra < 1:
         return ring
     walls = [_Wall(ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring))]
@@ -101,29 +108,29 @@ def _articulated(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
     cut = min(2.0, 0.2 * min(wall.length for wall in walls))
     margin = cut + 1.4
     pitch = 2.2 + 2.5 * u[6]
-    free = [int((wall.length - 2 * margin) / pitch) for wall in walls]
-    # longest walls first: a facade takes all its bays, or its share
-    order = sorted(range(len(walls)), key=lambda i: -free[i])
-    taken = [0] * len(walls)
+    bay_limits = [int((wall.length - 2 * margin) / pitch) for wall in walls]
+    # Longest walls first: a facade gets all bays that fit, or half of them.
+    order = sorted(range(len(walls)), key=lambda i: -bay_limits[i])
+    bay_counts = [0] * len(walls)
     for i in order:
-        share = free[i] if u[7] < 0.5 else (free[i] + 1) // 2
-        taken[i] = max(0, min(share, bays))
-        bays -= taken[i]
+        share = bay_limits[i] if u[7] < 0.5 else (bay_limits[i] + 1) // 2
+        bay_counts[i] = max(0, min(share, bays))
+        bays -= bay_counts[i]
     corners += 4 * max(0, bays)
-    out: Ring = []
+    result: Ring = []
     first = int(u[5] * len(ring))
-    gains = [0] * len(ring)  # vertices that each corner gets: 2 for a step, 1 for a bevel
+    corner_vertices = [0] * len(ring)  # 2 for a step, 1 for a bevel
     for k in range(min(len(ring), (corners + 1) // 2)):
-        gains[(first + k) % len(ring)] = min(2, corners - 2 * k)
+        corner_vertices[(first + k) % len(ring)] = min(2, corners - 2 * k)
     inset = 0.5 + 0.7 * u[4]
     for i, wall in enumerate(walls):
-        out.extend(_corner(walls[i - 1], wall, cut, gains[i]))
-        out.extend(_bays(wall, taken[i], margin, inset))
-    return out
+        result.extend(_build_corner(walls[i - 1], wall, cut, corner_vertices[i]))
+        result.extend(_build_bays(wall, bay_counts[i], margin, inset))
+    return result
 
 
 class _Wall:
-    """A directed wall with the building on its left."""
+    """A directed wall with the building on the left."""
 
     __slots__ = ("dx", "dy", "length", "x", "y")
 
@@ -132,31 +139,36 @@ class _Wall:
         self.length = hypot(end[0] - self.x, end[1] - self.y)
         self.dx, self.dy = (end[0] - self.x) / self.length, (end[1] - self.y) / self.length
 
-    def at(self, along: float, into: float) -> tuple[float, float]:
-        """The point `along` metres from the start and `into` metres into the building."""
+    def locate(self, along: float, into: float) -> tuple[float, float]:
+        """Return the point `along` metres from the start and `into` metres into the building."""
         return (
             self.x + along * self.dx - into * self.dy,
             self.y + along * self.dy + into * self.dx,
         )
 
 
-def _corner(before: _Wall, after: _Wall, cut: float, gain: int) -> Ring:
-    start, end = before.at(before.length - cut, 0.0), after.at(cut, 0.0)
-    if gain == 0:
+def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
+    start, end = before.locate(before.length - cut, 0.0), after.locate(cut, 0.0)
+    if vertices == 0:
         return [(after.x, after.y)]
-    if gain == 1:
+    if vertices == 1:
         return [start, end]
-    # the fourth corner of the square that start, the old corner and end span
+    # The fourth corner of the parallelogram of start, old corner and end.
     x, y = start[0] + end[0] - after.x, start[1] + end[1] - after.y
     return [start, (x, y), end]
 
 
-def _bays(wall: _Wall, count: int, margin: float, inset: float) -> Ring:
-    out: Ring = []
+def _build_bays(wall: _Wall, count: int, margin: float, inset: float) -> Ring:
+    result: Ring = []
     if count < 1:
-        return out
+        return result
     slot = (wall.length - 2 * margin) / count
     for k in range(count):
         a, b = margin + (k + 0.25) * slot, margin + (k + 0.75) * slot
-        out += [wall.at(a, 0.0), wall.at(a, inset), wall.at(b, inset), wall.at(b, 0.0)]
-    return out
+        result += [
+            wall.locate(a, 0.0),
+            wall.locate(a, inset),
+            wall.locate(b, inset),
+            wall.locate(b, 0.0),
+        ]
+    return result

@@ -1,4 +1,4 @@
-"""Single polygons: those that break triangulators (combs, needles, ...), and the paper's."""
+"""Single polygons that are hard to triangulate (combs, needles, ...), and the paper's polygon."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from scenes.cleaning.repair import clean
 from scenes.scene import Scene, SceneError
 
 MAX_VERTICES = 100_000
-_SIDE = 100.0  # every polygon fills about a square of this side
+_SIDE = 100.0  # every polygon fills a square of about this side
 
 Ring = NDArray[np.float64]
 Shape = Ring | tuple[Ring, list[Ring]]
@@ -30,16 +30,16 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     if not 12 <= vertices <= MAX_VERTICES:
         raise SceneError(f"stress: vertices={vertices} is out of range: give 12 to {MAX_VERTICES}")
     if family != "all" and family not in FAMILIES:
-        raise SceneError(f"stress: there is no family {family!r}; there are {', '.join(FAMILIES)}")
-    chosen = list(FAMILIES) if family == "all" else [family]
+        raise SceneError(f"stress: unknown family {family!r} (choose from {', '.join(FAMILIES)})")
+    families = list(FAMILIES) if family == "all" else [family]
     polygons = []
     for number, name in enumerate(FAMILIES):
-        if name in chosen:
-            # a generator each: a polygon is the same whether alone or with the others
+        if name in families:
+            # A generator per family: polygons do not depend on the other families.
             polygons.append(
                 _polygon(FAMILIES[name](np.random.default_rng([seed, number]), vertices))
             )
-    cleaned = clean(polygons, chosen)
+    cleaned = clean(polygons, families)
     return Scene(
         name="stress",
         polygons=arrange_in_rows(list(cleaned.polygons)),
@@ -60,7 +60,7 @@ def _polygon(shape: Shape) -> shapely.Polygon:
 
 
 def comb(rng: Generator, n: int) -> Ring:
-    """Narrow prongs of uneven lengths on a bar."""
+    """Return narrow prongs of uneven lengths on a bar."""
     prongs = n // 4
     x = np.repeat(np.linspace(0, _SIDE, 2 * prongs), 2)
     lengths = rng.uniform(0.6, 1.0, prongs) * _SIDE
@@ -71,7 +71,7 @@ def comb(rng: Generator, n: int) -> Ring:
 
 
 def sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """A band whose upper and lower edges are saws."""
+    """Return a band with saws as upper and lower edges."""
     x = np.linspace(0, _SIDE, n // 2)
     up = np.where(np.arange(len(x)) % 2, 0.95, 0.55) * _SIDE
     down = np.where(np.arange(len(x)) % 2, 0.45, 0.05) * _SIDE
@@ -79,7 +79,7 @@ def sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
 
 
 def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """A band wound inwards, six turns, or fewer if there are fewer than 12 vertices for each."""
+    """Return an inward spiral of six revolutions, or fewer below 24 vertices per revolution."""
     turns = max(1, min(6, n // 24))
     t = np.linspace(0, 2 * np.pi * turns, n // 2)
     outer = _SIDE / 2 * (1 - t / (2 * np.pi * (turns + 0.75)))
@@ -89,7 +89,7 @@ def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
 
 
 def star(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """Long thin spikes: every other vertex lies near the centre."""
+    """Return long thin spikes: every second vertex is near the centre."""
     spikes = n // 2
     t = np.pi / spikes * np.arange(2 * spikes)
     r = np.where(np.arange(2 * spikes) % 2, 0.05, 0.5) * _SIDE
@@ -97,33 +97,33 @@ def star(rng: Generator, n: int) -> Ring:  # noqa: ARG001
 
 
 def koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """The deepest Koch snowflake of at most n vertices."""
+    """Return the deepest Koch snowflake of at most n vertices."""
     points = _SIDE / 2 * np.exp(2j * np.pi * np.arange(3) / 3)
     while 4 * len(points) <= n:
         step = (np.roll(points, -1) - points) / 3
-        # vertices run counter-clockwise, so a turn to the right points outwards
+        # Vertices run counter-clockwise, so a right turn points outwards.
         tip = points + step + step * np.exp(-1j * np.pi / 3)
         points = np.column_stack([points, points + step, tip, points + 2 * step]).ravel()
     return np.column_stack([points.real, points.imag])
 
 
 def near_collinear(rng: Generator, n: int) -> Ring:
-    """A square whose sides carry vertices that are off the line by a millionth."""
+    """Return a square with side vertices that are off the line by up to a millionth."""
     per_side = n // 4
     along = np.sort(rng.uniform(0.01, 0.99, (4, per_side - 1)), axis=1)
-    off = rng.uniform(-1e-6, 1e-6, along.shape)
+    offsets = rng.uniform(-1e-6, 1e-6, along.shape)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     sides = []
     for k in range(4):
         a, b = corners[k], corners[(k + 1) % 4]
         normal = np.array([-(b - a)[1], (b - a)[0]])
-        points = a + along[k][:, None] * (b - a) + off[k][:, None] * normal
+        points = a + along[k][:, None] * (b - a) + offsets[k][:, None] * normal
         sides.append(np.concatenate([[a], points]))
     return _SIDE * np.concatenate(sides)
 
 
 def sliver(rng: Generator, n: int) -> Ring:
-    """A bent band ten thousand times longer than wide."""
+    """Return a bent band ten thousand times longer than wide."""
     x = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, n // 2 - 2)), [1.0]]) * _SIDE
     y = 0.2 * _SIDE * np.sin(x / _SIDE * np.pi)
     low, high = np.column_stack([x, y]), np.column_stack([x, y + 1e-4 * _SIDE])
@@ -131,7 +131,7 @@ def sliver(rng: Generator, n: int) -> Ring:
 
 
 def needle_holes(rng: Generator, n: int) -> Shape:
-    """A square full of three-cornered holes a thousand times longer than wide."""
+    """Return a square with triangular holes a thousand times longer than wide."""
     count = max(1, (n - 4) // 3)
     columns = int(np.ceil(np.sqrt(count)))
     cell = _SIDE / columns
@@ -146,14 +146,14 @@ def needle_holes(rng: Generator, n: int) -> Shape:
 
 
 def random_star(rng: Generator, n: int) -> Ring:
-    """Vertices at random angles and radii about a centre that sees them all."""
+    """Return vertices at random angles and radii about a centre from which all are visible."""
     t = np.sort((np.arange(n) + rng.uniform(0, 0.9, n)) * 2 * np.pi / n)
     r = rng.uniform(0.2, 0.5, n) * _SIDE
     return np.column_stack([r * np.cos(t), r * np.sin(t)])
 
 
 def random_monotone(rng: Generator, n: int) -> Ring:
-    """Two random chains from left to right, one above the other."""
+    """Return two random chains from left to right, the upper above the lower."""
     x = np.sort(rng.uniform(0, 1, n - 2))
     upper = rng.random(n - 2) < 0.5
     y = np.where(upper, rng.uniform(0.52, 1.0, n - 2), rng.uniform(0.0, 0.48, n - 2))
@@ -163,10 +163,10 @@ def random_monotone(rng: Generator, n: int) -> Ring:
 
 
 def random_maze(rng: Generator, n: int) -> Ring:
-    """Return the outline of a random spanning tree of a grid, its vertices shaken.
+    """Return the outline of a random spanning tree of a grid, with perturbed vertices.
 
-    The way visits each point of the grid of half the pitch once. Neighbours there are moved by less
-    than half of their distance, so the polygon stays simple, whatever the tree.
+    The path visits each point of the grid of half the pitch once. Vertices move by less than half
+    of the distance of neighbours, so the polygon stays simple for every tree.
     """
     side = max(2, round(np.sqrt(n / 4)))
     right, up = _spanning_tree(rng, side)
@@ -176,7 +176,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
     for _ in range(4 * side * side):
         path.append((x, y))
         cell = x // 2, y // 2
-        # with the tree on the left hand: along a branch that begins here, else around the cell
+        # Keep the tree on the left: follow a branch that begins here, otherwise go around the cell.
         if y % 2 == 0:
             if x % 2 == 0:
                 x, y = (x, y - 1) if down[cell] else (x + 1, y)
@@ -191,7 +191,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
 
 
 def _spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which cells are joined to their right and which to their upper neighbour (Kruskal)."""
+    """Return which cells are joined to the right, and which to the upper neighbour (Kruskal)."""
     cell = np.arange(side**2).reshape(side, side)
     a = np.concatenate([cell[:-1].ravel(), cell[:, :-1].ravel()])
     b = np.concatenate([cell[1:].ravel(), cell[:, 1:].ravel()])
@@ -199,8 +199,8 @@ def _spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArra
     tree = minimum_spanning_tree(coo_array((weight, (a, b)), shape=(side**2, side**2))).tocoo()
     joined = np.zeros((2, side, side), dtype=bool)
     rightwards = tree.col - tree.row == side
-    for direction, chosen in enumerate((rightwards, ~rightwards)):
-        joined[direction].ravel()[tree.row[chosen]] = True
+    for direction, families in enumerate((rightwards, ~rightwards)):
+        joined[direction].ravel()[tree.row[families]] = True
     return joined[0], joined[1]
 
 
@@ -218,12 +218,12 @@ FAMILIES: dict[str, Callable[[Generator, int], Shape]] = {
     "random-maze": random_maze,
 }
 
-# clockwise, as the paper numbers them
+# clockwise, in the paper's order
 _PAPER = ((3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2))
 
 
 def paper(*, seed: int = 0) -> Scene:  # noqa: ARG001 - every scene takes a seed
-    """The polygon of Kryvda and Sulema's Table 1, from its rows: 9 vertices, area 46."""
+    """Return the polygon of Kryvda and Sulema's Table 1, from the rows: 9 vertices, area 46."""
     return Scene(
         name="paper",
         polygons=[shapely.orient_polygons(shapely.Polygon(_PAPER))],

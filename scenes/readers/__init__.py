@@ -1,1 +1,1 @@
-"""Readers of files, a format a module; `reader` says which one serves which suffix."""
+"""Readers of files, one module per format; `reader` chooses by suffix."""

@@ -13,7 +13,7 @@ from scenes.readers.guard import check_last_line, clear_errors, note_errors
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
-_WANTED = ("RoofSurface", "GroundSurface")
+_KINDS = ("RoofSurface", "GroundSurface")
 _DEPTHS = {
     **dict.fromkeys(("MultiSurface", "CompositeSurface"), 0),
     "Solid": 1,
@@ -21,22 +21,22 @@ _DEPTHS = {
 }
 """Types of geometries to the number of levels above their surfaces."""
 
-_INSTANCE = "has an instance of a template, which is not read: replace it by its geometry"
-_PLAN = "surfaces seen from above, with their height as an attribute"
+_INSTANCE = "has an instance of a template, which is unsupported: replace it by the geometry"
+_PLAN = "surfaces seen from above, with the height as an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
     """Yield the surfaces of all city objects, as polygons in plan.
 
-    `layer` is RoofSurface or GroundSurface; both are read by default. Where a model has no
-    semantics, a surface that faces up is a roof and one that faces down is ground. Of an object
-    with several levels of detail the highest is taken. The table has the object's identifier and
-    type, the kind of surface, and its height.
+    `layer` is RoofSurface or GroundSurface; both are read by default. In a model without semantics
+    a surface that faces up is a roof, and a surface that faces down is ground. Of an object's
+    levels of detail the highest is read. The table has the object's identifier and type, and the
+    surface's kind and height.
     """
-    model = _model(str(source.path), source.path.read_bytes)
+    model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
-    surfaces.add(dict(model["CityObjects"]), _vertices(model, model))
-    yield surfaces.raw(_crs(model))
+    surfaces.add(dict(model["CityObjects"]), _read_vertices(model, model))
+    yield surfaces.raw(_find_crs(model))
 
 
 def read_sequence(source: Source, size: int) -> Iterator[Raw]:
@@ -47,16 +47,16 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
     check_last_line(source.path, json.loads)
     surfaces = _Surfaces(source)
     with source.path.open("rb") as lines:
-        head = _model(f"{source.path}, line 1", lambda: next(lines, b""))
-        crs = _crs(head)
+        head = _parse_model(f"{source.path}, line 1", lambda: next(lines, b""))
+        crs = _find_crs(head)
         for number, line in enumerate(lines, start=2):
             if not line.strip():
                 continue
-            with note_errors(surfaces.dropped, f"line {number}", "is not sound"):
+            with note_errors(surfaces.dropped, f"line {number}", "is invalid"):
                 feature = json.loads(line)
                 if feature["type"] != "CityJSONFeature":
-                    raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
-                surfaces.add(dict(feature["CityObjects"]), _vertices(feature, head))
+                    raise ValueError(f"type {feature['type']} is not CityJSONFeature")
+                surfaces.add(dict(feature["CityObjects"]), _read_vertices(feature, head))
             if number % size == 0:
                 yield surfaces.raw(crs)
                 surfaces = _Surfaces(source)
@@ -67,11 +67,11 @@ class _Surfaces:
     """Collected surfaces of city objects."""
 
     def __init__(self, source: Source) -> None:
-        if source.layer not in (None, *_WANTED):
+        if source.layer not in (None, *_KINDS):
             raise SceneError(
-                f"{source.path} has no layer {source.layer!r}; give {' or '.join(_WANTED)}"
+                f"{source.path} has no layer {source.layer!r}; give {' or '.join(_KINDS)}"
             )
-        self._wanted = _WANTED if source.layer is None else (source.layer,)
+        self._kinds = _KINDS if source.layer is None else (source.layer,)
         self.dropped: list[Note] = []
         self._geometries: list[Any] = []
         self._labels: list[str] = []
@@ -80,12 +80,14 @@ class _Surfaces:
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
         """Collect the surfaces of objects that share vertices."""
         for identifier, city_object in objects.items():
-            with note_errors(self.dropped, str(identifier), "is not a sound city object"):
+            with note_errors(self.dropped, str(identifier), "is an invalid city object"):
                 geometry_types = [g["type"] for g in city_object.get("geometry", [])]
                 if "GeometryInstance" in geometry_types:
                     self.dropped.append((str(identifier), _INSTANCE))
-                for number, (kind, polygon, height) in enumerate(_surfaces(city_object, vertices)):
-                    if kind in self._wanted:
+                for number, (kind, polygon, height) in enumerate(
+                    _read_surfaces(city_object, vertices)
+                ):
+                    if kind in self._kinds:
                         self._geometries.append(polygon)
                         self._labels.append(f"{identifier} surface {number}")
                         kinds = {"id": identifier, "type": city_object.get("type"), "surface": kind}
@@ -97,31 +99,31 @@ class _Surfaces:
         return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
 
 
-def _model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
+def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
     with clear_errors(name, "JSON"):
         model = json.loads(content())
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
-        raise SceneError(f"{name} is JSON, but its type is not CityJSON")
+        raise SceneError(f"{name} is JSON, but not of type CityJSON")
     return model
 
 
-def _crs(model: dict[str, Any]) -> str | None:
+def _find_crs(model: dict[str, Any]) -> str | None:
     metadata = model.get("metadata")
     name = metadata.get("referenceSystem") if isinstance(metadata, dict) else None
     code = str(name).replace("::", ":").replace("/", ":").rpartition(":")[2]
     return f"EPSG:{code}" if code.isdigit() else None
 
 
-def _vertices(model: dict[str, Any], about: dict[str, Any]) -> NDArray[np.float64]:
+def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.float64]:
     """Return (n, 3), scaled and translated by `about`: the model or the head of its sequence."""
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
-    if "transform" in about:
-        transform = about["transform"]
+    if "transform" in source:
+        transform = source["transform"]
         vertices = vertices * np.array(transform["scale"], dtype=float) + transform["translate"]
     return vertices
 
 
-def _surfaces(
+def _read_surfaces(
     city_object: dict[str, Any], vertices: NDArray[np.float64]
 ) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
     """Yield kind, plan and mean height of each surface of an object's most detailed geometry.
@@ -140,16 +142,16 @@ def _surfaces(
     surfaces = _flatten(shape["boundaries"], depth)
     values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
     for rings, value in zip(surfaces, values, strict=True):
-        points = [vertices[_indices(ring, len(vertices))] for ring in rings]
+        points = [vertices[_check_indices(ring, len(vertices))] for ring in rings]
         kind = _kind_by_slope(points[0]) if value is None else kinds[value]
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
         yield kind, plan, float(points[0][:, 2].mean())
 
 
-def _indices(ring: Any, count: int) -> NDArray[np.int64]:
+def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
     indices = np.array(ring, dtype=np.int64)
     if len(indices) < 3 or indices.min() < 0 or indices.max() >= count:
-        raise ValueError("a ring has fewer than 3 vertices, or one that does not exist")
+        raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
     return indices
 
 
@@ -171,6 +173,6 @@ def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None
 
 def _kind_by_slope(ring: NDArray[np.float64]) -> str:
     """Return roof or ground by the vertical part of the normal, by Newell's method."""
-    after = np.roll(ring, -1, axis=0)
-    up = np.sum((ring[:, 0] - after[:, 0]) * (ring[:, 1] + after[:, 1]))
+    following = np.roll(ring, -1, axis=0)
+    up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))
     return "RoofSurface" if up > 0 else "GroundSurface"

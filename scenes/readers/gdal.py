@@ -1,6 +1,7 @@
-"""The GDAL library that pyogrio brings: its error handler, and geometries with straight edges.
+"""Functions of the GDAL library in pyogrio that pyogrio does not expose.
 
-pyogrio passes on neither. Both are optional: functions here do less if the library is not found.
+These are the error handler and the conversion of curves to straight edges. Both are optional:
+without the library failures are not counted and curves not converted.
 """
 
 import ctypes
@@ -15,21 +16,21 @@ import pyogrio
 
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_char_p)
 _FAILURE = 3
-"""GDAL's CE_Failure; lower numbers are remarks on something that was read."""
+"""GDAL's CE_Failure; lower numbers are warnings."""
 
 _SRID = 0x20000000
-"""Bit of the type in EWKB that says that an SRID follows."""
+"""Bit of the type in EWKB if an SRID follows."""
 
 _MULTI_POLYGON = 6
 _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
-"""Types of surfaces (polyhedral surface, TIN, triangle) to those of the polygons they become."""
+"""Types of surfaces (polyhedral surface, TIN, triangle) to the types of polygons."""
 
 
 @cache
 def load_library() -> Any | None:
-    """Return GDAL as pyogrio loads it, or None if it is not found.
+    """Return GDAL as pyogrio loads it, or None if not found.
 
-    It is reached through an extension module of pyogrio, on Windows from the folder next to it.
+    An extension module of pyogrio exposes GDAL; on Windows the library is in the next folder.
     """
     package = Path(pyogrio.__file__).parent
     modules = sorted(package.glob("_err.*.so")) + sorted(package.glob("_err.*.pyd"))
@@ -74,7 +75,7 @@ class FailureLog:
                 self.count += 1
                 self.first = self.first or (text or b"").decode("utf-8", "replace")
 
-        # An attribute, because GDAL stores a bare pointer to it.
+        # An attribute, because GDAL stores a bare pointer to the handler.
         self._handler = _HANDLER(handle)
 
     @contextmanager

@@ -1,7 +1,7 @@
 """Properties of GeoJSON that GDAL does not report: sequences of lines, and reference systems.
 
-Of a GeoJSON sequence GDAL skips lines silently; of a reference system that it does not know, it
-assumes longitude and latitude.
+GDAL silently skips invalid lines of a GeoJSON sequence, and takes an unknown reference system for
+longitude and latitude.
 """
 
 import json
@@ -24,9 +24,9 @@ _DEGREES = "EPSG:4326"
 def find_crs(path: Path, crs: str | None) -> str | None:
     """Return the reference system of a file, given the one that GDAL reports.
 
-    GeoJSON of 2008 may name a system in `crs`, before or after its features, or state by null that
-    there is none. If GDAL does not know the name, it reports longitude and latitude. TopoJSON has
-    no reference system; as in GeoJSON, its coordinates are longitude and latitude.
+    GeoJSON of 2008 may name a system in `crs`, before or after the features, or null for none. GDAL
+    reports longitude and latitude for unknown names. TopoJSON has no reference system; as in
+    GeoJSON, coordinates are longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES):
@@ -44,7 +44,7 @@ def find_crs(path: Path, crs: str | None) -> str | None:
 
 
 def is_sequence(path: Path) -> bool:
-    """Whether a file has one GeoJSON object per line, by its suffix or by its first line."""
+    """Whether a file has one GeoJSON object per line, by the suffix or the first line."""
     if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
         return path.suffix.lower() in _SEQUENCES
     with path.open("rb") as stream:
@@ -62,16 +62,16 @@ def is_sequence(path: Path) -> bool:
 def find_skipped_lines(
     path: Path, count: int, failures: int, *, is_complete: bool, size: int
 ) -> Iterator[Raw]:
-    """Yield chunks without geometry, whose notes name the lines that gave no feature.
+    """Yield chunks without geometry, with notes on the lines that are not features.
 
     Parameters
     ----------
     count
         Number of features that were read.
     failures
-        Number of failures that GDAL reported; it reports fewer than there are.
+        Number of failures that GDAL reported, a lower bound.
     is_complete
-        Whether all features were asked for, so that their number can be compared.
+        Whether all features were requested, so that numbers can be compared.
     """
     lines = sum(1 for _, line in numbered_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:
@@ -82,7 +82,7 @@ def find_skipped_lines(
         yield Raw([], [], dropped=notes)
     if count < lines:
         raise SceneError(
-            f"{path} has {lines} features, one a line, but GDAL reads only some of them: write it "
+            f"{path} has {lines} features, but GDAL reads only some of them: write the file "
             "again, without a byte order mark"
         )
 

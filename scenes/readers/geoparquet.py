@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenes.readers.reader import Raw, Source
-from scenes.readers.wkb import parse_wkb
+from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
 from scenes.spec import format_install_command, format_suggestion
 
@@ -25,8 +25,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     """
     with pyarrow_parquet(source).ParquetFile(source.path) as file:
         column, crs, notes = geometry_column(source, file.schema_arrow)
-        for start, batch in _batches(file, source.rows, size):
-            raw = _raw(batch, column, crs, start, exact=source.rows is not None)
+        for start, batch in _read_batches(file, source.rows, size):
+            raw = _parse_batch(batch, column, crs, start, exact=source.rows is not None)
             yield replace(raw, notes=notes + raw.notes)
 
 
@@ -36,17 +36,17 @@ def pyarrow_parquet(source: Source) -> Any:
         from pyarrow import parquet
     except ImportError as error:
         raise SceneError(
-            f"{source.path} needs pyarrow to be read: {format_install_command('geoparquet')}"
+            f"{source.path} needs pyarrow: {format_install_command('geoparquet')}"
         ) from error
     return parquet
 
 
-def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
+def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
     """Yield batches of the rows asked for, and the number of the first row of each."""
     sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
     ends = np.cumsum(sizes, dtype=np.int64)
     first, last = rows or (0, file.metadata.num_rows)
-    # The row groups that contain them; rows before the first one are read and skipped.
+    # The row groups that contain the rows; earlier rows of the first group are skipped.
     groups = [i for i, end in enumerate(ends) if end > first and end - sizes[i] < last]
     start = int(ends[groups[0]] - sizes[groups[0]]) if groups else 0
     for batch in file.iter_batches(batch_size=size, row_groups=groups):
@@ -59,15 +59,15 @@ def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tup
 
 
 def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
-    """Return name and reference system of the column to read, and a note on other ones.
+    """Return name and reference system of the column to read, and a note on other columns.
 
-    Raises SceneError if the file has none, or none that can be read.
+    Raises SceneError if the column is missing or not encoded as WKB.
     """
     geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
     if not geo:
         raise SceneError(
             f"{source.path} has no geometry column in its GeoParquet metadata: "
-            "write it with a program that knows GeoParquet"
+            "write the file with a program that supports GeoParquet"
         )
     columns = geo["columns"]
     column = source.layer or geo["primary_column"]
@@ -76,20 +76,21 @@ def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple
             f"{source.path} has no geometry column {column!r}; "
             + format_suggestion(column, columns, "it has")
         )
-    about = columns[column]
-    encoding = about["encoding"]
-    others = [name for name in columns if name != column]
-    notes = (f"geometry column {column} (others: {', '.join(others)})",) if others else ()
+    metadata = columns[column]
+    encoding = metadata["encoding"]
+    alternatives = [name for name in columns if name != column]
+    notes = (
+        (f"geometry column {column} (others: {', '.join(alternatives)})",) if alternatives else ()
+    )
     if column not in schema.names or encoding != "WKB":
         raise SceneError(
-            f"{source.path}: column {column} has the encoding {encoding}, which cannot be read: "
-            "write it as WKB"
+            f"{source.path}: column {column} has the unsupported encoding {encoding}: write WKB"
         )
-    return column, _code(about.get("crs", "OGC:CRS84")), notes
+    return column, _format_crs(metadata.get("crs", "OGC:CRS84")), notes
 
 
-def _code(crs: Any) -> str | None:
-    """Return the authority code of PROJJSON, or its text if it has none."""
+def _format_crs(crs: Any) -> str | None:
+    """Return the authority code of PROJJSON, or the text if there is no code."""
     if not isinstance(crs, dict):
         return crs if isinstance(crs, str) else None
     identifier = crs.get("id")
@@ -98,7 +99,7 @@ def _code(crs: Any) -> str | None:
     return json.dumps(crs)
 
 
-def _raw(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> Raw:
+def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> Raw:
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
     table, notes = to_pandas(batch.remove_column(index), exact=exact)
@@ -110,33 +111,33 @@ def _raw(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return a batch of Arrow as a table, and a note on columns whose text is not UTF-8.
 
-    `exact`: columns keep Arrow's types, so that all parts of a file have the same ones; otherwise
-    they become those of pandas, where a missing value turns integers into floats.
+    `exact`: columns keep Arrow's types, so that all parts of a file have the same types; in pandas'
+    types a missing value would turn integers into floats.
 
-    Old Shapefiles and database exports contain text that is not UTF-8; invalid bytes become U+FFFD.
-    Arrow and pandas do not check the bytes before the text is used.
+    Old Shapefiles and database exports contain text that is not UTF-8: invalid bytes become U+FFFD.
+    Arrow and pandas would fail only when the text is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())
     >>> table, notes = to_pandas(pa.RecordBatch.from_arrays([latin], ["name"]))
     >>> table["name"][0], notes
-    ('K\ufffdln', ('text of name is not UTF-8: what cannot be read became U+FFFD',))
+    ('K\ufffdln', ('text of name is not UTF-8: invalid bytes became U+FFFD',))
     """
     import pandas as pd
     import pyarrow as pa
 
-    arrays, broken = [], []
+    arrays, invalid = [], []
     for field, column in zip(batch.schema, batch.columns, strict=True):
         try:
             column.validate(full=True)
         except pa.ArrowInvalid:
-            broken.append(field.name)
+            invalid.append(field.name)
             column = _replace_invalid_text(column)
         arrays.append(column)
     notes: tuple[str, ...] = ()
-    if broken:
+    if invalid:
         batch = pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
-        text = f"text of {', '.join(broken)} is not UTF-8: what cannot be read became U+FFFD"
+        text = f"text of {', '.join(invalid)} is not UTF-8: invalid bytes became U+FFFD"
         notes = (text,)
     return batch.to_pandas(types_mapper=pd.ArrowDtype if exact else None), notes
 

@@ -24,7 +24,7 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Numbers of an element of an accessor, by the accessor's type."""
+"""Number of components of an accessor's element, by type."""
 
 FULL_SCALE = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 """The stored integer that stands for 1.0 if an accessor is normalized, by component type."""
@@ -34,13 +34,13 @@ DATA_URI = "base64,"
 """Last part of the head of a data URI."""
 
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-"""Extensions that store vertices and triangles in a compressed stream."""
+"""Extensions with compressed vertices and triangles."""
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 
 class GltfFile:
-    """A model in memory: its JSON, and the bytes of its buffers.
+    """A model in memory: JSON, and the bytes of the buffers.
 
     Raises SceneError for a file with compressed triangles, and other exceptions for a file that
     violates the format.
@@ -54,10 +54,10 @@ class GltfFile:
         compressed = [name for name in COMPRESSED if name in used]
         if compressed:
             raise SceneError(
-                f"{path}: {compressed[0]} packs its triangles; unpack it first, for instance by "
+                f"{path}: {compressed[0]} is unsupported; unpack the model first, for example by "
                 "`gltf-transform copy`"
             )
-        self.buffers = [self._read_buffer(each) for each in self.json.get("buffers", [])]
+        self.buffers = [self._read_buffer(buffer) for buffer in self.json.get("buffers", [])]
 
     def _read_chunks(self, data: bytes) -> bytes:
         """Split a .glb into its chunks; return the JSON."""
@@ -75,7 +75,7 @@ class GltfFile:
             self._chunks.append((kind, data[start + 8 : start + 8 + size]))
             start += 8 + size
         if not self._chunks or self._chunks[0][0] != JSON:
-            raise ValueError("its first chunk is not JSON")
+            raise ValueError("the first chunk is not JSON")
         return self._chunks[0][1]
 
     def _read_buffer(self, buffer: dict[str, Any]) -> bytearray:
@@ -93,42 +93,42 @@ class GltfFile:
         return bytearray(data)
 
     def _resolve(self, uri: str) -> Path:
-        """Return the file of a relative URI, which has to be below the model's folder."""
+        """Return the file of a relative URI, which must be below the model's folder."""
         file = self.path.parent / unquote(uri)
         if not file.resolve().is_relative_to(self.path.parent.resolve()):
             raise SceneError(
-                f"{self.path} names {uri}, which is not below its folder: copy it there"
+                f"{self.path} needs {uri}, which is outside the model's folder: copy it there"
             )
         refuse_special(file)
         if not file.is_file():
-            raise SceneError(f"{self.path} needs {uri}, which is not there")
+            raise SceneError(f"{self.path} needs {uri}, which was not found")
         return file
 
     def array(self, accessor: int) -> NDArray[Any]:
-        """Return an accessor's values (n, width), of the type in which they are stored."""
-        about = self.json["accessors"][index(accessor)]
-        kind, width = component_type(about), WIDTHS[about["type"]]
-        if "bufferView" in about:
-            values = self._view(about, kind, width, about["count"]).copy()
+        """Return an accessor's stored values (n, width)."""
+        description = self.json["accessors"][index(accessor)]
+        kind, width = component_type(description), WIDTHS[description["type"]]
+        if "bufferView" in description:
+            values = self._view(description, kind, width, description["count"]).copy()
         else:
-            values = np.zeros((about["count"], width), kind)
-        if "sparse" in about:
-            sparse = about["sparse"]
-            at = sparse["indices"]
-            rows = self._view(at, component_type(at), 1, sparse["count"])
+            values = np.zeros((description["count"], width), kind)
+        if "sparse" in description:
+            sparse = description["sparse"]
+            indices = sparse["indices"]
+            rows = self._view(indices, component_type(indices), 1, sparse["count"])
             values[rows[:, 0]] = self._view(sparse["values"], kind, width, sparse["count"])
         return values
 
     def values(self, accessor: int) -> tuple[NDArray[Any], bool]:
-        """Return an accessor's stored values (n, width), and whether they are normalized."""
-        about = self.json["accessors"][index(accessor)]
-        return self.array(accessor), bool(about.get("normalized"))
+        """Return an accessor's stored values (n, width), and whether these are normalized."""
+        description = self.json["accessors"][index(accessor)]
+        return self.array(accessor), bool(description.get("normalized"))
 
     def _view(
-        self, about: dict[str, Any], kind: np.dtype[Any], width: int, count: int
+        self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
-        view = self.json["bufferViews"][index(about["bufferView"])]
-        first = view.get("byteOffset", 0) + about.get("byteOffset", 0)
+        view = self.json["bufferViews"][index(description["bufferView"])]
+        first = view.get("byteOffset", 0) + description.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
         last = first + (count - 1) * stride + kind.itemsize * width
         if min(count, first, stride) < 0 or last > view.get("byteOffset", 0) + view["byteLength"]:
@@ -139,9 +139,9 @@ class GltfFile:
     def positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
-        """Return a primitive's stored positions (n, 3), and its placements for these numbers.
+        """Return a primitive's stored positions (n, 3), and the placements for these numbers.
 
-        Normalized integers stay as they are stored; the (4, 4) matrices then contain their scale.
+        Normalized integers stay integers; the (4, 4) matrices then contain the scale.
         """
         positions, normalized = self.values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:
@@ -164,7 +164,7 @@ class GltfFile:
         mode = primitive.get("mode", TRIANGLES)
         if mode == TRIANGLES:
             if len(vertex) % 3:
-                raise ValueError(f"{len(vertex):,} indices are no triangles")
+                raise ValueError(f"{len(vertex):,} indices are not a multiple of 3")
             return vertex.reshape(-1, 3)
         if mode == FAN:
             hub = np.full(max(len(vertex) - 2, 0), vertex[0] if len(vertex) else 0)
@@ -186,22 +186,22 @@ class GltfFile:
         nodes = self.json.get("nodes", [])
         placements: list[tuple[NDArray[np.float64], ...]] = [()] * count
         roots = scenes[index(self.json.get("scene", 0))].get("nodes", [])
-        waiting = [(number, np.eye(4)) for number in roots]
+        stack = [(number, np.eye(4)) for number in roots]
         for _ in range(len(nodes)):  # a tree has each node once
-            if not waiting:
+            if not stack:
                 break
-            number, parent = waiting.pop()
+            number, parent = stack.pop()
             node = nodes[index(number)]
             matrix = parent @ _node_matrix(node)
             if "mesh" in node:
                 placements[index(node["mesh"])] += tuple(self._instances(node, matrix))
-            waiting += [(child, matrix) for child in node.get("children", [])]
+            stack += [(child, matrix) for child in node.get("children", [])]
         return placements
 
     def _instances(
         self, node: dict[str, Any], matrix: NDArray[np.float64]
     ) -> Iterator[NDArray[np.float64]]:
-        """Yield the matrix of each instance of a node's mesh; one if it is not instanced."""
+        """Yield the matrix of each instance of a node's mesh; one without instancing."""
         instancing = node.get("extensions", {}).get(_INSTANCING)
         if instancing is None:
             yield matrix
@@ -217,21 +217,21 @@ class GltfFile:
 
 
 def index(number: Any) -> int:
-    """Return a valid position in a list; ValueError for -1, which Python takes for the last."""
+    """Return a valid index; ValueError for negative numbers, which Python would accept."""
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
-        raise ValueError(f"{number!r} is no index")
+        raise ValueError(f"{number!r} is not an index")
     return number
 
 
-def component_type(about: dict[str, Any]) -> np.dtype[Any]:
-    """Return the type in which an accessor's numbers are stored."""
-    if about["componentType"] not in _TYPES:
-        raise ValueError(f"component type {about['componentType']} is unknown")
-    return np.dtype(_TYPES[about["componentType"]])
+def component_type(description: dict[str, Any]) -> np.dtype[Any]:
+    """Return the type of an accessor's stored numbers."""
+    if description["componentType"] not in _TYPES:
+        raise ValueError(f"component type {description['componentType']} is unknown")
+    return np.dtype(_TYPES[description["componentType"]])
 
 
 def _node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return the (4, 4) matrix by which a node places its content."""
+    """Return the (4, 4) matrix of a node."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     rotation = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
@@ -242,9 +242,9 @@ def _node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
-    """Return vertices (n, 3) and triangles (m, 3) of a model as its scene places it.
+    """Return vertices (n, 3) and triangles (m, 3) of a model as placed by the default scene.
 
-    The third value is the number of primitives that consist of points or lines, or lack positions.
+    The third value is the number of primitives of points or lines, or without positions.
     """
     model = GltfFile(path)
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]

@@ -1,8 +1,8 @@
-"""Checks before a file is opened, and one-line errors for whatever a library raises.
+"""Checks before a file is opened, and one-line errors for exceptions of libraries.
 
 A library may raise any exception on unexpected bytes, so a list of exceptions is never complete.
-Every exception of a reader is caught at one of the two boundaries here; the log contains it with
-its traceback.
+Every exception of a reader is caught at one of two boundaries, `clear_errors` and `note_errors`,
+and logged with the traceback.
 """
 
 import logging
@@ -25,7 +25,7 @@ def clear_errors(name: str, kind: str) -> Iterator[None]:
     """Turn any exception raised within into a SceneError of one line.
 
     name : the file, as the user gave it
-    kind : what it was read as, e.g. "GeoParquet"
+    kind : the format, e.g. "GeoParquet"
 
     >>> with clear_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
@@ -38,9 +38,7 @@ its format, or export it again
     except SceneError:
         raise
     except MemoryError as error:
-        raise SceneError(
-            f"{name} needs more memory than there is: give only a part of it"
-        ) from error
+        raise SceneError(f"{name} needs more memory than available: give a part of it") from error
     except Exception as error:
         raise SceneError(
             f"{name} cannot be read as {kind}: {format_reason(error)}; "
@@ -49,22 +47,22 @@ its format, or export it again
 
 
 @contextmanager
-def note_errors(notes: list[Note], which: str, what: str) -> Iterator[None]:
+def note_errors(notes: list[Note], name: str, problem: str) -> Iterator[None]:
     """Add a note to `notes` for any exception raised within: an invalid item is skipped.
 
     >>> notes = []
-    >>> with note_errors(notes, "line 7", "is not sound"):
+    >>> with note_errors(notes, "line 7", "is invalid"):
     ...     raise KeyError("vertices")
     >>> notes
-    [('line 7', "is not sound: no 'vertices'")]
+    [('line 7', "is invalid: no 'vertices'")]
     """
     try:
         yield
     except MemoryError:
         raise
     except Exception as error:
-        _LOG.debug("%s: %s", which, what, exc_info=error)
-        notes.append((which, f"{what}: {format_reason(error)}"))
+        _LOG.debug("%s: %s", name, problem, exc_info=error)
+        notes.append((name, f"{problem}: {format_reason(error)}"))
 
 
 def format_reason(error: Exception) -> str:
@@ -85,7 +83,7 @@ MAX_LINE_CHARACTERS = 64 * 2**20
 MAX_FILE_BYTES = 2**30
 """Maximum bytes of a file that is read into memory at once.
 
-Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
+Formats that are read in chunks have no limit: GDAL's, GeoParquet, WKT, CityJSON sequences.
 """
 
 _RATIO = 100
@@ -93,7 +91,7 @@ _RATIO = 100
 
 
 def check_path(path: str) -> Path:
-    """Return the path; raises SceneError if nothing is there, or an empty or special file."""
+    """Return the path; raises SceneError for a missing, empty or special file."""
     file = Path(path)
     try:
         if file.is_dir():
@@ -103,7 +101,7 @@ def check_path(path: str) -> Path:
             if not stream.read(1):
                 raise SceneError(f"{path} is empty (0 bytes): give a file with polygons")
     except (FileNotFoundError, NotADirectoryError):
-        raise SceneError(f"there is no file {path}: check the path") from None
+        raise SceneError(f"{path} not found: check the path") from None
     except (OSError, ValueError) as error:
         raise SceneError(f"{path} cannot be opened: {format_reason(error)}") from error
     return file
@@ -121,21 +119,21 @@ def refuse_gzip(path: Path) -> None:
         raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
 
 
-def check_size(path: Path, whole: bool) -> None:
+def check_size(path: Path, in_memory: bool) -> None:
     """Raise SceneError for a file too large for memory, and for a ZIP bomb."""
     size = path.stat().st_size
-    if whole and size > MAX_FILE_BYTES:
+    if in_memory and size > MAX_FILE_BYTES:
         raise SceneError(
-            f"{path} has {size:,} bytes, but files of its format are held in memory and the limit "
-            f"is {MAX_FILE_BYTES:,}: give a part of it"
+            f"{path} has {size:,} bytes, but files of this format are read into memory and the "
+            f"limit is {MAX_FILE_BYTES:,}: give a part of it"
         )
     if read_edges(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > max(MAX_FILE_BYTES, _RATIO * size):
             raise SceneError(
-                f"{path} unpacks to {unpacked:,} bytes, more than {_RATIO} times its size: "
-                "unpack it yourself and give the file that you want from it"
+                f"{path} unpacks to {unpacked:,} bytes, more than {_RATIO} times the archive: "
+                "unpack it yourself and give a file from it"
             )
 
 
@@ -161,108 +159,111 @@ def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
         return head, stream.read()
 
 
-def truncation_error(path: Path, where: str) -> SceneError:
-    """Return the error for a truncated file; `where` is the evidence."""
-    return SceneError(f"{path} was cut off: {where}; polygons are missing: write or copy it again")
+def truncation_error(path: Path, evidence: str) -> SceneError:
+    """Return the error for a truncated file."""
+    return SceneError(
+        f"{path} is truncated ({evidence}): polygons are missing; export or copy it again"
+    )
 
 
 def check_truncation(path: Path) -> None:
-    """Raise SceneError for a truncated file of a format that states its length or its end.
+    """Raise SceneError for a truncated file of a format that states a length or an end mark.
 
-    The check depends on the suffix: it is for formats whose readers ignore truncation. In XML,
-    JSON, Parquet, PLY and CSV truncation is a syntax error.
+    The check, chosen by suffix, is for formats whose readers ignore truncation. In XML, JSON,
+    Parquet, PLY and CSV truncation is a syntax error.
     """
     check = _CHECKS.get(path.suffix.lower())
-    where = check(path) if check is not None else None
-    if where:
-        raise truncation_error(path, where)
+    evidence = check(path) if check is not None else None
+    if evidence:
+        raise truncation_error(path, evidence)
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
-    """Raise SceneError for a file of lines whose last one has no end and is invalid."""
+    """Raise SceneError if the last line has no line end and is invalid."""
     last = read_edges(path)[1]
     if b"\n" not in last:
         last = read_edges(path, MAX_LINE_CHARACTERS)[1]
     before, _, line = last.rpartition(b"\n")
     if not (before.strip() and line.strip()):
-        return  # the line has an end, or is the only one
+        return  # the last line has an end, or is the only line
     try:
         is_complete = bool(is_valid(line.strip(b"\x1e \t\r")))
     except (ValueError, RecursionError):
         is_complete = False
     if not is_complete:
-        raise truncation_error(path, "its last line ends in the middle")
+        raise truncation_error(path, "the last line is incomplete")
 
 
-def _drawing(path: Path) -> str | None:
+def _check_drawing(path: Path) -> str | None:
     ended = read_edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
-    return None if ended else "a DXF ends with EOF"
+    return None if ended else "no EOF at the end"
 
 
-def _shorter(path: Path, stated: int) -> str | None:
+def _compare_length(path: Path, stated: int) -> str | None:
     size = path.stat().st_size
-    return f"it has {size} bytes of {stated}" if size < stated else None
+    return f"{size} of {stated} bytes" if size < stated else None
 
 
-def _shape(path: Path) -> str | None:
+def _check_shapefile(path: Path) -> str | None:
     """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
     head, _ = read_edges(path)
-    return _shorter(path, 2 * struct.unpack_from(">I", head, 24)[0]) if len(head) >= 100 else None
+    words = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
+    return _compare_length(path, 2 * words)
 
 
-def _database(path: Path) -> str | None:
-    """Return evidence from SQLite's number of pages, if its last writer updated it."""
+def _check_database(path: Path) -> str | None:
+    """Return evidence from SQLite's number of pages, if the last writer updated it."""
     head, _ = read_edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
     page = struct.unpack_from(">H", head, 16)[0]
     changes, pages = struct.unpack_from(">II", head, 24)
-    holds = changes == struct.unpack_from(">I", head, 92)[0]
-    return _shorter(path, pages * (65536 if page == 1 else page)) if holds else None
+    is_current = changes == struct.unpack_from(">I", head, 92)[0]
+    return _compare_length(path, pages * (65536 if page == 1 else page)) if is_current else None
 
 
-def _stl(path: Path) -> str | None:
+def _check_stl(path: Path) -> str | None:
     """Return evidence from the number of triangles of binary STL, or the end of text."""
     head, tail = read_edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
         return None
     if head.lstrip().lower().startswith(b"solid") and b"facet" in head:
-        return None if b"endsolid" in tail.lower() else "an STL in text ends with endsolid"
-    return _shorter(path, stated)
+        return None if b"endsolid" in tail.lower() else "no endsolid at the end"
+    return _compare_length(path, stated)
 
 
-def _off(path: Path) -> str | None:
-    """Return evidence from the numbers of vertices and faces of OFF, one per line."""
+def _check_off(path: Path) -> str | None:
+    """Return evidence from the numbers of vertices and faces of OFF, one item per line."""
     text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
     header = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
     if header is None:
         return None
     vertices, faces = int(header[1]), int(header[2])
-    rest = [line.split() for line in text[header.end() :].splitlines()[1:] if line.strip()]
-    complete = [words for words in rest[vertices:] if len(words) > int(words[0])]
-    return f"it has {len(complete)} of {faces} faces" if len(complete) < faces else None
+    lines = [line.split() for line in text[header.end() :].splitlines()[1:] if line.strip()]
+    complete = [words for words in lines[vertices:] if len(words) > int(words[0])]
+    return f"{len(complete)} of {faces} faces" if len(complete) < faces else None
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
-    ".dxf": _drawing,
-    ".shp": _shape,
-    **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _database),
-    ".stl": _stl,
-    ".off": _off,
+    ".dxf": _check_drawing,
+    ".shp": _check_shapefile,
+    **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _check_database),
+    ".stl": _check_stl,
+    ".off": _check_off,
 }
 
 
 MAX_DEPTH = 100
-"""Maximum levels of a geometry that is parsed: more than any has, and safe on any stack."""
+"""Maximum nesting of a parsed geometry: more than files contain, and safe on any stack."""
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
-_HOLDERS = (4, 5, 6, 7, 9, 10, 11, 12)
-"""Types that contain geometries: multi-points to collections, and those of curves."""
+_CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
+"""Types that contain geometries: multi-points to collections, and curves."""
 
 
 def is_text_too_deep(text: str) -> bool:
-    """Whether WKT is nested deeper than `MAX_DEPTH`; GEOS, which recurses, might end the process.
+    """Whether WKT is nested deeper than `MAX_DEPTH`: GEOS recurses and could overflow the stack.
 
     >>> is_text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_text_too_deep("(" * 101)
     (False, True)
@@ -280,41 +281,41 @@ def is_too_deep(wkb: bytes) -> bool:
     >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
-    if len(wkb) <= 9 * MAX_DEPTH:  # each level has 9 bytes at least
+    if len(wkb) <= 9 * MAX_DEPTH:  # a level has at least 9 bytes
         return False
     try:
-        _end(wkb, 0, "<", 0)
+        _find_end(wkb, 0, "<", 0)
     except RecursionError:
         return True
-    except (struct.error, IndexError):  # not WKB, or truncated before it is too deep
+    except (struct.error, IndexError):  # not WKB, or truncated
         return False
     return False
 
 
-def _end(wkb: bytes, at: int, order: str, level: int) -> tuple[int, str]:
-    """Return the end of the geometry that begins at `at`, and the byte order there."""
+def _find_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str]:
+    """Return the offset after the geometry at `offset`, and the byte order."""
     if level > MAX_DEPTH:
         raise RecursionError
-    order = {0: ">", 1: "<"}.get(wkb[at], order)
+    order = {0: ">", 1: "<"}.get(wkb[offset], order)
     number = struct.Struct(order + "I").unpack_from
-    (code,) = number(wkb, at + 1)
-    at += 9 if code & 0x20000000 else 5  # with an SRID
+    (code,) = number(wkb, offset + 1)
+    offset += 9 if code & 0x20000000 else 5  # with an SRID
     flat, kind = divmod(code & 0xFFFF, 1000)
     heights = bool(code & 0x80000000) or flat in (1, 3)
     measures = bool(code & 0x40000000) or flat in (2, 3)
     point = 8 * (2 + heights + measures)
     if kind == _POINT:
-        return at + point, order
-    (count,) = number(wkb, at)
-    at += 4
-    if kind in _HOLDERS:
+        return offset + point, order
+    (count,) = number(wkb, offset)
+    offset += 4
+    if kind in _CONTAINERS:
         for _ in range(count):
-            at, order = _end(wkb, at, order, level + 1)
+            offset, order = _find_end(wkb, offset, order, level + 1)
     elif kind == _POLYGON:
         for _ in range(count):
-            at += 4 + point * number(wkb, at)[0]
+            offset += 4 + point * number(wkb, offset)[0]
     elif kind in (_LINE, _ARC):
-        at += point * count
+        offset += point * count
     else:
         raise IndexError
-    return at, order
+    return offset, order

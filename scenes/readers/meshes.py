@@ -1,7 +1,7 @@
 """Faces of 3D models: n-gons of OBJ and PLY unchanged, coplanar triangles joined.
 
-trimesh reads OFF and STL as text. It cuts n-gons into triangles, and of glTF and binary STL it
-reads less than the formats allow, so these have readers here and in `scenes.readers.gltf`.
+trimesh reads OFF and text STL. It cuts n-gons into triangles, and supports glTF and binary STL only
+in part, so this module and `scenes.readers.gltf` read these formats.
 """
 
 from collections.abc import Iterator
@@ -20,24 +20,24 @@ from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 from scenes.spec import format_install_command
 
-_FLAT = "each face flat in its own plane, side by side"
+_FLAT = "each face in a plane, side by side"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
-_PLANAR = 1e-3
-"""A face that leaves its plane by more than this share of its size is noted."""
+_MAX_DEVIATION = 1e-3
+"""Maximum distance of vertices from a face's plane, as a share of the size, without a note."""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
-    """Yield every face in its own plane, laid out in rows, in model units.
+    """Yield every face, rotated into the plane and laid out in rows, in model units.
 
-    Level faces keep their plan and upright ones stand; `layer` is not used. Where a model has
-    triangles only, neighbours in one plane are joined.
+    Horizontal faces keep the plan, and vertical faces stand upright. In a model of triangles only,
+    coplanar neighbours are joined.
     """
     suffix = source.path.suffix.lower()
     if suffix not in (".obj", ".ply"):
         vertices, triangles, notes = _read_triangles(source)
         if len(triangles) == 0:
-            raise SceneError(f"{source.path} holds no face: give a model with faces")
-        joined = _join(*_merge(vertices, triangles))
+            raise SceneError(f"{source.path} has no faces: give a model with faces")
+        joined = _join_triangles(*_merge_vertices(vertices, triangles))
         yield replace(joined, notes=joined.notes + notes)
         return
     vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
@@ -48,24 +48,24 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
         if _has_vertices(face, len(vertices), f"face {number}", dropped)
     ]
     if usable and all(len(face) == 3 for _, face in usable):
-        joined = _join(*_merge(vertices, np.array([face for _, face in usable])))
+        joined = _join_triangles(*_merge_vertices(vertices, np.array([face for _, face in usable])))
         yield replace(joined, dropped=dropped + joined.dropped)
         return
     polygons, labels, repaired = [], [], []
     for label, face in usable:
-        polygon, off = _flatten(vertices[face])
+        polygon, deviation = _flatten(vertices[face])
         if polygon is None:
             dropped.append((label, _NO_AREA))
             continue
-        if off > _PLANAR:
-            repaired.append((label, f"is not planar by {off:.2g} of its size; projected"))
+        if deviation > _MAX_DEVIATION:
+            repaired.append((label, f"is not planar by {deviation:.2g} of the size; projected"))
         polygons.append(polygon)
         labels.append(label)
     yield Raw(arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
 
 
 def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
-    """Whether a face has vertices that exist; noted if not."""
+    """Whether all vertices of a face exist; add a note otherwise."""
     if len(face) < 3:
         dropped.append((label, "has fewer than 3 vertices"))
     elif face.min() < 0 or face.max() >= count:
@@ -76,12 +76,12 @@ def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list
 
 
 def _flatten(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face in its plane, and the largest distance from it as a share of the size."""
+    """Return a face in its plane, and the largest distance from the plane relative to the size."""
     with np.errstate(over="ignore", invalid="ignore"):
         local = points - points.mean(axis=0)
-        after = np.roll(local, -1, axis=0)
-        # Newell's normal is right for concave and for slightly bent faces.
-        normal = np.cross(local, after).sum(axis=0)
+        following = np.roll(local, -1, axis=0)
+        # Newell's normal is correct for concave and for slightly bent faces.
+        normal = np.cross(local, following).sum(axis=0)
         length = np.linalg.norm(normal)
     if not np.isfinite(length) or length == 0.0:
         return None, 0.0
@@ -102,7 +102,7 @@ def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _read_triangles(
     source: Source,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[str, ...]]:
-    """Return vertices, triangles and notes of a format that has triangles only."""
+    """Return vertices, triangles and notes of a format of triangles."""
     suffix = source.path.suffix.lower()
     if suffix in (".glb", ".gltf"):
         vertices, triangles, skipped = read_triangles(source.path)
@@ -111,7 +111,7 @@ def _read_triangles(
     corners = _read_binary_stl(source.path) if suffix == ".stl" else None
     if corners is not None:
         return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), ()
-    import trimesh  # slow to import, and needed for these formats only
+    import trimesh  # slow to import
 
     model = trimesh.load_mesh(source.path, process=False)
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
@@ -126,23 +126,20 @@ def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
     data = path.read_bytes()
     stated = int.from_bytes(data[80:84], "little")
     is_text = data.lstrip().lower().startswith(b"solid") and b"facet" in data
-    if (
-        len(data) < 84 + 50 * stated
-        or len(data) < 84
-        or (is_text and len(data) != 84 + 50 * stated)
-    ):
+    excess = len(data) - (84 + 50 * stated)
+    if excess < 0 or (is_text and excess):
         return None
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     corners: NDArray[np.float64] = np.frombuffer(data, record, stated, 84)["corners"].astype(float)
     return corners
 
 
-def _merge(
+def _merge_vertices(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the same triangles over distinct vertices: neighbours share them.
+    """Return distinct vertices, and the triangles with indices of these.
 
-    Vertices closer than 2^-30 of the model's size count as one: matrices of glTF round differently.
+    Vertices closer than 2^-30 of the model's size are equal: matrices of glTF round differently.
     """
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if len(finite):
@@ -152,12 +149,12 @@ def _merge(
             cells = np.rint((vertices - low) / step)
     else:
         cells = vertices
-    _, first, at = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    return vertices[first], at.reshape(-1)[triangles]
+    _, first, index = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], index.reshape(-1)[triangles]
 
 
-def _join(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
-    """Return the faces of a model of triangles: neighbours in one plane become one polygon."""
+def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
+    """Return the faces of a model of triangles, coplanar neighbours joined."""
     polygons, dropped = join_facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
     return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
@@ -166,13 +163,13 @@ def _join(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
 def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Return coplanar neighbouring triangles of a mesh joined and laid flat, one per facet."""
+    """Return coplanar neighbouring triangles of a mesh as polygons, one per facet, and notes."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     groups = [np.asarray(group) for group in mesh.facets]
-    alone = np.setdiff1d(np.arange(len(triangles)), np.concatenate([*groups, np.empty(0, int)]))
-    groups += [np.array([i]) for i in alone]
+    single = np.setdiff1d(np.arange(len(triangles)), np.concatenate([*groups, np.empty(0, int)]))
+    groups += [np.array([i]) for i in single]
     polygons: list[Any] = []
     dropped: list[Note] = []
     for group in groups:
@@ -191,28 +188,27 @@ def join_facets(
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """Return (n, 3) vertices and, for each face, the indices of its vertices from 0.
 
-    Indices are not checked. Raises SceneError, with the
-    line's number, for a line that is not OBJ.
+    Indices are not checked. Raises SceneError, with the line's number, for an invalid line.
     """
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
-    for number, line in _continued(path):
-        words = line.split()
+    for number, line in _join_continued_lines(path):
+        fields = line.split()
         try:
-            if words[:1] == ["v"]:
-                x, y, z = map(float, words[1:4])
+            if fields[:1] == ["v"]:
+                x, y, z = map(float, fields[1:4])
                 vertices.append([x, y, z])
-            elif words[:1] == ["f"]:
-                faces.append(_face(words[1:], len(vertices)))
+            elif fields[:1] == ["f"]:
+                faces.append(_parse_face(fields[1:], len(vertices)))
         except ValueError as error:
             text = line.strip()[:60]
             raise SceneError(f"{path} line {number} is not OBJ: {text!r}") from error
     if not faces:
-        raise SceneError(f"{path} holds no face: give a model with faces")
+        raise SceneError(f"{path} has no faces: give a model with faces")
     return np.array(vertices, dtype=float).reshape(-1, 3), faces
 
 
-def _continued(path: Path) -> Iterator[tuple[int, str]]:
+def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield lines joined at backslashes, with the number of the last one."""
     parts: list[str] = []
     number = length = 0
@@ -228,10 +224,12 @@ def _continued(path: Path) -> Iterator[tuple[int, str]]:
         yield number, " ".join(parts)
 
 
-def _face(words: list[str], count: int) -> NDArray[np.int64]:
-    """Return indices from 0: "7/1/3" is vertex 7, counted from 1, "-1" the last one so far."""
-    given = [int(word.partition("/")[0]) for word in words]
-    return np.array([i - 1 if i > 0 else count + i if i < 0 else -1 for i in given], dtype=np.int64)
+def _parse_face(fields: list[str], count: int) -> NDArray[np.int64]:
+    """Return indices from 0: "7/1/3" is vertex 7 from 1; "-1" is the last vertex so far."""
+    numbers = [int(word.partition("/")[0]) for word in fields]
+    return np.array(
+        [i - 1 if i > 0 else count + i if i < 0 else -1 for i in numbers], dtype=np.int64
+    )
 
 
 _INDICES = ("vertex_indices", "vertex_index")
@@ -246,12 +244,10 @@ def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
     try:
         from plyfile import PlyData  # type: ignore[import-untyped]
     except ImportError:
-        raise SceneError(
-            f"{path} needs plyfile to be read: {format_install_command('ply')}"
-        ) from None
+        raise SceneError(f"{path} needs plyfile: {format_install_command('ply')}") from None
     data = PlyData.read(path, mmap=False)
     if "face" not in data or not len(data["face"].data):
-        raise SceneError(f"{path} holds no face: give a model with faces")
+        raise SceneError(f"{path} has no faces: give a model with faces")
     vertex, face = data["vertex"].data, data["face"].data
     name = next((name for name in _INDICES if name in face.dtype.names), None)
     if name is None:

@@ -25,9 +25,9 @@ class Source:
     """A file, and the part of it to read.
 
     `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
-    `rows` are the first feature and the one after the last, counted from 0, where the format can
-    be read from the middle (see `scenes.slices`); attributes then keep the types that Arrow has.
-    Without `attributes`, GDAL reads none.
+    `rows` is a range of features (first, stop), counted from 0, if the format can be read from the
+    middle (see `scenes.slices`); attributes then keep Arrow's types. Without `attributes`, GDAL
+    reads no attributes.
     """
 
     path: Path
@@ -43,8 +43,8 @@ class Raw:
 
     `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
     one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
-    `dropped` are items that gave no geometry, `repaired` those that gave one only after a repair.
-    `notes` are choices made for the user, for example one layer of several.
+    `dropped` are items without a usable geometry, `repaired` geometries that were changed. `notes`
+    are choices made for the user, for example a layer of several.
     """
 
     geometries: NDArray[Any] | list[Any]
@@ -57,7 +57,7 @@ class Raw:
     notes: tuple[str, ...] = ()
 
     def rows(self, numbers: NDArray[np.int64]) -> Raw:
-        """Return the chunk with these geometries only, with their labels and attributes."""
+        """Return the chunk with these geometries, labels and attributes only."""
         if len(numbers) == len(self.labels):
             return self
         table = self.attributes
@@ -69,7 +69,7 @@ class Raw:
         )
 
     def without_dropped(self) -> Raw:
-        """Return the same without the geometries that `dropped` names."""
+        """Return the chunk without the geometries that `dropped` names."""
         names = {name for name, _ in self.dropped}
         return self.rows(np.flatnonzero([label not in names for label in self.labels]))
 
@@ -79,42 +79,46 @@ class Reader:
     """Reads a format: `function` is "module:function", which takes a Source and a chunk's size.
 
     kind : the format's name in messages
-    whole : whether the complete file is held in memory
-    layered : whether the format has layers
+    in_memory : whether the complete file is read into memory
+    has_layers : whether the format has layers
     """
 
     function: str
     kind: str
-    whole: bool = True
-    layered: bool = False
+    in_memory: bool = True
+    has_layers: bool = False
 
     def __call__(self, source: Source, size: int) -> Iterator[Raw]:
-        """Yield the file's chunks; raises SceneError, in one line, for anything that goes wrong."""
+        """Yield the file's chunks; raises SceneError, in one line, for any error."""
         path = str(source.path)
-        if source.layer is not None and not self.layered:
+        if source.layer is not None and not self.has_layers:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
         module, _, function = self.function.partition(":")
         with guard.clear_errors(path, self.kind):
             if source.path.is_file():
                 guard.refuse_gzip(source.path)
-                guard.check_size(source.path, self.whole)
+                guard.check_size(source.path, self.in_memory)
                 guard.check_truncation(source.path)
             # Imported on first use, because some imports take long.
             yield from getattr(importlib.import_module(module), function)(source, size)
 
 
-GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False, layered=True)
-_PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False, layered=True)
-_CITY = Reader("scenes.readers.cityjson:read", "CityJSON", layered=True)
-_SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", whole=False)
-_TILES = Reader("scenes.tiles.read:read_map", "map tiles", whole=False, layered=True)
+GDAL = Reader(
+    "scenes.readers.vector:read", "a file of geometries", in_memory=False, has_layers=True
+)
+_PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", in_memory=False, has_layers=True)
+_CITY = Reader("scenes.readers.cityjson:read", "CityJSON", has_layers=True)
+_SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", in_memory=False)
+_TILES = Reader("scenes.tiles.read:read_map", "map tiles", in_memory=False, has_layers=True)
 _MESH = Reader("scenes.readers.meshes:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),
     ".obj": Reader("scenes.readers.meshes:read", "OBJ"),
     ".ply": Reader("scenes.readers.meshes:read", "PLY"),
     **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
-    **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.readers.wkt:read_text", "WKT", whole=False)),
+    **dict.fromkeys(
+        (".wkt", ".ewkt"), Reader("scenes.readers.wkt:read_text", "WKT", in_memory=False)
+    ),
     ".wkb": Reader("scenes.readers.wkt:read_binary", "WKB"),
     ".svg": Reader("scenes.readers.svg:read", "SVG"),
     ".cityjson": _CITY,

@@ -29,19 +29,17 @@ from scenes.scene import Note, SceneError
 
 _NAMESPACE = "http://www.w3.org/2000/svg"
 _CONTAINERS = ("svg", "g", "a", "switch")
-_UNREAD = {
-    "use": "is a copy of another element, which is not followed: convert it to paths",
-    "text": "is text, which is not read: convert it to paths",
-    "flowRoot": "is text, which is not read: convert it to paths",
-    "image": "is an image, which is not read",
-    "foreignObject": "is not SVG, and not read",
+_UNSUPPORTED = {
+    "use": "is a reference to another element, which is unsupported: convert it to paths",
+    "text": "is text, which is unsupported: convert it to paths",
+    "flowRoot": "is text, which is unsupported: convert it to paths",
+    "image": "is an image, which is unsupported",
+    "foreignObject": "is not SVG",
     "line": "is a line, which has no area",
 }
-_STYLED = (
-    "rules of <style> are not read: shapes that they hide or leave unfilled are taken as filled"
-)
-_MASKED = "masks are not applied: masked shapes are read completely"
-_EMPTY, _CLIPPED = "has no area", "lies outside its clip path, or has no area"
+_STYLED = "<style> is ignored: shapes that it hides or leaves unfilled are taken as filled"
+_MASKED = "masks are ignored: masked shapes are read completely"
+_EMPTY, _CLIPPED = "has no area", "lies outside the clip path, or has no area"
 _FLIPPED = "y points up: the drawing's y is negated"
 _INHERITED = {
     "fill": "black",
@@ -51,17 +49,26 @@ _INHERITED = {
     "color": "black",
     "visibility": "visible",
 }
-_OWN = ("display", "opacity", "clip-path", "mask", "overflow", "transform", "transform-origin")
+_NOT_INHERITED = (
+    "display",
+    "opacity",
+    "clip-path",
+    "mask",
+    "overflow",
+    "transform",
+    "transform-origin",
+)
 """Properties that are not inherited."""
 
 
 @dataclass(frozen=True)
 class _State:
-    """What holds for the content of an element.
+    """State for the content of an element.
 
-    matrix : from its user space to the drawing's; properties : the inherited ones
-    clip : the area, y up, in which it is drawn; None for all
-    hidden : why nothing in it is drawn, or ""
+    matrix : from the element's user space to the drawing's
+    properties : inherited properties
+    clip : the visible area, y up; None for all
+    hidden : why the content is not drawn, or ""
     """
 
     matrix: Transform
@@ -80,7 +87,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawin
 
 
 class _Drawing:
-    """The shapes of a drawing, gathered."""
+    """Collected shapes of a drawing."""
 
     def __init__(self, root: ElementTree.Element) -> None:
         self._root = root
@@ -109,9 +116,13 @@ class _Drawing:
                     if kind == "switch":
                         children = [child for child in children if self._is_drawn(child)][:1]
                     stack += [(child, state) for child in reversed(children)]
-                elif reason := _UNREAD.get(kind) or state.hidden or _unfilled(state, self._by_id):
+                elif (
+                    reason := _UNSUPPORTED.get(kind)
+                    or state.hidden
+                    or _explain_no_fill(state, self._by_id)
+                ):
                     self.dropped.append((label, reason))
-                elif (area := self._area(element, state, style, "fill-rule")) is None:
+                elif (area := self._compute_area(element, state, style, "fill-rule")) is None:
                     self.dropped.append((label, _EMPTY if state.clip is None else _CLIPPED))
                 else:
                     geometries.append(area)
@@ -123,45 +134,45 @@ class _Drawing:
         return Raw(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
     def _is_drawn(self, element: ElementTree.Element) -> bool:
-        """Whether an element is SVG's, is drawn where it stands, and meets its conditions."""
+        """Whether an element is a drawn element of SVG, and its conditions are met."""
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
-        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_UNREAD)
-        return is_svg and is_known and _passes_tests(element)
+        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_UNSUPPORTED)
+        return is_svg and is_known and _meets_conditions(element)
 
-    def _enter(self, element: ElementTree.Element, outer: _State) -> tuple[_State, dict[str, str]]:
+    def _enter(self, element: ElementTree.Element, parent: _State) -> tuple[_State, dict[str, str]]:
         """Return the state in an element, and the CSS properties of its attribute `style`."""
         items = (item.partition(":") for item in element.get("style", "").split(";"))
         style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
-        names = (*_INHERITED, *_OWN)
-        given = {name: style.get(name) or element.get(name) or "inherit" for name in names}
-        own = {name: given.pop(name) for name in _OWN}
-        inherited = {name: value for name, value in given.items() if value != "inherit"}
-        state = replace(outer, properties=outer.properties | inherited)
-        if own["display"] == "none":
+        names = (*_INHERITED, *_NOT_INHERITED)
+        values = {name: style.get(name) or element.get(name) or "inherit" for name in names}
+        local = {name: values.pop(name) for name in _NOT_INHERITED}
+        inherited = {name: value for name, value in values.items() if value != "inherit"}
+        state = replace(parent, properties=parent.properties | inherited)
+        if local["display"] == "none":
             state = replace(state, hidden=state.hidden or "is not displayed")
-        if _is_zero(own["opacity"]):
+        if _is_zero(local["opacity"]):
             state = replace(state, hidden=state.hidden or "is transparent")
-        self._has_masks |= own["mask"] not in ("inherit", "none")
-        if own["transform"] != "inherit":
-            matrix = parse_transform(own["transform"], is_css="transform" in style)
-            if own["transform-origin"] != "inherit":
+        self._has_masks |= local["mask"] not in ("inherit", "none")
+        if local["transform"] != "inherit":
+            matrix = parse_transform(local["transform"], is_css="transform" in style)
+            if local["transform-origin"] != "inherit":
                 if style.get("transform-box", "view-box") != "view-box":
-                    raise ValueError("transform-box is not supported")
-                matrix = transform_about(matrix, own["transform-origin"], state.viewport)
+                    raise ValueError("transform-box is unsupported")
+                matrix = transform_about(matrix, local["transform-origin"], state.viewport)
             state = replace(state, matrix=state.matrix.transform(matrix))
         if tag_of(element) == "svg":
-            state = self._enter_viewport(element, state, own["overflow"])
-        if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", own["clip-path"])) is not None:
+            state = self._enter_viewport(element, state, local["overflow"])
+        if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", local["clip-path"])) is not None:
             clip = self._by_id.get(reference[1].strip())
             if clip is not None and tag_of(clip) == "clipPath":
-                state = _clip(state, self._clip_area(clip, element, state))
-        elif own["clip-path"] not in ("inherit", "none"):
-            raise ValueError(f"clip-path {own['clip-path']!r} is not supported")
+                state = _intersect_clip(state, self._clip_area(clip, element, state))
+        elif local["clip-path"] not in ("inherit", "none"):
+            raise ValueError(f"clip-path {local['clip-path']!r} is unsupported")
         return state, style
 
     def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:
-        """Return the state in an `svg` element: within its viewport, by its viewBox."""
+        """Return the state in an `svg` element, by its viewport and viewBox."""
         box = [float(x) for x in re.split(r"[\s,]+", element.get("viewBox", "").strip()) if x]
         if element is self._root:
             viewport: Viewport = (box[2], box[3]) if len(box) == 4 else None
@@ -179,17 +190,19 @@ class _Drawing:
         )
         if overflow not in ("visible", "auto"):
             frame = flatten_outline(f"M {x} {y} h {w} v {h} h {-w} Z", FLIP.transform(state.matrix))
-            state = _clip(state, shapely.union_all(fill_contours(frame)))
+            state = _intersect_clip(state, shapely.union_all(fill_contours(frame)))
         matrix, viewport = Identity.translate(x, y), (w, h)
         if len(box) == 4 and box[2] > 0 and box[3] > 0:
-            matrix = matrix.transform(_fit(box, w, h, element.get("preserveAspectRatio", "")))
+            matrix = matrix.transform(
+                _fit_viewbox(box, w, h, element.get("preserveAspectRatio", ""))
+            )
             viewport = (box[2], box[3])
         return replace(state, matrix=state.matrix.transform(matrix), viewport=viewport)
 
-    def _area(
+    def _compute_area(
         self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
     ) -> Any:
-        """Return the area of a shape that is drawn, or None if nothing of it is."""
+        """Return the visible area of a shape, or None if there is none."""
         outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
         name = state.properties[rule]
@@ -203,56 +216,58 @@ class _Drawing:
     def _clip_area(
         self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
     ) -> Any:
-        """Return the area of a `clipPath`, for an element of this state."""
+        """Return the area of a `clipPath` for an element of this state."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
             if tag_of(element) not in SHAPES:
-                raise ValueError("its clip path has the size of a group, which is not supported")
+                raise ValueError("the clip path has the size of a group, which is unsupported")
             points = np.concatenate(
                 flatten_outline(format_outline(element, {}, state.viewport), Identity)
             )
             (x, y), (w, h) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
             state = replace(state, matrix=state.matrix.translate(x, y).scale(w, h))
-        inner, _ = self._enter(clip, replace(state, clip=None, properties=_INHERITED, hidden=""))
+        clip_state, _ = self._enter(
+            clip, replace(state, clip=None, properties=_INHERITED, hidden="")
+        )
         areas = []
         for child in clip:
             if tag_of(child) in ("use", "text"):
-                raise ValueError(f"its clip path has a {tag_of(child)}, which is not supported")
+                raise ValueError(f"the clip path has a {tag_of(child)}, which is unsupported")
             if tag_of(child) in SHAPES:
-                of_child, style = self._enter(child, inner)
-                is_hidden = of_child.hidden == "is not displayed"
-                if not is_hidden and of_child.properties["visibility"] == "visible":
-                    areas.append(self._area(child, of_child, style, "clip-rule"))
+                child_state, style = self._enter(child, clip_state)
+                is_hidden = child_state.hidden == "is not displayed"
+                if not is_hidden and child_state.properties["visibility"] == "visible":
+                    areas.append(self._compute_area(child, child_state, style, "clip-rule"))
         return shapely.union_all([area for area in areas if area is not None])
 
 
-def _clip(state: _State, area: Any) -> _State:
+def _intersect_clip(state: _State, area: Any) -> _State:
     clip = area if state.clip is None else shapely.intersection(state.clip, area)
     return replace(state, clip=clip)
 
 
-def _fit(box: list[float], width: float, height: float, alignment: str) -> Transform:
+def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) -> Transform:
     """Return the matrix from a viewBox to a viewport at (0, 0), by `preserveAspectRatio`."""
     sx, sy = width / box[2], height / box[3]
-    words = alignment.split() or ["xMidYMid"]
-    if words[0] == "none":
+    fields = alignment.split() or ["xMidYMid"]
+    if fields[0] == "none":
         return Identity.scale(sx, sy).translate(-box[0], -box[1])
-    scale = max(sx, sy) if "slice" in words else min(sx, sy)
+    scale = max(sx, sy) if "slice" in fields else min(sx, sy)
     shares = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
-    ax, ay = shares.get(words[0][1:4], 0.5), shares.get(words[0][5:8], 0.5)
+    ax, ay = shares.get(fields[0][1:4], 0.5), shares.get(fields[0][5:8], 0.5)
     x, y = ax * (width - scale * box[2]), ay * (height - scale * box[3])
     return Identity.translate(x, y).scale(scale).translate(-box[0], -box[1])
 
 
-def _passes_tests(element: ElementTree.Element) -> bool:
-    """Whether an element's conditions hold: for readers of English, without extensions."""
+def _meets_conditions(element: ElementTree.Element) -> bool:
+    """Whether an element's conditions are met: English, without extensions."""
     languages = element.get("systemLanguage")
     names = [] if languages is None else [name.strip().lower() for name in languages.split(",")]
     is_english = languages is None or any(name.partition("-")[0] == "en" for name in names)
     return is_english and not element.get("requiredExtensions")
 
 
-def _unfilled(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
-    """Return why a shape of this state has no filled area, or ""."""
+def _explain_no_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
+    """Return why a shape of this state is not filled, or ""."""
     properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):
         return "is not visible"
@@ -276,7 +291,7 @@ def _unfilled(state: _State, by_id: dict[str | None, ElementTree.Element]) -> st
 
 
 def _is_zero(text: str) -> bool:
-    """Whether an opacity such as 0, .0 or 0% is zero, or less."""
+    """Whether an opacity such as 0, .0 or 0% is zero or negative."""
     try:
         return float(text.strip().removesuffix("%")) <= 0.0
     except ValueError:

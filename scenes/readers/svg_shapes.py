@@ -18,7 +18,7 @@ FLIP = Transform(1, 0, 0, -1, 0, 0)
 """From SVG's axes, with y down, to those of scenes."""
 
 _CHORDS = 8
-"""Chords that replace a curve."""
+"""Number of chords that replace a curve."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
@@ -28,7 +28,7 @@ _DEGREES = {"rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
 _KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
 
 Viewport = tuple[float, float] | None
-"""Width and height of the area that percentages refer to; None if they are not known."""
+"""Width and height to which percentages refer, or None if unknown."""
 
 
 def tag_of(element: ElementTree.Element) -> str:
@@ -37,7 +37,7 @@ def tag_of(element: ElementTree.Element) -> str:
 
 
 def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> float:
-    """Return a length in user units; a percentage is of the viewport's axis, or of its diagonal.
+    """Return a length in user units; percentages refer to the viewport's axis, or the diagonal.
 
     Raises ValueError for other units, and percentages of an unknown viewport.
 
@@ -49,16 +49,16 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
     if match and (unit is None or unit in _PIXELS):
         return float(match[1]) * _PIXELS.get(unit or "px", 1.0)
     if match is None or unit != "%" or viewport is None:
-        raise ValueError(f"length {text.strip()!r} is not a number, in px or another absolute unit")
-    full = math.hypot(*viewport) / math.sqrt(2) if axis is None else viewport[axis]
-    return float(match[1]) / 100 * full
+        raise ValueError(f"length {text.strip()!r} is not a number in an absolute unit")
+    extent = math.hypot(*viewport) / math.sqrt(2) if axis is None else viewport[axis]
+    return float(match[1]) / 100 * extent
 
 
 def parse_transform(text: str, *, is_css: bool = False) -> Transform:
-    """Return the matrix of a list of transform functions, the last of which is applied first.
+    """Return the matrix of a list of transform functions; the last function applies first.
 
     Numbers may be packed as in `matrix(1 0 0 1 5-5)`, and have units. CSS has more functions than
-    the attribute. Raises ValueError for one that is unknown, or three-dimensional.
+    the attribute. Raises ValueError for unknown and three-dimensional functions.
 
     >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
     (5.0, 3.0)
@@ -69,7 +69,7 @@ def parse_transform(text: str, *, is_css: bool = False) -> Transform:
     while text[end:].strip(" \t\r\n,"):
         match = _FUNCTION.match(text, end)
         if match is None:
-            raise ValueError(f"transform {text.strip()[:40]!r} is not known")
+            raise ValueError(f"transform {text.strip()[:40]!r} is unknown")
         result, end = result.transform(_function_matrix(match[1], match[2], is_css)), match.end()
     return result
 
@@ -92,7 +92,7 @@ _CSS_FUNCTIONS = _FUNCTIONS | {
     "scaleX": ((1,), lambda x: Identity.scale(x, 1.0)),
     "scaleY": ((1,), lambda y: Identity.scale(1.0, y)),
 }
-"""Transform functions: the numbers of arguments they take, and what they return."""
+"""Transform functions: permitted numbers of arguments, and the matrix."""
 
 
 def _function_matrix(name: str, inner: str, is_css: bool) -> Transform:
@@ -101,22 +101,22 @@ def _function_matrix(name: str, inner: str, is_css: bool) -> Transform:
     counts, function = (_CSS_FUNCTIONS if is_css else _FUNCTIONS).get(name, ((), Transform))
     is_complete = "".join(match[0] for match in arguments).strip() == inner.strip()
     if not is_complete or len(values) not in counts:
-        raise ValueError(f"transform {name}({inner.strip()}) is not known")
+        raise ValueError(f"transform {name}({inner.strip()}) is unknown")
     return function(*values)
 
 
 def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Transform:
     """Return a transform about a `transform-origin` such as "50% 20px" or "center"."""
-    words = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
+    keywords = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
     if origin.split()[:1] in (["top"], ["bottom"]):
-        words = [*words[1:], "50%"][:1] + words[:1]
-    words += ["50%"] * (2 - len(words))
-    x, y = (parse_length(word, viewport, axis) for axis, word in enumerate(words))
+        keywords = [*keywords[1:], "50%"][:1] + keywords[:1]
+    keywords += ["50%"] * (2 - len(keywords))
+    x, y = (parse_length(word, viewport, axis) for axis, word in enumerate(keywords))
     return Identity.translate(x, y).transform(matrix).translate(-x, -y)
 
 
 class _Flattener(BasePen):  # type: ignore[misc]
-    """Collects contours as points, curves cut into chords."""
+    """Collects contours as points, with curves cut into chords."""
 
     def __init__(self) -> None:
         super().__init__(None)
@@ -147,12 +147,12 @@ def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]
     rings = [r[:-1] if len(r) > 1 and (r[0] == r[-1]).all() else r for r in rings]
     rings = [ring for ring in rings if len(ring) >= 3]
     if not all(np.isfinite(ring).all() for ring in rings):
-        raise ValueError("it has a NaN or infinite coordinate")
+        raise ValueError("NaN or infinite coordinate")
     return rings
 
 
 def format_outline(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
-    """Return a shape as SVG path data; `style` are its CSS properties, which may be lengths."""
+    """Return a shape as SVG path data; `style` are the CSS properties of the element."""
     kind = tag_of(element)
     if kind == "path":
         return element.get("d", "")
@@ -178,7 +178,7 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
 
 
 def _radii(length: Callable[[str, int | None], float | None]) -> tuple[float, float]:
-    """Return both radii; one that is not given is equal to the other one."""
+    """Return both radii; an absent radius is equal to the other radius."""
     rx, ry = length("rx", 0), length("ry", 1)
     return (rx if rx is not None else ry) or 0.0, (ry if ry is not None else rx) or 0.0
 
@@ -191,8 +191,8 @@ def _rectangle(length: Callable[[str, int | None], float | None]) -> str:
     rx, ry = min(rx, w / 2), min(ry, h / 2)
     if not rx * ry:
         return f"M {x!r} {y!r} h {w!r} v {h!r} h {-w!r} Z"
-    across, along, arc = w - 2 * rx, h - 2 * ry, f"a {rx!r} {ry!r} 0 0 1"
+    dx, dy, arc = w - 2 * rx, h - 2 * ry, f"a {rx!r} {ry!r} 0 0 1"
     return (
-        f"M {x + rx!r} {y!r} h {across!r} {arc} {rx!r} {ry!r} v {along!r} {arc} {-rx!r} {ry!r} "
-        f"h {-across!r} {arc} {-rx!r} {-ry!r} v {-along!r} {arc} {rx!r} {-ry!r} Z"
+        f"M {x + rx!r} {y!r} h {dx!r} {arc} {rx!r} {ry!r} v {dy!r} {arc} {-rx!r} {ry!r} "
+        f"h {-dx!r} {arc} {-rx!r} {-ry!r} v {-dy!r} {arc} {rx!r} {-ry!r} Z"
     )

@@ -1,6 +1,6 @@
 """Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and others.
 
-GDAL goes on after a feature that it cannot read, and reports it to its error handler only.
+GDAL skips features that it cannot read, and reports these to the error handler only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from scenes.readers.gdal import FailureLog
 from scenes.readers.geoparquet import to_pandas
 from scenes.readers.guard import check_last_line, refuse_special, truncation_error
 from scenes.readers.reader import Raw, Source
-from scenes.readers.wkb import parse_wkb
+from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
 from scenes.spec import format_suggestion
 
@@ -51,12 +51,12 @@ _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".cs
 def read(source: Source, size: int) -> Iterator[Raw]:
     """Yield the geometries of one layer, `size` features at a time.
 
-    The layer is the one asked for, else the first that can hold polygons. Raises SceneError if
-    GDAL reports more failures than there are features without geometry, which are named.
+    The default layer is the first that can contain polygons. Raises SceneError if GDAL reports more
+    failures than features without geometry, which are noted.
     """
-    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL would remove these
-        raise SceneError(f"{source.path} has a tab or an end of line in its name: rename it")
-    for file in _list_opened(source.path):
+    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL removes these
+        raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
+    for file in _list_files(source.path):
         refuse_special(file)
     is_sequence = geojson.is_sequence(source.path)
     if is_sequence:
@@ -67,12 +67,12 @@ def read(source: Source, size: int) -> Iterator[Raw]:
         # GDAL's warnings on single features are replaced by notes.
         warnings.simplefilter("ignore")
         layer, notes = choose_layer(source)
-        # OSM files have no index and are read in one go.
-        at_once = source.path.suffix.lower() in (".pbf", ".osm")
-        if find_spec("pyarrow") is not None and not at_once:
-            raws = _stream(source, layer, size)
+        # OSM files have no index and are read at once.
+        is_osm = source.path.suffix.lower() in (".pbf", ".osm")
+        if find_spec("pyarrow") is not None and not is_osm:
+            raws = _read_arrow(source, layer, size)
         else:
-            raws = _read_by_skipping(source, layer, None if at_once else size)
+            raws = _read_by_skipping(source, layer, None if is_osm else size)
         while True:
             with failures.listen():
                 raw = next(raws, None)
@@ -81,8 +81,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:
                 missing += int(shapely.is_missing(raw.geometries).sum())
             if failures.count > missing and not is_sequence:
                 raise SceneError(
-                    f"{source.path} cannot be read completely, polygons would be missing: "
-                    f"{failures.first}; repair it, or export it again"
+                    f"{source.path} cannot be read completely ({failures.first}): polygons would "
+                    "be missing; repair it, or export it again"
                 )
             if raw is None:
                 break
@@ -98,24 +98,24 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _check_count(source: Source, layer: str, count: int) -> None:
-    """Raise SceneError if fewer features were read than the file states, or than were asked for.
+    """Raise SceneError if fewer features were read than the file states or than requested.
 
-    GDAL reads a FlatGeobuf file that was truncated between two features without an error.
+    GDAL reads FlatGeobuf files that were truncated between two features without an error.
     """
     stated = 0
     if source.rows is not None:
         stated = source.rows[1] - source.rows[0]
     elif source.path.suffix.lower() == ".fgb":
         stated = pyogrio.read_info(source.path, layer=layer)["features"]
-        if source.where is not None:  # count those that do not meet it, too
+        if source.where is not None:  # count all features
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             count = len(pyogrio.raw.read(source.path, **options)[1])
     if count < stated:
-        raise truncation_error(source.path, f"it has {count} of {stated} features")
+        raise truncation_error(source.path, f"{count} of {stated} features")
 
 
-def _list_opened(path: Path) -> Iterator[Path]:
-    """Yield the files that GDAL opens: those with the same stem, in the folder, or named in it."""
+def _list_files(path: Path) -> Iterator[Path]:
+    """Yield the files that GDAL opens: with the same stem, in the folder, or in a VRT."""
     folder = path if path.is_dir() else path.parent
     yield from (file for file in folder.iterdir() if folder == path or file.stem == path.stem)
     if path.suffix.lower() == ".vrt":
@@ -126,7 +126,7 @@ def _list_opened(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _explain_errors(source: Source) -> Iterator[None]:
-    """Replace two usual errors of GDAL by messages that name the remedy."""
+    """Replace two common errors of GDAL by messages with a remedy."""
     try:
         yield
     except SceneError:
@@ -134,12 +134,13 @@ def _explain_errors(source: Source) -> Iterator[None]:
     except pyogrio.errors.DataSourceError as error:
         if "not recognized as being in a supported file format" not in str(error):
             raise
-        problem = "has neither a suffix nor content that is read: convert it, e.g. to GeoJSON"
+        problem = "has an unsupported format: convert it, e.g. to GeoJSON"
         if source.path.suffix.lower() in (".mbtiles", ".pmtiles"):
-            problem = f"is not read by GDAL: read it as map tiles, by a zoom: {source.path}:zoom=14"
+            problem = (
+                f"is not supported by GDAL: read it as map tiles, by a zoom: {source.path}:zoom=14"
+            )
         if source.path.is_dir():
-            problem = f"is a folder: give a file in it, or of map tiles the zoom: {source.path}"
-            problem += ":zoom=14"
+            problem = f"is a folder: give a file, or a zoom of map tiles: {source.path}:zoom=14"
         raise SceneError(f"{source.path} {problem}") from error
     except Exception as error:
         is_sql = any(word in str(error) for word in ("SQL", "such column", "syntax", "token"))
@@ -147,15 +148,13 @@ def _explain_errors(source: Source) -> Iterator[None]:
             raise
         layer, _ = choose_layer(source)
         info = pyogrio.read_info(locate(source.path), layer=layer, **_open_options(source.path))
-        hint = f"its attributes are {', '.join(info['fields']) or 'none'}"
+        hint = f"attributes are {', '.join(info['fields']) or 'none'}"
         for name, kind in zip(info["fields"], info["dtypes"], strict=True):
             if kind == "object" and re.search(
                 rf'\b{re.escape(name)}"?\s*[<>=!]+\s*[-\d]', source.where
             ):
-                hint += f"; {name} is text, as a number it is CAST({name} AS FLOAT)"
-        raise SceneError(
-            f"{source.path}: condition {source.where!r} is not valid; {hint}"
-        ) from error
+                hint += f"; {name} is text: CAST({name} AS FLOAT) is a number"
+        raise SceneError(f"{source.path}: invalid condition {source.where!r}; {hint}") from error
 
 
 def _open_options(path: Path) -> dict[str, str]:
@@ -164,47 +163,49 @@ def _open_options(path: Path) -> dict[str, str]:
 
 
 def locate(path: Path) -> Path | str:
-    """Return what GDAL opens for a file: of an archive with one data set in a folder, that one.
+    """Return the path for GDAL: the file, or the only data set in a folder of an archive.
 
-    Raises SceneError for an archive with several in folders, or with none that is recognised.
+    Raises SceneError for an archive with no recognised data set, or with several in folders.
     """
     if path.suffix.lower() != ".zip" or not zipfile.is_zipfile(path):
         return path
     with zipfile.ZipFile(path) as archive:
         names = [entry.filename for entry in archive.infolist() if not entry.is_dir()]
-    found = [name for name in names if Path(name).suffix.lower() in _DATA_SETS]
-    found = [name for name in found if not Path(name).name.startswith(".")]
-    is_flat = any("/" not in name for name in found or names)
-    if is_flat:  # GDAL looks into the archive, but not into its folders
+    data_sets = [name for name in names if Path(name).suffix.lower() in _DATA_SETS]
+    data_sets = [name for name in data_sets if not Path(name).name.startswith(".")]
+    is_flat = any("/" not in name for name in data_sets or names)
+    if is_flat:  # GDAL does not search folders of the archive
         return path
-    if len(found) == 1:
-        return f"/vsizip/{path.resolve()}/{found[0]}"
-    content = f"several data sets in folders ({', '.join(found[:3])})" if found else "no data set"
-    raise SceneError(f"{path} has {content}: unpack it and give the file that you want from it")
+    if len(data_sets) == 1:
+        return f"/vsizip/{path.resolve()}/{data_sets[0]}"
+    content = (
+        f"several data sets in folders ({', '.join(data_sets[:3])})" if data_sets else "no data set"
+    )
+    raise SceneError(f"{path} has {content}: unpack it and give a file from it")
 
 
-def _stream(source: Source, layer: str, size: int) -> Iterator[Raw]:
-    """Yield chunks of one pass over the file, or over the rows asked for."""
-    first, last = source.rows or (0, None)
-    opened = pyogrio.raw.open_arrow(
+def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
+    """Yield chunks of one pass over the file, or over the requested rows."""
+    first, stop = source.rows or (0, None)
+    stream = pyogrio.raw.open_arrow(
         locate(source.path),
         layer=layer,
         where=source.where,
-        columns=_columns(source),
+        columns=_choose_columns(source),
         skip_features=first,
-        batch_size=size if last is None else min(size, last - first),
+        batch_size=size if stop is None else min(size, stop - first),
         use_pyarrow=True,
         return_fids=True,
         **_open_options(source.path),
     )
-    with opened as (meta, batches):
+    with stream as (meta, batches):
         if meta["geometry_type"] is None:
-            raise _no_geometry(source, layer)
+            raise _no_geometry_error(source, layer)
         for batch in batches:
-            if last is not None:  # Arrow has no way to ask for an end
-                batch = batch.slice(0, last - first)
+            if stop is not None:  # Arrow streams have no end parameter
+                batch = batch.slice(0, stop - first)
                 first += batch.num_rows
-            # The columns are the feature's number, its attributes, its geometry.
+            # The columns are the feature's number, the attributes, the geometry.
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
             columns = batch.select(range(1, batch.num_columns - 1))
             table: pd.DataFrame | None = None
@@ -213,28 +214,28 @@ def _stream(source: Source, layer: str, size: int) -> Iterator[Raw]:
                 table, notes = to_pandas(columns, exact=source.rows is not None)
             raw = _parse(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
-            if first == last:
+            if first == stop:
                 return
 
 
 def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
-    """Yield chunks of one request each; without pyarrow there is no other way."""
-    start, last = source.rows or (0, None)
+    """Yield chunks of one request each, without pyarrow."""
+    start, stop = source.rows or (0, None)
     while True:
-        if last is not None and size is not None:
-            size = min(size, last - start)
+        if stop is not None and size is not None:
+            size = min(size, stop - start)
         meta, fids, wkb, columns = pyogrio.raw.read(
             locate(source.path),
             layer=layer,
             where=source.where,
-            columns=_columns(source),
+            columns=_choose_columns(source),
             skip_features=start,
             max_features=size,
             return_fids=True,
             **_open_options(source.path),
         )
         if wkb is None:
-            raise _no_geometry(source, layer)
+            raise _no_geometry_error(source, layer)
         table = None
         if source.attributes:
             import pandas as pd
@@ -243,24 +244,24 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
             table = pd.DataFrame(by_name, index=range(len(wkb)))
         yield _parse(fids.tolist(), wkb, table, meta["crs"])
         start += len(wkb)
-        if size is None or len(wkb) < size or start == last:
+        if size is None or len(wkb) < size or start == stop:
             return
 
 
-def _columns(source: Source) -> list[str] | None:
-    """Return the attributes to read, None for all: drivers evaluate conditions on these only."""
+def _choose_columns(source: Source) -> list[str] | None:
+    """Return the attributes to read, None for all, which conditions need."""
     return None if source.attributes or source.where else []
 
 
-def _no_geometry(source: Source, layer: str) -> SceneError:
-    remedy = "give one with polygons"
+def _no_geometry_error(source: Source, layer: str) -> SceneError:
+    remedy = "give a layer with polygons"
     if source.path.suffix.lower() in (".csv", ".tsv"):
         remedy = "name the column of WKT geometries WKT or geometry"
     return SceneError(f"{source.path} has no geometry in layer {layer}: {remedy}")
 
 
 def _parse(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None) -> Raw:
-    """Return a chunk with its geometries parsed; unparsable ones are named and skipped."""
+    """Return a chunk of parsed geometries; unparsable geometries are noted and skipped."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
     return Raw(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
@@ -276,7 +277,7 @@ def _close_lines(source: Source, raw: Raw) -> Raw:
 
 
 def _close(geometry: Any) -> Any:
-    """Return a polygon for a closed line, also within the collections that blocks become."""
+    """Return a polygon for a closed line, also within collections, into which GDAL turns blocks."""
     if geometry is None or geometry.is_empty:
         return geometry
     if geometry.geom_type in ("LineString", "LinearRing"):
@@ -290,7 +291,7 @@ def _close(geometry: Any) -> Any:
 
 
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
-    """Return the layer to read, and a note on it if there are others."""
+    """Return the layer to read, and notes on other layers and files."""
     layers = pyogrio.list_layers(locate(source.path))
     names = [str(name) for name, _ in layers]
     if not names:
@@ -301,19 +302,19 @@ def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     if source.layer is not None and source.layer not in names:
         hint = format_suggestion(source.layer, names, "it has")
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
-    # The first that has polygons, or else may have some, or else the first.
+    # Prefer layers with polygons, then layers of unknown type.
     kinds = [str(kind) for _, kind in layers]
     ranks = [
         ("Polygon" in kind or "Surface" in kind, kind in ("Unknown", "GeometryCollection"))
         for kind in kinds
     ]
     layer = source.layer or names[ranks.index(max(ranks))]
-    others = [name for name in names if name != layer]
-    notes = [f"layer {layer} (others: {', '.join(others)})"] if others else []
+    alternatives = [name for name in names if name != layer]
+    notes = [f"layer {layer} (others: {', '.join(alternatives)})"] if alternatives else []
     if source.path.is_dir() and source.path.suffix.lower() != ".gdb":
         # GDAL reads the Shapefiles of a folder.
         unread = sorted(file.name for file in source.path.iterdir() if file.stem not in names)
         if unread:
-            note = f"{len(unread)} of the folder's files not read, first {unread[0]}: name a file"
+            note = f"{len(unread)} of the folder's files not read, first {unread[0]}: give a file"
             notes.append(note)
     return layer, tuple(notes)

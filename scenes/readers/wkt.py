@@ -1,27 +1,102 @@
-"""Text and binary geometries without a container: WKT, EWKT, hexadecimal WKB, WKB."""
+"""Geometries as WKT, EWKT, WKB and hexadecimal WKB: parsing, and readers of files of these."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from scenes.readers.guard import check_last_line, numbered_lines
+from scenes.readers.gdal import linearize
+from scenes.readers.guard import (
+    MAX_DEPTH,
+    check_last_line,
+    is_text_too_deep,
+    is_too_deep,
+    numbered_lines,
+)
 from scenes.readers.reader import Raw, Source
-from scenes.readers.wkb import UNPARSABLE, parse_wkb, parse_wkt
 from scenes.scene import Note
 
+_DEEP = f"is nested more than {MAX_DEPTH} levels deep"
+UNPARSABLE = "geometry cannot be parsed"
+CURVED = "has curves; replaced by chords of 4 degrees"
 _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
-_BEGUN = re.compile(r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*$)", re.IGNORECASE)
-"""How a line begins that is meant as a geometry, of whose first word some letters may be there."""
+_GEOMETRY_START = re.compile(
+    r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*$)", re.IGNORECASE
+)
+"""Start of a line that is intended as a geometry; its first word may be truncated."""
+
+
+def parse_wkb(
+    values: Sequence[bytes | None] | NDArray[Any], labels: Sequence[str]
+) -> tuple[NDArray[Any], list[Note], list[Note]]:
+    """Return the geometries of (E)WKB, None if unparsable, and notes.
+
+    The notes are on dropped and repaired geometries: curves get straight edges, open rings are
+    closed.
+
+    >>> parse_wkb([None, shapely.Point(1, 2).wkb], ["a", "b"])[0].tolist()
+    [None, <POINT (1 2)>]
+    """
+    deep = [value is not None and is_too_deep(value) for value in values]
+    flat = [None if nested else value for value, nested in zip(values, deep, strict=True)]
+    try:
+        geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")
+    except NotImplementedError:  # raised if any geometry has curves
+        geometries = np.array([*map(_parse, flat), None], dtype=object)
+    geometries = geometries[:-1]
+    dropped: list[Note] = []
+    repaired: list[Note] = []
+    for i in np.flatnonzero(shapely.is_missing(geometries)).tolist():
+        if not values[i]:
+            continue
+        geometries[i], change = (None, _DEEP) if deep[i] else _recover(values[i])
+        (dropped if geometries[i] is None else repaired).append((labels[i], change))
+    return geometries, dropped, [note for note in repaired if note[1]]
+
+
+def parse_wkt(text: str) -> tuple[Any | None, str]:
+    """Return the geometry of WKT or None, and the change, or the reason for None."""
+    if is_text_too_deep(text):
+        return None, _DEEP
+    try:
+        geometry = shapely.from_wkt(text, on_invalid="ignore")
+    except NotImplementedError:
+        geometry = None
+    return (geometry, "") if geometry is not None else _recover(text)
+
+
+def _parse(wkb: bytes | None) -> Any | None:
+    try:
+        return shapely.from_wkb(wkb, on_invalid="ignore")
+    except NotImplementedError:
+        return None
+
+
+def _recover(source: Any) -> tuple[Any | None, str]:
+    """Return the geometry of input that GEOS cannot parse, or None, and the change or reason."""
+    parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
+    is_curved = False
+    try:
+        geometry = parse(source, on_invalid="fix")
+    except NotImplementedError:
+        geometry, is_curved = None, True
+    if geometry is not None:
+        return geometry, "has an open ring; closed"
+    straight = linearize(source)
+    geometry = None if straight is None else shapely.from_wkb(straight, on_invalid="ignore")
+    if geometry is not None:
+        return geometry, CURVED if is_curved else ""
+    return None, f"{UNPARSABLE}: curves" if is_curved else UNPARSABLE
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:
     """Yield one geometry per line, or one over several lines; `#` begins a comment.
 
-    The first SRID is the file's; a line with another one is named and skipped.
+    The first SRID is the file's; lines with another SRID are noted and skipped.
     """
     single = _parse_single(source)
     if single is not None:
@@ -51,13 +126,13 @@ def _parse_single(source: Source) -> Raw | None:
 
 
 def _is_ended(line: bytes) -> bool:
-    """Whether a line is a geometry, or does not begin as one."""
+    """Whether a line is a geometry, or does not begin like a geometry."""
     text = line.decode("utf-8", "replace")
-    return _BEGUN.match(text) is None or _parse_line(text)[0] is not None
+    return _GEOMETRY_START.match(text) is None or _parse_line(text)[0] is not None
 
 
 def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> Raw:
-    """Return a chunk of lines; `crs` is the file's so far, which the first geometry may define."""
+    """Return a chunk of lines; the first geometry may define `crs`."""
     geometries: list[Any] = []
     labels: list[str] = []
     dropped: list[Note] = []
@@ -73,7 +148,7 @@ def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) 
         if is_first and crs is None:
             crs = srid
         if srid not in (None, crs):
-            dropped.append((label, f"is in {srid}, lines before it in {crs or 'none'}"))
+            dropped.append((label, f"is in {srid}, previous lines in {crs or 'none'}"))
             continue
         geometries.append(geometry)
         labels.append(label)
@@ -96,8 +171,8 @@ def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     else:
         geometry, change = (None, "") if "\0" in body else parse_wkt(body)
     if geometry is None:
-        is_known = change not in ("", UNPARSABLE)
-        return None, None, change if is_known else "is not a geometry in WKT or hexadecimal WKB"
+        is_explained = change not in ("", UNPARSABLE)
+        return None, None, change if is_explained else "is not WKT or hexadecimal WKB"
     return geometry, crs or _embedded_crs(geometry), change
 
 
@@ -105,7 +180,7 @@ def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - o
     """Yield the parts of one geometry in (E)WKB."""
     (geometry,), dropped, repaired = parse_wkb([source.path.read_bytes()], ["the geometry"])
     if geometry is None:
-        raise ValueError(f"it {dropped[0][1]}" if dropped else "it is empty")
+        raise ValueError(dropped[0][1] if dropped else "empty file")
     parts = shapely.get_parts(geometry)
     labels = [f"geometry {i}" for i in range(len(parts))]
     crs = _embedded_crs(geometry)

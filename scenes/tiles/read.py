@@ -1,6 +1,6 @@
-"""Scenes of map tiles: each tile is a separate view, in the tile's integer coordinates.
+"""Scenes of map tiles: each tile is a separate view, in integer coordinates.
 
-Polygons that can be drawn exactly are read, in px; all others are noted.
+Polygons that can be drawn exactly are read, in px; the rest is noted.
 """
 
 from collections import Counter
@@ -25,27 +25,27 @@ from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 PIXELS = 512
 """Default side of a tile on the screen; 256 on old maps, 1024 on dense screens."""
 
-_SIDES = (8, 4096)
+_PIXELS_RANGE = (8, 4096)
 _GRID = 256
 
 
 def check_pixels(pixels: int) -> None:
     """Raise SceneError for an invalid side of a tile."""
-    if pixels % 2 or not _SIDES[0] <= pixels <= _SIDES[1]:
+    if pixels % 2 or not _PIXELS_RANGE[0] <= pixels <= _PIXELS_RANGE[1]:
         raise SceneError(
-            f"pixels={pixels} is no even number from {_SIDES[0]} to {_SIDES[1]}: give 256, 512 "
-            "or 1024"
+            f"pixels={pixels} is not an even number from {_PIXELS_RANGE[0]} to "
+            f"{_PIXELS_RANGE[1]}: give 256, 512 or 1024"
         )
 
 
 def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
-    """Return a note on each extent whose units are not on the grid of pixels.
+    """Return a note on each extent with units off the pixel grid.
 
     >>> note_rounding({4096}, 512), len(note_rounding({4096, 5000}, 512))
     ([], 1)
     """
     return [
-        f"a unit is 1/{extent} of {pixels} px, which is not on the grid of 1/{_GRID} px: rounded"
+        f"a unit is 1/{extent} of {pixels} px, off the grid of 1/{_GRID} px: rounded"
         for extent in sorted(extents)
         if _GRID * pixels % extent
     ]
@@ -54,8 +54,8 @@ def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
 class DrawableLayer(NamedTuple):
     """The polygons of a layer that can be drawn.
 
-    polygons : (p,) valid polygons in px of their tile, y up
-    dropped, repaired : (feature, reason) of other polygons, and of those that were invalid
+    polygons : (p,) valid polygons in px of the tile, y up
+    dropped, repaired : (feature, reason) of dropped and repaired polygons
     """
 
     name: str
@@ -66,37 +66,37 @@ class DrawableLayer(NamedTuple):
 
 
 def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
-    """Return the polygons of a layer that can be drawn, on a tile of so many pixels.
+    """Return the polygons of a layer that can be drawn, in pixels of a tile of this side.
 
     Coordinates stay exact: an invalid polygon is repaired only if all added vertices are integers,
-    and dropped otherwise; a polygon that exceeds its tile by more than a tile's side is dropped.
+    and dropped otherwise; a polygon that exceeds the tile by more than a tile's side is dropped.
     """
     dropped, repaired = list(layer.dropped), []
 
     def flip(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        turned: NDArray[np.float64] = xy * [1, -1] + [0, layer.extent]
-        return turned
+        flipped: NDArray[np.float64] = xy * [1, -1] + [0, layer.extent]
+        return flipped
 
     up = shapely.transform(layer.polygons, flip)
     labels = [f"feature {k}" for k in layer.feature.tolist()]
     cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flip)
     # A repair may add a vertex between integers.
     points, owner = shapely.get_coordinates(cleaned.polygons, return_index=True)
-    crossing = set(cleaned.source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
+    off_grid = set(cleaned.source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
     bounds = shapely.bounds(cleaned.polygons).reshape(-1, 4)
     outside = (bounds < -layer.extent) | (bounds > 2 * layer.extent)
-    far = set(cleaned.source[outside.any(axis=1)].tolist())
-    for which, why in cleaned.dropped:
-        dropped.append((which.partition(" #")[0], why))
-    for which, why in cleaned.repaired:
-        label, _, number = which.rpartition(" #")
-        if int(number) in crossing:
-            dropped.append((label, f"{why.partition(';')[0]}; left out"))
+    distant = set(cleaned.source[outside.any(axis=1)].tolist())
+    for feature, reason in cleaned.dropped:
+        dropped.append((feature.partition(" #")[0], reason))
+    for feature, reason in cleaned.repaired:
+        label, _, number = feature.rpartition(" #")
+        if int(number) in off_grid:
+            dropped.append((label, f"{reason.partition(';')[0]}; dropped"))
         else:
-            repaired.append((label, why))
-    for index in sorted(far - crossing):
-        dropped.append((labels[index], "reaches further than a tile over its tile's edge"))
-    inexact = list(crossing | far)
+            repaired.append((label, reason))
+    for index in sorted(distant - off_grid):
+        dropped.append((labels[index], "exceeds the tile by more than a tile's side"))
+    inexact = list(off_grid | distant)
     exact = cleaned.polygons[~np.isin(cleaned.source, inexact)]
     scale = pixels / layer.extent
     drawn = shapely.transform(exact, lambda xy: xy * scale)
@@ -107,44 +107,44 @@ def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
 class TileContent:
     """The layers of a tile that were read.
 
-    layers : the layers asked for
-    known : names of all layers
+    layers : the requested layers
+    layer_names : names of all layers
     damage : why the tile cannot be read, or ""
-    damaged : (layer, reason) of layers that cannot be read
-    absent : whether the archive does not contain the tile
+    damaged : (layer, reason) of unreadable layers
+    is_absent : whether the archive does not contain the tile
     """
 
     layers: list[DrawableLayer] = field(default_factory=list)
-    known: list[str] = field(default_factory=list)
+    layer_names: list[str] = field(default_factory=list)
     damage: str = ""
     damaged: list[Note] = field(default_factory=list)
-    absent: bool = False
+    is_absent: bool = False
 
 
 def read_tile(
-    archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int
+    archive: Archive, name: Any, requested: Collection[str] | None, pixels: int
 ) -> TileContent:
-    """Read a tile of an archive; layers that cannot be read are skipped and noted.
+    """Read a tile of an archive; unreadable layers are skipped and noted.
 
-    wanted : names of layers, in addition to those without a name; None for all
+    requested : names of layers, in addition to layers without a name; None for all
     pixels : a tile's side on the screen
     """
-    parts, notes = TileContent(), list[Note]()
+    content, notes = TileContent(), list[Note]()
     with guard.note_errors(notes, "", "cannot be read"):
         data = archive.read(name)
-        parts.absent = data is None
+        content.is_absent = data is None
         messages = decode_layers(data or b"")
-        parts.known = [layer for layer in messages if layer]
+        content.layer_names = [layer for layer in messages if layer]
         for layer, pieces in messages.items():
-            if wanted is None or layer in ("", *wanted):
-                with guard.note_errors(parts.damaged, layer, "cannot be read"):
-                    parts.layers.append(select_drawable(build_layer(layer, pieces), pixels))
-    parts.damage = notes[0][1] if notes else ""
-    return parts
+            if requested is None or layer in ("", *requested):
+                with guard.note_errors(content.damaged, layer, "cannot be read"):
+                    content.layers.append(select_drawable(build_layer(layer, pieces), pixels))
+    content.damage = notes[0][1] if notes else ""
+    return content
 
 
 DEFAULT_TILES = 16
-"""Default number of tiles that are read."""
+"""Default number of tiles."""
 
 MAX_TILES = 100_000
 """Maximum number of tiles of a scene."""
@@ -160,9 +160,9 @@ def read(
     limit: int | None = None,
     attributes: bool = True,
 ) -> Scene:
-    """Return the polygons of map tiles, in px of their tile, y up.
+    """Return the polygons of map tiles, in px of the tile, y up.
 
-    Polygons are not clipped at their tile's edge. Coordinates are exact: see `select_drawable`.
+    Polygons are not clipped at the tile's edge. Coordinates are exact: see `select_drawable`.
 
     Parameters
     ----------
@@ -184,44 +184,51 @@ def read(
     """
     check_pixels(pixels)
     file = check_path(path)
-    asked = None if layers is None else layers.split(",")
+    requested_layers = None if layers is None else layers.split(",")
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(file)
-        zoom = archive.zooms_of(path, None if zoom is None else (zoom, zoom))[-1]
+        zoom = archive.select_zooms(path, None if zoom is None else (zoom, zoom))[-1]
         runs = list(archive.runs(zoom))
-        names = _chosen(archive, runs, tiles, zoom)
-        tiles_read = [(str(name), read_tile(archive, name, asked, pixels)) for name in names]
+        tile_names = _choose_tiles(archive, runs, tiles, zoom)
+        tiles_read = [
+            (str(name), read_tile(archive, name, requested_layers, pixels)) for name in tile_names
+        ]
     polygons: list[shapely.Polygon] = []
-    of_tile: list[str] = []
-    of_layer: list[str] = []
+    tile_of_polygon: list[str] = []
+    layer_of_polygon: list[str] = []
     dropped: list[Note] = []
     repaired: list[Note] = []
-    for name, parts in tiles_read:
-        for own in parts.layers:
-            place = f"{name} {own.name}"
-            dropped += ((f"{place} {which}", why) for which, why in own.dropped)
-            repaired += ((f"{place} {which}", why) for which, why in own.repaired)
-            polygons += list(own.polygons)
-            of_tile += [name] * len(own.polygons)
-            of_layer += [own.name] * len(own.polygons)
-        dropped += ((f"{name} {layer}".strip(), why) for layer, why in parts.damaged)
-        if parts.damage:
-            dropped.append((f"tile {name}", parts.damage))
+    for name, content in tiles_read:
+        for layer in content.layers:
+            label = f"{name} {layer.name}"
+            dropped += ((f"{label} {feature}", reason) for feature, reason in layer.dropped)
+            repaired += ((f"{label} {feature}", reason) for feature, reason in layer.repaired)
+            polygons += list(layer.polygons)
+            tile_of_polygon += [name] * len(layer.polygons)
+            layer_of_polygon += [layer.name] * len(layer.polygons)
+        dropped += ((f"{name} {layer}".strip(), reason) for layer, reason in content.damaged)
+        if content.damage:
+            dropped.append((f"tile {name}", content.damage))
     if not polygons:
-        known = dict.fromkeys(layer for _, parts in tiles_read for layer in parts.known)
-        raise SceneError(_nothing(path, dropped, known, layers, tiles))
-    sizes = Counter(of_tile)
-    at = "" if zoom is None else f" of zoom {zoom}"
-    there, found = sum(run.times for run in runs), sum(not parts.absent for _, parts in tiles_read)
-    notes = [f"{found} of {there} tiles{at}, {len(sizes)} with polygons"]
-    notes.append(f"layers {', '.join(dict.fromkeys(of_layer))}")
-    notes += note_rounding({own.extent for _, parts in tiles_read for own in parts.layers}, pixels)
+        layer_names = dict.fromkeys(name for _, tile in tiles_read for name in tile.layer_names)
+        raise SceneError(_explain_no_polygon(path, dropped, layer_names, layers, tiles))
+    sizes = Counter(tile_of_polygon)
+    zoom_text = "" if zoom is None else f" of zoom {zoom}"
+    total = sum(run.repeats for run in runs)
+    present = sum(not content.is_absent for _, content in tiles_read)
+    notes = [f"{present} of {total} tiles{zoom_text}, {len(sizes)} with polygons"]
+    notes.append(f"layers {', '.join(dict.fromkeys(layer_of_polygon))}")
+    notes += note_rounding(
+        {layer.extent for _, content in tiles_read for layer in content.layers}, pixels
+    )
     table = None
     if attributes:
-        import pandas as pd  # a census, which loads this module, can do without
+        import pandas as pd  # not needed by a census, which imports this module
 
-        table = pd.DataFrame({"tile": np.array(of_tile, dtype=object), "layer": of_layer})
-    wanted = {"zoom": zoom, "layers": layers, "tiles": tiles, "pixels": pixels, "limit": limit}
+        table = pd.DataFrame(
+            {"tile": np.array(tile_of_polygon, dtype=object), "layer": layer_of_polygon}
+        )
+    requested = {"zoom": zoom, "layers": layers, "tiles": tiles, "pixels": pixels, "limit": limit}
     scene = Scene(
         name=Path(path).stem,
         polygons=polygons,
@@ -229,7 +236,7 @@ def read(
         description=str(path),
         licence="as the file's",
         credit=archive.attribution,
-        parameters={key: value for key, value in wanted.items() if value is not None},
+        parameters={key: value for key, value in requested.items() if value is not None},
         dropped=dropped,
         repaired=repaired,
         attributes=table,
@@ -239,9 +246,11 @@ def read(
     return scene if limit is None else scene.head(limit)
 
 
-def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None) -> Sequence[Any]:
-    """Return the names of the tiles asked for."""
-    wrong = SceneError(
+def _choose_tiles(
+    archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None
+) -> Sequence[Any]:
+    """Return the names of the requested tiles."""
+    error = SceneError(
         f"tiles={tiles} is neither a number from 1 to {MAX_TILES} nor "
         "west,south,east,north in degrees"
     )
@@ -249,42 +258,41 @@ def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None)
         try:
             west, south, east, north = map(float, tiles.split(","))
         except ValueError:
-            raise wrong from None
+            raise error from None
         if zoom is None or not (-180 <= west < east <= 180 and south < north):
-            raise wrong
+            raise error
         (left, top), (right, bottom) = (
             locate_tile(*corner, zoom) for corner in ((west, north), (east, south))
         )
         if (right - left + 1) * (bottom - top + 1) > MAX_TILES:
-            raise SceneError(f"tiles={tiles} are more than {MAX_TILES} tiles: give a smaller box")
+            raise SceneError(f"tiles={tiles} is more than {MAX_TILES} tiles: give a smaller box")
         columns, rows = range(left, right + 1), range(top, bottom + 1)
         return [TilePosition(zoom, x, y) for x in columns for y in rows]
     if not tiles.isdecimal() or not 1 <= int(tiles) <= MAX_TILES:
-        raise wrong
-    ends = np.cumsum([run.times for run in runs], dtype=np.int64)
-    there = int(ends[-1]) if len(ends) else 0
-    count = min(int(tiles), there)
-    # the middle of each of `count` equal parts: a larger number does not begin at the first tile
-    middles = [(2 * k + 1) * there // (2 * count) for k in range(count)]
-    of = np.searchsorted(ends, middles, side="right").tolist()
-    lasts = [runs[k].number + runs[k].times - int(ends[k]) for k in of]
-    return [archive.name_of(last + middle) for last, middle in zip(lasts, middles, strict=True)]
+        raise error
+    ends = np.cumsum([run.repeats for run in runs], dtype=np.int64)
+    total = int(ends[-1]) if len(ends) else 0
+    count = min(int(tiles), total)
+    # The middle of each of `count` equal parts, so that more tiles do not begin at the first one.
+    middles = [(2 * k + 1) * total // (2 * count) for k in range(count)]
+    run_index = np.searchsorted(ends, middles, side="right").tolist()
+    offsets = [runs[k].first + runs[k].repeats - int(ends[k]) for k in run_index]
+    return [archive.get_name(last + middle) for last, middle in zip(offsets, middles, strict=True)]
 
 
-def _nothing(
-    path: str, dropped: list[Note], known: Collection[str], layers: str | None, tiles: str
+def _explain_no_polygon(
+    path: str, dropped: list[Note], layer_names: Collection[str], layers: str | None, tiles: str
 ) -> str:
-    """Return why there is no polygon, in one line."""
-    unknown = [each for each in (layers or "").split(",") if each and each not in known]
-    if unknown and known:
-        return (
-            f"{path} has no layer {unknown[0]!r}; {format_suggestion(unknown[0], known, 'it has')}"
-        )
+    """Return the error message for no polygons."""
+    unknown = [name for name in (layers or "").split(",") if name and name not in layer_names]
+    if unknown and layer_names:
+        hint = format_suggestion(unknown[0], layer_names, "it has")
+        return f"{path} has no layer {unknown[0]!r}; {hint}"
     if dropped:
-        which, why = dropped[0]
+        feature, reason = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
-        return f"{path} holds no usable polygon: {which} {why}{more}"
-    return f"{path} holds no polygon in what tiles={tiles} choose: give more, or another zoom"
+        return f"{path} holds no usable polygon: {feature} {reason}{more}"
+    return f"{path} holds no polygon in tiles={tiles}: give more tiles, or another zoom"
 
 
 FILE = Path(__file__).with_name("helsinki.pmtiles")
@@ -322,20 +330,21 @@ def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a ti
     archive = open_archive(source.path)
     zoom = archive.zooms[-1]
     side = 2 * _HALF_WORLD / 2**zoom
-    wanted = None if source.layer is None else (source.layer,)
+    requested = None if source.layer is None else (source.layer,)
     for name in archive.names(zoom):
-        parts = read_tile(archive, name, wanted, PIXELS)
+        content = read_tile(archive, name, requested, PIXELS)
         corner = np.array([name.x * side - _HALF_WORLD, _HALF_WORLD - (name.y + 1) * side])
         polygons: list[Any] = []
         labels: list[str] = []
-        dropped = [(f"{name} {layer}".strip(), reason) for layer, reason in parts.damaged]
-        dropped += [(f"tile {name}", parts.damage)] if parts.damage else []
-        for layer in parts.layers:
-            moved = shapely.transform(
+        dropped = [(f"{name} {layer}".strip(), reason) for layer, reason in content.damaged]
+        dropped += [(f"tile {name}", content.damage)] if content.damage else []
+        for layer in content.layers:
+            on_map = shapely.transform(
                 layer.polygons, lambda xy, corner=corner: xy / PIXELS * side + corner
             )
-            polygons += list(moved)
-            labels += [f"{name} {layer.name} {number}" for number in range(len(moved))]
-            dropped += [(f"{name} {layer.name} {which}", reason) for which, reason in layer.dropped]
+            polygons += list(on_map)
+            labels += [f"{name} {layer.name} {number}" for number in range(len(on_map))]
+            label = f"{name} {layer.name}"
+            dropped += [(f"{label} {feature}", reason) for feature, reason in layer.dropped]
         notes = (f"map tiles of zoom {zoom}",)
         yield Raw(polygons, labels, crs="EPSG:3857", dropped=dropped, notes=notes)

@@ -1,12 +1,12 @@
 """Reader of the Mapbox Vector Tile format, version 2.1: the polygons of layers, unchanged.
 
-Libraries that read tiles repair or drop rings, clip them at the tile or project them. But a
-measurement must count dropped polygons and needs integer coordinates: so protobuf decodes the
-messages, and this module builds polygons from them.
+Libraries for tiles repair or drop rings, and clip or project them. But a measurement must count
+dropped polygons and needs integer coordinates: so protobuf decodes the messages, and this module
+builds the polygons.
 
-Source: the Mapbox Vector Tile Specification 2.1. Which ring is a hole is decided as its readers do
-it (`classifyRings` of npm's @mapbox/vector-tile): a ring is outer if it winds as the first one with
-area of its feature does, so that tiles of version 1 are read, too.
+Source: the Mapbox Vector Tile Specification 2.1. Holes are identified as in `classifyRings` of
+npm's @mapbox/vector-tile: a ring is outer if it has the orientation of the feature's first ring
+with area, which also holds for tiles of version 1.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""
 
 _MOVE, _TO, _CLOSE = 1, 2, 7
-_FURTHEST = 2**24
-"""Largest coordinate: areas are exact in 64 bits then."""
+MAX_COORDINATE = 2**24
+"""Maximum coordinate, for which areas are exact in 64 bits."""
 
 
 class _Messages(NamedTuple):
@@ -41,54 +41,56 @@ class _Messages(NamedTuple):
 def _messages() -> _Messages:
     """Return the classes of protobuf's messages.
 
-    Nested messages are bytes here and decoded separately: an invalid layer or feature then affects
-    no other. A name is bytes, too, because it may be invalid UTF-8.
+    Nested messages are bytes here and decoded separately: an invalid layer or feature then does not
+    affect the rest. A name is bytes, because it may be invalid UTF-8.
     """
     descriptor = import_optional("google.protobuf.descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
-    kinds = descriptor.FieldDescriptorProto
-    bytes_, number = kinds.TYPE_BYTES, kinds.TYPE_UINT32
-    one, many = kinds.LABEL_OPTIONAL, kinds.LABEL_REPEATED
+    types = descriptor.FieldDescriptorProto
+    bytes_, number = types.TYPE_BYTES, types.TYPE_UINT32
+    optional, repeated = types.LABEL_OPTIONAL, types.LABEL_REPEATED
     for name, fields in {
-        "Tile": (("layers", 3, many, bytes_),),
+        "Tile": (("layers", 3, repeated, bytes_),),
         "Layer": (
-            ("name", 1, one, bytes_),
-            ("features", 2, many, bytes_),
-            ("keys", 3, many, bytes_),
-            ("values", 4, many, bytes_),
-            ("extent", 5, one, number),
-            ("version", 15, one, number),
+            ("name", 1, optional, bytes_),
+            ("features", 2, repeated, bytes_),
+            ("keys", 3, repeated, bytes_),
+            ("values", 4, repeated, bytes_),
+            ("extent", 5, optional, number),
+            ("version", 15, optional, number),
         ),
         "Feature": (
-            ("tags", 2, many, number),
-            ("type", 3, one, number),
-            ("geometry", 4, many, number),
+            ("tags", 2, repeated, number),
+            ("type", 3, optional, number),
+            ("geometry", 4, repeated, number),
         ),
     }.items():
         message = file.message_type.add(name=name)
-        for field, place, label, kind in fields:
-            message.field.add(name=field, number=place, label=label, type=kind)
+        for field, tag, label, kind in fields:
+            message.field.add(name=field, number=tag, label=label, type=kind)
     pool = import_optional("google.protobuf.descriptor_pool").DescriptorPool()
     pool.Add(file)
-    made = import_optional("google.protobuf.message_factory").GetMessageClass
-    kinds_of = (pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type)
+    create_class = import_optional("google.protobuf.message_factory").GetMessageClass
+    descriptors = (
+        pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type
+    )
     unknown = import_optional("google.protobuf.unknown_fields").UnknownFieldSet
-    tile, layer, feature = map(made, kinds_of)
+    tile, layer, feature = map(create_class, descriptors)
     return _Messages(tile, layer, feature, unknown)
 
 
-def _decoded(kind: Any, data: bytes) -> Any:
-    """Return a message; raises ValueError if it is invalid, or a known field has another wire type.
+def _decode(kind: Any, data: bytes) -> Any:
+    """Return a message; raises ValueError if invalid, or for a wrong wire type of a known field.
 
     Protobuf silently skips such a field, which may contain polygons.
     """
     try:
         message = kind.FromString(data)
     except Exception as error:  # protobuf's exceptions differ between versions
-        raise ValueError("it is not a vector tile, or truncated") from error
-    known = kind.DESCRIPTOR.fields_by_number
+        raise ValueError("not a vector tile, or truncated") from error
+    fields = kind.DESCRIPTOR.fields_by_number
     for field in _messages().unknown(message):
-        if field.field_number in known:
+        if field.field_number in fields:
             raise ValueError(f"field {field.field_number} has wire type {field.wire_type}")
     return message
 
@@ -110,39 +112,35 @@ class Layer:
 
 
 def decode_layers(tile: bytes) -> dict[str, list[Any]]:
-    """Return the layers of an uncompressed tile, as messages, by name; "" if it has none.
+    """Return the layers of an uncompressed tile, as messages, by name or "".
 
-    Each name should have one message. A layer that cannot be decoded is a ValueError under "".
+    Each name should have one message. An invalid layer is a ValueError under "".
     Raises ValueError, in one line, if the tile violates the format.
     """
     messages = _messages()
-    found: dict[str, list[Any]] = {}
-    for data in _decoded(messages.tile, tile).layers:
+    layers: dict[str, list[Any]] = {}
+    for data in _decode(messages.tile, tile).layers:
         try:
-            layer = _decoded(messages.layer, data)
+            layer = _decode(messages.layer, data)
             name = layer.name.decode()
         except ValueError as error:
             layer, name = error, ""
-        found.setdefault(name, []).append(layer)
-    return found
+        layers.setdefault(name, []).append(layer)
+    return layers
 
 
-def build_layer(name: str, found: list[Any]) -> Layer:
-    """Return a layer, given the messages of its name by `decode_layers`.
+def build_layer(name: str, messages: list[Any]) -> Layer:
+    """Return a layer from the messages of a name by `decode_layers`.
 
-    Raises ValueError, in one line, if it violates the format. Invalid features are noted and
-    skipped.
+    Raises ValueError, in one line, for an invalid layer. Invalid features are noted and skipped.
     """
-    if isinstance(found[0], ValueError):
-        raise found[0]
+    if isinstance(messages[0], ValueError):
+        raise messages[0]
     if not name:
         raise ValueError("a layer has no name")
-    if len(found) > 1:
-        raise ValueError(f"it has layer {name} twice")
-    return _layer(name, found[0])
-
-
-def _layer(name: str, layer: Any) -> Layer:
+    if len(messages) > 1:
+        raise ValueError(f"layer {name} occurs twice")
+    layer = messages[0]
     version = layer.version if layer.HasField("version") else None
     if version not in (1, 2):
         raise ValueError(f"layer {name} is of version {version}, not 1 or 2")
@@ -155,64 +153,64 @@ def _layer(name: str, layer: Any) -> Layer:
     owners: list[int] = []
     for number, feature in enumerate(layer.features):
         with note_errors(dropped, f"feature {number}", "cannot be read"):
-            kind, geometry = _feature(feature, len(layer.keys), len(layer.values))
+            kind, geometry = _parse_feature(feature, len(layer.keys), len(layer.values))
             if kind != POLYGON:
                 _check_strokes(geometry, kind)
                 continue
-            own, rings = _rings(geometry)
-            steps += own
+            ring_steps, rings = _parse_rings(geometry)
+            steps += ring_steps
             sizes += rings
             owners += [number] * len(rings)
-    found = np.array(steps, np.int64), np.array(sizes, np.int64), np.array(owners, np.int64)
-    return Layer(name, extent, *_grouped(*found, dropped), dropped)
+    arrays = np.array(steps, np.int64), np.array(sizes, np.int64), np.array(owners, np.int64)
+    return Layer(name, extent, *_build_polygons(*arrays, dropped), dropped)
 
 
-def _feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
-    """Return a feature's type and the numbers of its geometry; ValueError if it is invalid."""
-    feature = _decoded(_messages().feature, data)
+def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
+    """Return a feature's type and the integers of the geometry; ValueError if invalid."""
+    feature = _decode(_messages().feature, data)
     if not feature.HasField("type") or not feature.geometry:
-        raise ValueError(f"it has no {'geometry' if feature.HasField('type') else 'type'}")
+        raise ValueError(f"no {'geometry' if feature.HasField('type') else 'type'}")
     if feature.type > POLYGON:
-        raise ValueError(f"its type is {feature.type}, not 0 to 3")
+        raise ValueError(f"type {feature.type} is not 0 to 3")
     tags = list(feature.tags)
-    most = max(tags[::2], default=-1), max(tags[1::2], default=-1)
-    if len(tags) % 2 or most[0] >= keys or most[1] >= values:
-        raise ValueError("its tags name a key or a value that the layer has not")
+    max_tags = max(tags[::2], default=-1), max(tags[1::2], default=-1)
+    if len(tags) % 2 or max_tags[0] >= keys or max_tags[1] >= values:
+        raise ValueError("a tag names an undefined key or value")
     return feature.type, list(feature.geometry)
 
 
 def _check_strokes(geometry: Sequence[int], kind: int) -> None:
     """Raise ValueError if the commands of points or lines violate the format."""
-    place = 0
-    while kind and place < len(geometry):
-        command, count = geometry[place] & 7, geometry[place] >> 3
-        allowed = (_MOVE,) if kind == POINT or not place else (_MOVE, _TO)
-        if command not in allowed or not 0 < count <= (len(geometry) - place - 1) // 2:
-            raise ValueError(f"command {command}, {count} times, does not fit in")
-        place += 1 + 2 * count
+    position = 0
+    while kind and position < len(geometry):
+        command, count = geometry[position] & 7, geometry[position] >> 3
+        allowed = (_MOVE,) if kind == POINT or not position else (_MOVE, _TO)
+        if command not in allowed or not 0 < count <= (len(geometry) - position - 1) // 2:
+            raise ValueError(f"command {command} with count {count} is invalid")
+        position += 1 + 2 * count
 
 
-def _rings(commands: list[int]) -> tuple[list[int], list[int]]:
-    """Return the steps from point to point of a feature's rings, and the size of each ring."""
-    kept: list[int] = []
-    sizes, place = [], 0
-    while place < len(commands):
-        if commands[place] != (1 << 3 | _MOVE):
+def _parse_rings(commands: list[int]) -> tuple[list[int], list[int]]:
+    """Return the steps from point to point of a feature's rings, and the sizes of rings."""
+    steps: list[int] = []
+    sizes, position = [], 0
+    while position < len(commands):
+        if commands[position] != (1 << 3 | _MOVE):
             raise ValueError("a ring does not begin with one MoveTo")
-        line = place + 3
-        count = commands[line] >> 3 if line < len(commands) else 0
-        end = line + 1 + 2 * count
-        if not count or commands[line] & 7 != _TO or end >= len(commands):
-            raise ValueError("a ring has no LineTo, or not as many points as it says")
+        line_to = position + 3
+        count = commands[line_to] >> 3 if line_to < len(commands) else 0
+        end = line_to + 1 + 2 * count
+        if not count or commands[line_to] & 7 != _TO or end >= len(commands):
+            raise ValueError("a ring has no LineTo, or too few points")
         if commands[end] != (1 << 3 | _CLOSE):
             raise ValueError("a ring does not end with one ClosePath")
-        kept += commands[place + 1 : line] + commands[line + 1 : end]
+        steps += commands[position + 1 : line_to] + commands[line_to + 1 : end]
         sizes.append(count + 1)
-        place = end + 1
-    return kept, sizes
+        position = end + 1
+    return steps, sizes
 
 
-def _grouped(
+def _build_polygons(
     steps: NDArray[np.int64],
     sizes: NDArray[np.int64],
     owners: NDArray[np.int64],
@@ -227,30 +225,31 @@ def _grouped(
     starts = np.cumsum(sizes) - sizes
     zigzag = steps.reshape(-1, 2)  # 0, -1, 1, -2 as 0, 1, 2, 3
     points = ((zigzag >> 1) ^ -(zigzag & 1)).cumsum(axis=0)
-    begins = starts[np.searchsorted(owners, owners)]  # of each ring's feature
+    begins = starts[np.searchsorted(owners, owners)]  # the start of each ring's feature
     points -= np.repeat(np.vstack([[[0, 0]], points])[begins], sizes, axis=0)
-    beyond = np.maximum.reduceat(np.abs(points).max(axis=1), starts) > _FURTHEST
-    if beyond.any():
-        far = np.isin(owners, owners[beyond])
-        why = f"cannot be read: it has a coordinate beyond {_FURTHEST}"
-        dropped += [(f"feature {owner}", why) for owner in np.unique(owners[far])]
-        kept = np.repeat(~far, sizes)
-        return _grouped(steps.reshape(-1, 2)[kept].ravel(), sizes[~far], owners[~far], dropped)
+    is_beyond = np.maximum.reduceat(np.abs(points).max(axis=1), starts) > MAX_COORDINATE
+    if is_beyond.any():
+        is_dropped = np.isin(owners, owners[is_beyond])
+        reason = f"cannot be read: a coordinate exceeds {MAX_COORDINATE}"
+        dropped += [(f"feature {owner}", reason) for owner in np.unique(owners[is_dropped])]
+        is_kept = np.repeat(~is_dropped, sizes)
+        steps = steps.reshape(-1, 2)[is_kept].ravel()
+        return _build_polygons(steps, sizes[~is_dropped], owners[~is_dropped], dropped)
     following = np.arange(1, len(points) + 1)
     following[starts + sizes - 1] = starts
     x, y = points.T
     sign = np.sign(np.add.reduceat(x * y[following] - x[following] * y, starts))
     dropped += [(f"feature {owner}", "has a ring without area") for owner in owners[sign == 0]]
-    solid = np.flatnonzero(sign)
-    owners, sign = owners[solid], sign[solid]
-    first = np.searchsorted(owners, owners)  # of its feature
+    with_area = np.flatnonzero(sign)
+    owners, sign = owners[with_area], sign[with_area]
+    first = np.searchsorted(owners, owners)  # the first ring of the feature
     outer = np.flatnonzero(sign == sign[first])
-    rings = [points[starts[k] : starts[k] + sizes[k]] for k in solid]
+    rings = [points[starts[k] : starts[k] + sizes[k]] for k in with_area]
     closed = [part for ring in rings for part in (ring, ring[:1])]
-    ends = np.concatenate([[0], np.cumsum(sizes[solid] + 1)])
+    ends = np.concatenate([[0], np.cumsum(sizes[with_area] + 1)])
     polygons = shapely.from_ragged_array(
         shapely.GeometryType.POLYGON,
         np.concatenate([np.empty((0, 2), np.int64), *closed]).astype(float),
-        (ends, np.append(outer, len(solid))),
+        (ends, np.append(outer, len(with_area))),
     )
     return polygons, owners[outer]

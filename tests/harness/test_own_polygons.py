@@ -139,14 +139,14 @@ def test_many_features_off_the_globe_are_no_degrees(harness):
     metres = [shapely.box(40 * n, 40 * n, 40 * n + 9, 40 * n + 9) for n in range(6)]
     Path("metres.geojson").write_text(make_geojson(metres))
     err = harness("inspect", "metres.geojson", "--out", "a.png")[2]
-    assert "coordinates are not degrees as in WGS 84, used as they are" in " ".join(err.split())
+    assert "coordinates are not degrees as in WGS 84; used unchanged" in " ".join(err.split())
     degrees = [shapely.box(n, 50, n + 0.5, 50.5) for n in range(9)]
     Path("degrees.geojson").write_text(make_geojson([*degrees, shapely.box(3, 90, 4, 91)]))
     err = harness("inspect", "degrees.geojson", "--out", "b.png")[2]
     assert "dropped feature 9: has a vertex off the globe" in " ".join(err.split())
     write(Path("bare.gpkg"), degrees, "bare", crs=None)
     err = harness("inspect", "bare.gpkg", "--out", "c.png")[2]
-    assert "no reference system, coordinates used as they are" in " ".join(err.split())
+    assert "no reference system; coordinates used unchanged" in " ".join(err.split())
 
 
 def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):

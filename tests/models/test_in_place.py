@@ -326,9 +326,9 @@ def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, 
         (0, {"count": 3}, "index 3 of 3 vertices"),
         (1, {"count": 7000}, "reaches beyond its buffer view"),
         (1, {"componentType": 4711}, "component type 4711 is unknown"),
-        (1, {"bufferView": -1}, "-1 is no index"),
-        (1, {"count": 5}, "5 indices are no triangles"),
-        (None, {}, "KHR_draco_mesh_compression packs its triangles; unpack it first"),
+        (1, {"bufferView": -1}, "-1 is not an index"),
+        (1, {"count": 5}, "5 indices are not a multiple of 3"),
+        (None, {}, "KHR_draco_mesh_compression is unsupported; unpack the model first"),
     ],
 )
 def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, number, change, reason):

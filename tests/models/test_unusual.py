@@ -158,7 +158,7 @@ def test_positions_of_two_numbers_are_refused(tmp_path):
 def test_an_index_of_minus_one_is_not_the_last(tmp_path, told):
     builder = Builder(KITE, LONG)
     builder.json |= told
-    with pytest.raises(SceneError, match="-1 is no index"):
+    with pytest.raises(SceneError, match="-1 is not an index"):
         retriangulate(builder.write(tmp_path / "kite.glb"), None)
 
 
@@ -174,7 +174,7 @@ def test_a_buffer_is_read_from_below_the_models_folder_alone(tmp_path, uri):
     told = json.loads(source.read_text())
     told["buffers"] = [{"byteLength": 1, "uri": uri}]
     source.write_text(json.dumps(told))
-    with pytest.raises(SceneError, match="which is not below its folder: copy it there"):
+    with pytest.raises(SceneError, match="which is outside the model's folder: copy it there"):
         retriangulate(source, None)
 
 

@@ -78,7 +78,7 @@ class TestGlyphs:
         (tmp_path / "bad.ttf").write_bytes(b"not a font at all")
         for path, message in (
             (tmp_path / "bad.ttf", "not a font"),
-            ("none.ttf", "there is no file"),
+            ("none.ttf", "not found: check the path"),
         ):
             with pytest.raises(SceneError, match=message):
                 load("glyphs", font=str(path))

@@ -126,14 +126,14 @@ def test_grads_are_used_as_they_are(tmp_path):
     )
     scene = load(path)
     assert scene.units == "units"
-    assert "are not degrees as in NTF (Paris), used as they are" in scene.notes[0]
+    assert "are not degrees as in NTF (Paris); used unchanged" in scene.notes[0]
 
 
 def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
     town = [box(x, 6_672_000, x + 10, 6_672_010) for x in (386_000, 386_020)]
     scene = load(written(tmp_path, *town, FINLAND))
     assert scene.units == "units"
-    assert "are not degrees as in WGS 84, used as they are" in scene.notes[0]
+    assert "are not degrees as in WGS 84; used unchanged" in scene.notes[0]
     assert scene.dropped == []
 
 
@@ -187,9 +187,9 @@ def test_any_geographic_system_becomes_metres(tmp_path, crs):
 @pytest.mark.parametrize(
     ("crs", "note"),
     [
-        (named("EPSG:999999"), "the reference system EPSG:999999 is not known"),
-        (named("of our town"), "the reference system of our town is not known"),
-        ({"type": "link", "properties": {"href": "x.prj"}}, "system x.prj is not known"),
+        (named("EPSG:999999"), "the reference system EPSG:999999 is unknown"),
+        (named("of our town"), "the reference system of our town is unknown"),
+        ({"type": "link", "properties": {"href": "x.prj"}}, "system x.prj is unknown"),
         (None, None),
     ],
 )
@@ -296,7 +296,7 @@ def test_features_across_the_180th_meridian_are_named(tmp_path):
     assert scene.dropped == [
         (
             "feature 0",
-            "crosses the 180th meridian, where a map of the whole globe ends: cut it there",
+            "crosses the 180th meridian, where a map of the globe ends: split it",
         )
     ]
     assert len(scene.polygons) == 4
@@ -324,7 +324,7 @@ def test_a_shapefile_without_a_reference_system_may_be_in_degrees(tmp_path, x, h
     path = tmp_path / "a.shp"
     pyogrio.raw.write(path, shapely.to_wkb(square), [], [], geometry_type="Polygon", crs=None)
     (note,) = load(path).notes
-    assert note.startswith("no reference system, coordinates used as they are")
+    assert note.startswith("no reference system; coordinates used unchanged")
     assert ("if they are longitude and latitude, add project=true" in note) == hinted
     if hinted:
         assert load(f"{path}:project=true").units == "m"

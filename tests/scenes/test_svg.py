@@ -143,8 +143,8 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
                     "has no fill!": 'style="fill: none !important"',
                     "is transparent": 'opacity="0%"',
                     "has a transparent fill": 'fill="rgb(1 2 3 / 0%)"',
-                    "lies outside its clip path": 'clip-path="url(#k)"',
-                    "cannot be read as SVG: transform translateX(2) is not known": 'transform="translateX(2)"',
+                    "lies outside the clip path": 'clip-path="url(#k)"',
+                    "cannot be read as SVG: transform translateX(2) is unknown": 'transform="translateX(2)"',
                     "cannot be read as SVG: transform spin(3": 'transform="spin(3)"',
                     "cannot be read as SVG: its clip path has a use": 'clip-path="url(#u)"',
                     "cannot be read as SVG: length": 'x="2em"',
@@ -170,8 +170,8 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
         expected = label.partition(" ")[2].rstrip("!")
         assert reason.startswith(expected), label
     notes = read(tmp_path, f'<style>.a {{fill: none}}</style><g mask="url(#m)">{body}</g>').notes
-    assert "rules of <style> are not read" in notes[1]
-    assert "masks are not applied" in notes[2]
+    assert "<style> is ignored" in notes[1]
+    assert "masks are ignored" in notes[2]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
         ("<svg", "cannot be read as SVG"),
         ("<html/>", "its root is html"),
         ("<svg/>", "holds no polygon"),
-        ('<svg><g transform="spin(3)"><rect/></g></svg>', r"spin\(3\) is not known"),
+        ('<svg><g transform="spin(3)"><rect/></g></svg>', r"spin\(3\) is unknown"),
     ],
 )
 def test_errors(tmp_path, text, message):

@@ -279,8 +279,8 @@ def test_invalid_polygons_are_named_and_repaired_only_on_integers(tmp_path):
         "bad.mvt land feature 2",
     ]
     crossing, far = (why for _, why in scene.dropped)
-    assert crossing == "self-intersects at 12.4 12.0; left out"
-    assert far == "reaches further than a tile over its tile's edge"
+    assert crossing == "self-intersects at 12.4 12.0; dropped"
+    assert far == "exceeds the tile by more than a tile's side"
     assert [which for which, _ in scene.repaired] == ["bad.mvt land feature 1"]
     assert scene.attributes["layer"].to_list() == ["land"] * len(scene.polygons)
     points = shapely.get_coordinates(np.array(scene.polygons)) * 8
@@ -323,7 +323,7 @@ def test_a_directory_within_itself_is_refused_at_once(tmp_path):
     leaf = serialize_directory([Entry(0, 0, 30, 0)])
     leaf = serialize_directory([Entry(0, 0, len(leaf), 0)])
     path = pmtiles(tmp_path / "a.pmtiles", leaf, max_zoom=3, leaf_directory_offset=127)
-    with pytest.raises(SceneError, match="a directory of it is within itself"):
+    with pytest.raises(SceneError, match="a directory contains itself"):
         load(f"{path}:zoom=3")
 
 
@@ -392,7 +392,7 @@ def test_tile_of_several_gzip_members_is_read_completely():
     pieces = gzip.compress(b"one, ") + gzip.compress(b"") + gzip.compress(b"two")
     assert decompress(pieces) == b"one, two"
     for short in (pieces[:-1], pieces[:-9]):
-        with pytest.raises(ValueError, match="cut off"):
+        with pytest.raises(ValueError, match="truncated compressed data"):
             decompress(short)
 
 
@@ -400,7 +400,7 @@ def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
     monkeypatch.setattr(archives, "MAX_TILE_BYTES", 2**16)
     packed = gzip.compress(bytes(2**24))
     tracemalloc.start()
-    with pytest.raises(ValueError, match="it has 0 MiB or more, unpacked"):
+    with pytest.raises(ValueError, match="0 MiB or more, uncompressed"):
         decompress(packed)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -410,11 +410,13 @@ def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
 @pytest.mark.parametrize("kind", [Compression.BROTLI, Compression.ZSTD])
 def test_other_packings_are_refused_by_name(kind, tmp_path):
     path = two(tmp_path, bytes, kind)["pmtiles"]
-    with pytest.raises(SceneError, match=f"a.pmtiles is packed by {kind.name}, which is not"):
+    with pytest.raises(
+        SceneError, match=f"a.pmtiles is compressed by {kind.name}, which is unsupported"
+    ):
         load(f"{path}:zoom=3")
     zstd = tmp_path / "a.mvt"
     zstd.write_bytes(b"\x28\xb5\x2f\xfd" + bytes(9))
-    with pytest.raises(SceneError, match="it is packed by zstd, which is not read"):
+    with pytest.raises(SceneError, match="compressed by zstd, which is unsupported"):
         load(f"{zstd}:pixels=512")
 
 
@@ -453,9 +455,9 @@ def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
     assert names[0] == TilePosition(8, 0, 0)
     for number in (0, 1, 11_111, 19_999):
         assert zxy_to_tileid(*names[number]) == first + number
-        assert tiles.packed(names[number]) == contents[number]
+        assert tiles.read_stored(names[number]) == contents[number]
     assert len(tiles.names(7)) == 0
-    assert tiles.packed(TilePosition(8, 255, 0)) is None
+    assert tiles.read_stored(TilePosition(8, 255, 0)) is None
 
 
 @pytest.mark.parametrize("kind", ["mvt", "application/vnd.mapbox-vector-tile", "PBF", None])
@@ -476,7 +478,7 @@ def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, 
 
 
 def test_truncated_zlib_is_named(tmp_path):
-    with pytest.raises(ValueError, match="its packed bytes are cut off"):
+    with pytest.raises(ValueError, match="truncated compressed data"):
         decompress(zlib.compress(encoded([shapely.box(0, 0, 100, 100)]))[:-6])
 
 
@@ -487,21 +489,24 @@ def test_truncated_zlib_is_named(tmp_path):
         ("helsinki-tiles:layers=bilding", "has no layer 'bilding'; did you mean building?"),
         ("helsinki-tiles:tiles=0", "neither a number from 1 to 100000 nor west,south,east,north"),
         ("helsinki-tiles:tiles=5,4,3,2", "nor west,south,east,north in degrees"),
-        ("helsinki-tiles:tiles=0,0,1,1", "holds no polygon in what tiles=0,0,1,1 choose"),
+        ("helsinki-tiles:tiles=0,0,1,1", "holds no polygon in tiles=0,0,1,1"),
         ("helsinki-tiles:zoom=16,tiles=-170,-80,170,80", "more than 100000 tiles: give a smaller"),
-        ("helsinki-tiles:pixels=511", "pixels=511 is no even number from 8 to 4096"),
+        ("helsinki-tiles:pixels=511", "pixels=511 is not an even number from 8 to 4096"),
         ("FOLDER:pixels=512", "holds no tiles: zoom=, layers=, tiles= and pixels= are for"),
         ("FOLDER/a.gpkg:zoom=3", "a.gpkg holds no tiles"),
-        ("FOLDER/a.pmtiles:zoom=3", "is no PMTiles archive: give one, or write it again"),
-        ("FOLDER/png.pmtiles:zoom=0", "holds PNG tiles: give one of Mapbox vector tiles"),
-        ("FOLDER/png.mbtiles:zoom=0", "holds tiles of format png: give one of vector tiles"),
+        (
+            "FOLDER/a.pmtiles:zoom=3",
+            "is not a PMTiles archive: give a PMTiles archive of version 3",
+        ),
+        ("FOLDER/png.pmtiles:zoom=0", "holds PNG tiles: give Mapbox vector tiles"),
+        ("FOLDER/png.mbtiles:zoom=0", "holds tiles of format png: give vector tiles"),
         ("FOLDER/no.mbtiles:zoom=0", "cannot be read as map tiles: no such table: metadata"),
-        ("FOLDER/b.mvt:zoom=3", "does not say at which zoom its tiles are: leave zoom= out"),
+        ("FOLDER/b.mvt:zoom=3", "is unknown: leave zoom= out"),
         (
             "FOLDER/b.mvt:pixels=512",
-            "usable polygon: tile b.mvt cannot be read: it is not a vector tile",
+            "usable polygon: tile b.mvt cannot be read: not a vector tile",
         ),
-        ("FOLDER/c.mvt:pixels=512", "cannot be read: its packed bytes are cut off"),
+        ("FOLDER/c.mvt:pixels=512", "cannot be read: truncated compressed data"),
     ],
 )
 def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
@@ -529,7 +534,7 @@ def test_two_files_for_one_tile_are_refused_by_name(names, tmp_path):
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(encoded([COURT]))
-    with pytest.raises(SceneError, match="are both tile 1/0/0: keep one of them") as error:
+    with pytest.raises(SceneError, match="are both tile 1/0/0: remove one") as error:
         load(f"{tmp_path}:zoom=1")
     assert all(name in str(error.value) for name in names)
 
@@ -563,7 +568,7 @@ def test_a_damaged_tile_of_several_is_a_note(tmp_path):
     scene = load(f"{tmp_path}:tiles=3")
     assert scene.tiling.names == ("1.mvt", "2.mvt")
     assert scene.dropped[0][0] == "tile 0.mvt"
-    assert scene.dropped[0][1].startswith("cannot be read: it is not a vector tile")
+    assert scene.dropped[0][1].startswith("cannot be read: not a vector tile")
 
 
 def of_version(number: int, layer: str) -> bytes:
@@ -576,7 +581,7 @@ def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], st
     wanted = None if layers is None else tuple(layers.split(","))
     (tile,) = read_tiles(str(path), (0, 1), TileSelection(layers=wanted))
     found = scene.attributes["layer"].to_list()
-    assert [own.name for own in tile.parts.layers if len(own.polygons)] == found
+    assert [own.name for own in tile.content.layers if len(own.polygons)] == found
     return found, scene.dropped, tile.damage
 
 
@@ -588,7 +593,7 @@ def test_invalid_layer_is_skipped_and_named_only_if_asked_for(tmp_path):
     assert read_both(path, None) == (["land"], [("a.mvt poi", why)], f"layer poi {why}")
     assert read_both(path, "land") == (["land"], [], "")
     path.write_bytes(bad + good + bad)
-    assert read_both(path, None)[1] == [("a.mvt poi", "cannot be read: it has layer poi twice")]
+    assert read_both(path, None)[1] == [("a.mvt poi", "cannot be read: layer poi occurs twice")]
     assert read_both(path, "land") == (["land"], [], "")
     path.write_bytes(nameless.replace(b"\x0a\x01x", b"\x32\x01x") + good)
     why = "cannot be read: a layer has no name"
@@ -626,12 +631,12 @@ def test_a_tile_that_is_null_is_damaged(tmp_path):
         database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
     scene = load(f"{path}:zoom=3")
     assert scene.tiling.names == ("3/4/3",)
-    assert scene.dropped == [("tile 3/4/2", "cannot be read: its tile_data is NULL")]
+    assert scene.dropped == [("tile 3/4/2", "cannot be read: tile_data is NULL")]
     damaged = {
         tile.name: tile.damage
         for tile in read_tiles(path, (first_number(3), first_number(4)), TileSelection())
     }
-    assert damaged == {"3/4/2": "cannot be read: its tile_data is NULL", "3/4/3": ""}
+    assert damaged == {"3/4/2": "cannot be read: tile_data is NULL", "3/4/3": ""}
 
 
 def test_tiles_of_a_box_that_are_not_there_do_not_count(tmp_path):
@@ -675,9 +680,7 @@ def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
             "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
             "SELECT 3 zoom_level, k tile_column, k tile_row, k tile_data FROM n"
         )
-    with pytest.raises(
-        SceneError, match=r"gives no answer within 0\.2 s: .* view in it may be endless"
-    ):
+    with pytest.raises(SceneError, match=r"no answer within 0\.2 s: endless view"):
         load(f"{path}:zoom=3")
 
 
@@ -688,7 +691,7 @@ def test_a_view_that_never_ends_hears_ctrl_c(tmp_path, monkeypatch):
     signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     with pytest.raises(KeyboardInterrupt):
-        list(tiles._ask(endless))
+        list(tiles._query(endless))
 
 
 def test_a_tile_that_is_there_three_times_counts_once(tmp_path):
@@ -705,17 +708,15 @@ def test_tiles_that_are_not_packed_have_a_limit_too(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "MAX_TILE_BYTES", 2**20)
     for name, size in (("large", 2**20), ("zeros", 2**19)):
         (tmp_path / f"{name}.mvt").write_bytes(bytes(size))
-    with pytest.raises(SceneError, match=r"tile large\.mvt cannot be read: it has 1 MiB or more"):
+    with pytest.raises(SceneError, match=r"tile large\.mvt cannot be read: 1 MiB or more"):
         load(f"{tmp_path}/large.mvt:pixels=512")
-    with pytest.raises(
-        SceneError, match=r"tile zeros\.mvt cannot be read: it is not a vector tile"
-    ):
+    with pytest.raises(SceneError, match=r"tile zeros\.mvt cannot be read: not a vector tile"):
         load(f"{tmp_path}/zeros.mvt:pixels=512")
 
 
 def test_a_directory_that_unpacks_to_many_megabytes_is_refused(tmp_path):
     path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)))
-    with pytest.raises(SceneError, match="it has 4 MiB or more, unpacked"):
+    with pytest.raises(SceneError, match="4 MiB or more, uncompressed"):
         load(f"{path}:zoom=0")
 
 
