@@ -71,7 +71,7 @@ def test_polygons_whose_area_is_lost_in_rounding_are_dropped():
     assert thin.area > 0
     cleaned = clean([thin, shapely.box(0, 0, 1, 1)])
     assert len(cleaned.polygons) == len(cleaned.source) == 1
-    assert cleaned.dropped == [("feature 0", "its area is lost in rounding")]
+    assert cleaned.dropped == [("feature 0", "area is lost in rounding")]
 
 
 def test_empty_holes_are_removed():
