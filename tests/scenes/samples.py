@@ -1,4 +1,4 @@
-"""A valid file of each format, and the required result of reading it damaged."""
+"""A valid file of each format, and the outcome of reading damaged files."""
 
 import gzip
 import json
@@ -35,30 +35,30 @@ _TILES = ("mvt", "mvt.gz", "pmtiles", "mbtiles")
 KINDS = (*_BY_GDAL, *_MODELS, *_OTHERS, *_TILES)
 
 _MAIN = {"shx": "shp", "dbf": "shp", "mid": "mif", "map": "tab", "dat": "tab", "id": "tab"}
-"""Of files that belong to another one, which."""
+"""Main file of data sets of several files, by suffix."""
 
 _SILENT = ("gmt", "obj", "mif")
-"""Formats that say neither how long they are nor where they end."""
+"""Formats without a length or an end mark."""
 
 
 def is_truncation_visible(kind: str, data: bytes, length: int) -> bool:
-    """Whether the first `length` bytes of a file show that it was longer."""
-    kept = data[:length]
+    """Whether the first `length` bytes of a file are recognisable as truncated."""
+    truncated = data[:length]
     if kind in _SILENT or data[length:].strip() == b"":
         return False
     if kind == "csv":
-        return kept.count(b'"') % 2 == 1
+        return truncated.count(b'"') % 2 == 1
     if kind in ("geojsonl", "wkt", "city.jsonl"):
-        return not kept.endswith(b"\n") and not data[length:].startswith((b"\n", b"\r"))
+        return not truncated.endswith(b"\n") and not data[length:].startswith((b"\n", b"\r"))
     return True
 
 
 @cache
-def whole(kind: str) -> dict[str, bytes]:
+def make_files(kind: str) -> dict[str, bytes]:
     """Return the files of a valid data set by name, including `a.<kind>`."""
     with tempfile.TemporaryDirectory() as folder:
         _write(Path(folder, f"a.{_MAIN.get(kind, kind)}"))
-        return {each.name: each.read_bytes() for each in Path(folder).iterdir()}
+        return {file.name: file.read_bytes() for file in Path(folder).iterdir()}
 
 
 def _write(path: Path) -> None:
@@ -95,7 +95,7 @@ def _write(path: Path) -> None:
 
 
 def _city(lines: list[str]) -> dict[str, object]:
-    """One model of the houses of a sequence."""
+    """Return a model of the houses of a sequence."""
     model = json.loads(lines[0])
     for line in lines[1:]:
         feature = json.loads(line)
@@ -126,7 +126,7 @@ def _write_model(path: Path, kind: str) -> None:
 
 
 def _write_tiles(path: Path, kind: str) -> None:
-    """All boxes in one tile, or each in a tile of its own."""
+    """Write all boxes in a tile, or a tile per box."""
     from tests.scenes.test_tiles import encoded, three_archives
 
     if kind in ("mvt", "mvt.gz"):
@@ -142,31 +142,31 @@ def _write_tiles(path: Path, kind: str) -> None:
 
 
 def load_or_refuse(path: Path, **parameters: Any) -> Scene | None:
-    """Load a file of any content: valid polygons, or an error of one line that names it."""
+    """Return the scene of a file, or None for an error of one line that names the file."""
     try:
         scene = load(path, **parameters)
     except SceneError as error:
-        refusal = str(error)
-        assert refusal.isprintable()
-        assert str(path.with_suffix("")) in refusal
+        message = str(error)
+        assert message.isprintable()
+        assert str(path.with_suffix("")) in message
         return None
     assert_valid_polygons(scene.polygons)
     if scene.attributes is not None:
-        # some libraries look at the bytes of a text only when they are asked for it
+        # Some libraries decode text only when used.
         assert scene.attributes.to_csv()
     return scene
 
 
-NAMED = "read, all there or named"
+NAMED = "read, missing polygons noted"
 
 
 def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
     """Return the outcome of reading a file of these bytes; AssertionError if polygons are missing.
 
-    `length` is given where they are the first bytes of the whole: polygons that are missing then
-    must be named, or the file refused.
+    With `length`, the bytes are the first of the valid file: missing polygons must be noted, or the
+    file refused.
     """
-    files = whole(kind)
+    files = make_files(kind)
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
             Path(folder, name).write_bytes(damaged if name == f"a.{kind}" else content)
@@ -179,7 +179,7 @@ def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
     if length is None:
         return "read"
     if not is_truncation_visible(kind, files[f"a.{kind}"], length):
-        return "read, no cut to be seen"
-    given = len(scene.polygons) + len(scene.dropped)
-    assert given >= COUNT, f"{kind} cut at {length}: {given} of {COUNT} polygons read or named"
+        return "read, not recognisable as truncated"
+    accounted = len(scene.polygons) + len(scene.dropped)
+    assert accounted >= COUNT, f"{kind} truncated at {length}: {accounted} of {COUNT} polygons"
     return NAMED

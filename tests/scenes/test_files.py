@@ -51,7 +51,7 @@ def test_formats_of_gdal(tmp_path, suffix):
 
 
 def test_openstreetmap(tmp_path):
-    """GDAL writes no OSM files, so this one is in OSM's own XML; the PBF shares its code path."""
+    """GDAL cannot write OSM files, so this file is OSM XML; PBF shares the code path."""
     nodes = [(24.9, 60.1), (24.901, 60.1), (24.901, 60.101), (24.9, 60.101)]
     lines = [
         f'<node id="{i}" lat="{y}" lon="{x}" version="1"/>' for i, (x, y) in enumerate(nodes, 1)
@@ -65,13 +65,13 @@ def test_openstreetmap(tmp_path):
     assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
 
 
-def test_planar_coordinates_without_a_reference_system_stay(geojson):
+def test_planar_coordinates_without_a_reference_system_are_unchanged(geojson):
     ring = [[x + 386_000, y + 6_672_000] for x, y in SQUARE]
     scene = load(geojson(feature([ring]), planar=False))
     assert scene.polygons[0].bounds == (386_000, 6_672_000, 386_010, 6_672_010)
 
 
-def test_dropped_and_repaired_geometries_are_named(geojson):
+def test_dropped_and_repaired_geometries_are_noted(geojson):
     scene = load(
         geojson(
             feature([SQUARE], name="good"),
@@ -136,10 +136,10 @@ def test_invalid_condition_is_reported_with_the_attributes(tmp_path, suffix, con
     path = write(tmp_path / f"town{suffix}")
     with pytest.raises(SceneError) as error:
         load(path, where=condition)
-    told = str(error.value)
-    assert told.startswith(f"{path}: invalid condition {condition!r}")
-    assert told.endswith("attributes are name, height")
-    assert "SELECT" not in told
+    message = str(error.value)
+    assert message.startswith(f"{path}: invalid condition {condition!r}")
+    assert message.endswith("attributes are name, height")
+    assert "SELECT" not in message
 
 
 @pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".fgb", ".csv"])
@@ -170,12 +170,12 @@ class TestCsv:
         assert [p.area for p in scene.polygons] == [100]
         assert scene.attributes.iloc[0].to_dict() == {"id": 1, "zip": "00700", "h": 9}
 
-    def test_a_table_without_geometries_names_the_remedy(self, tmp_path):
+    def test_table_without_geometries_is_refused_with_a_remedy(self, tmp_path):
         (tmp_path / "a.csv").write_text("id,h\n1,2\n")
         with pytest.raises(SceneError, match="name the column of WKT geometries WKT or geometry"):
             load(tmp_path / "a.csv")
 
-    def test_a_number_compared_with_text_gets_a_hint(self, geojson):
+    def test_comparison_of_text_with_a_number_gets_a_hint(self, geojson):
         path = geojson(feature([SQUARE], h="12"))
         with pytest.raises(SceneError, match=r"h is text: CAST\(h AS FLOAT\) is a number"):
             load(path, where="h > 5")
@@ -189,7 +189,7 @@ PATCHES = "TIN Z (((0 0 0,4 0 0,0 4 0,0 0 0)),((4 0 0,4 4 0,0 4 0,4 0 0)))"
 
 
 def curved_wkb(text: str) -> bytes:
-    """Return the WKB of a curve, which GEOS cannot write, as GDAL has it in a file."""
+    """Return the WKB of a curve, which GEOS cannot write."""
     kinds = {"CIRCULARSTRING": 8, "COMPOUNDCURVE": 9, "CURVEPOLYGON": 10, "MULTISURFACE": 12}
     kinds |= {"TIN Z": 1016, "TRIANGLE": 1017, "POLYGON": 3, "LINESTRING": 2}
 
@@ -213,7 +213,7 @@ def curved_wkb(text: str) -> bytes:
 
 
 class TestCurves:
-    """A curve gets chords and a note, in every format, and costs no other feature."""
+    """In every format curves become chords with a note, and other features are unaffected."""
 
     AREAS = (16, np.pi * 25, 40.5 + np.pi * 12.5, 16)
 
@@ -241,7 +241,7 @@ class TestCurves:
         ] * 2
         assert scene.dropped == []
 
-    def test_without_gdal_it_costs_its_feature(self, tmp_path, monkeypatch):
+    def test_curves_are_dropped_without_gdal(self, tmp_path, monkeypatch):
         monkeypatch.setattr("scenes.readers.wkt.linearize", lambda geometry: None)
         path = tmp_path / "a.wkt"
         path.write_text(f"{CIRCLE}\nPOLYGON ((0 0,4 0,4 4,0 4,0 0))\n")
@@ -249,7 +249,7 @@ class TestCurves:
         assert [p.area for p in scene.polygons] == [16]
         assert "curves" in scene.dropped[0][1]
 
-    def test_an_srid_in_front(self, tmp_path):
+    def test_curve_with_an_srid(self, tmp_path):
         wkb = curved_wkb(CIRCLE)
         extended = wkb[:1] + struct.pack("<II", 10 | 0x20000000, 3067) + wkb[5:]
         (tmp_path / "a.wkb").write_bytes(extended)
@@ -280,13 +280,13 @@ def test_topojson_has_longitude_and_latitude(tmp_path):
         scene = load(path)
         assert scene.units == "m"
         assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
-    far = [[1000 * x, y] for x, y in ring]
-    path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [far]}))
+    planar = [[1000 * x, y] for x, y in ring]
+    path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [planar]}))
     assert load(path).units == "units"
 
 
 class TestArchives:
-    def packed(self, tmp_path, *names: str) -> Path:
+    def make_zip(self, tmp_path, *names: str) -> Path:
         write(tmp_path / "town.shp")
         path = tmp_path / "town.zip"
         with zipfile.ZipFile(path, "w") as archive:
@@ -296,20 +296,20 @@ class TestArchives:
         return path
 
     def test_a_data_set_in_a_folder(self, tmp_path):
-        scene = load(self.packed(tmp_path, "data/town"), where="height > 1")
+        scene = load(self.make_zip(tmp_path, "data/town"), where="height > 1")
         assert len(scene.polygons) == 2
         assert scene.units == "m"
 
     def test_several_in_folders_or_none_are_refused(self, tmp_path):
         with pytest.raises(SceneError, match=r"several data sets in folders \(a/b.shp, c/d.shp\)"):
-            load(self.packed(tmp_path, "a/b", "c/d"))
+            load(self.make_zip(tmp_path, "a/b", "c/d"))
         with zipfile.ZipFile(tmp_path / "empty.zip", "w") as archive:
             archive.writestr("a/readme.txt", "none")
         with pytest.raises(SceneError, match="has no data set: unpack it"):
             load(tmp_path / "empty.zip")
 
     def test_other_files_at_the_top(self, tmp_path):
-        path = self.packed(tmp_path, "data/town")
+        path = self.make_zip(tmp_path, "data/town")
         with zipfile.ZipFile(path, "a") as archive:
             archive.writestr("readme.txt", "none")
             archive.writestr("__MACOSX/data/._town.shp", "none")
@@ -320,7 +320,7 @@ class TestArchives:
         assert len(load(path).polygons) == 3
 
 
-def test_a_shapefile_without_its_attributes_says_so(tmp_path):
+def test_condition_on_a_shapefile_without_attributes_is_refused(tmp_path):
     path = write(tmp_path / "town.shp")
     (tmp_path / "town.dbf").unlink()
     with pytest.raises(SceneError, match="attributes are none"):
@@ -345,7 +345,7 @@ def test_a_layer_of_a_file_without_layers_is_refused(tmp_path, name):
         load(tmp_path / name, layer="x")
 
 
-def test_first_layer_that_can_hold_polygons_is_taken(tmp_path):
+def test_first_layer_with_polygons_is_read(tmp_path):
     path = tmp_path / "mixed.gpkg"
     write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point")
     write(path, POLYGONS, "houses", append=True)
@@ -353,12 +353,12 @@ def test_first_layer_that_can_hold_polygons_is_taken(tmp_path):
 
 
 def without_utf8(path: Path) -> Path:
-    """The file with a name in Latin 1, as old programs write it."""
+    """Return a file with a name in Latin 1, as in old files."""
     write(path)
     if path.suffix == ".gpkg":
         with closing(sqlite3.connect(path)) as database, database:
-            named = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
-            for (trigger,) in database.execute(named).fetchall():
+            query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+            for (trigger,) in database.execute(query).fetchall():
                 database.execute(f'DROP TRIGGER "{trigger}"')
             database.execute(f"UPDATE {path.stem} SET name = CAST(X'68E47573' AS TEXT)")
     else:
@@ -395,9 +395,9 @@ class TestNotes:
     def test_notes_are_in_the_first_chunk_only(self, tmp_path):
         boxes = [shapely.force_3d(shapely.box(i, 0, i + 0.5, 1), 1.0) for i in range(5)]
         path = write(tmp_path / "a.gpkg", boxes, crs="EPSG:4326", geometry_type="Polygon Z")
-        first, *others = (chunk.notes for chunk in read_chunks(path, size=2))
+        first, *later = (chunk.notes for chunk in read_chunks(path, size=2))
         assert len(first) == 2
-        assert others == [(), ()]
+        assert later == [(), ()]
 
     def test_models_and_cities(self, tmp_path):
         (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
@@ -413,8 +413,8 @@ def test_limit(tmp_path):
 
 
 @pytest.mark.parametrize("streaming", [True, False])
-def test_chunks_together_are_the_file(tmp_path, streaming, monkeypatch):
-    if not streaming:  # as where pyarrow is not installed
+def test_chunks_contain_the_complete_file(tmp_path, streaming, monkeypatch):
+    if not streaming:  # as without pyarrow
         monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
     boxes = [shapely.box(i, 0, i + 0.5, 1) for i in range(25)]
     path = write(tmp_path / "many.gpkg", boxes, crs="EPSG:4326")
@@ -422,10 +422,10 @@ def test_chunks_together_are_the_file(tmp_path, streaming, monkeypatch):
     assert [len(c.cleaned.polygons) for c in chunks] == [10, 10, 5]
     assert [h for c in chunks for h in c.attributes["height"]] == [3.5 * i for i in range(25)]
     assert all(c.units == "m" for c in chunks)
-    together = [p for c in chunks for p in c.cleaned.polygons]
-    # neighbours in different chunks keep their distance: one projection serves all
-    assert together[9].distance(together[10]) == pytest.approx(
-        together[10].distance(together[11]), rel=0.02
+    polygons = [p for c in chunks for p in c.cleaned.polygons]
+    # All chunks have the same projection, so neighbours of different chunks keep the distance.
+    assert polygons[9].distance(polygons[10]) == pytest.approx(
+        polygons[10].distance(polygons[11]), rel=0.02
     )
 
 

@@ -1,4 +1,4 @@
-"""Scenes that are generated or come with the product's own dependencies."""
+"""Generated scenes, and scenes from required dependencies."""
 
 import numpy as np
 import pytest
@@ -11,25 +11,25 @@ from scenes.generated.stress import FAMILIES
 from tests.scenes.conftest import assert_valid_polygons
 from tests.triangulators.cases import shared
 
-OWN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
+BUILT_IN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
 
 
-def disjoint(polygons) -> bool:
-    """Coordinates are rounded to a millimetre: a wall of 60 m may overlap by 0.06 square metres."""
+def are_disjoint(polygons) -> bool:
+    """Return whether polygons overlap by rounding to a millimetre only: 0.06 m2 for 60 m."""
     array = np.asarray(polygons)
     a, b = shapely.STRtree(array).query(array, predicate="intersects")
     a, b = a[a < b], b[a < b]
     return bool((shapely.area(shapely.intersection(array[a], array[b])) < 0.06).all())
 
 
-@pytest.mark.parametrize("name", OWN)
-def test_is_sound_deterministic_and_apart(name):
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_scene_is_valid_deterministic_and_disjoint(name):
     scene = load(name)
     assert_valid_polygons(scene.polygons)
     assert scene.name == name
     assert scene.dropped == scene.repaired == []
     assert scene.content_hash == load(name).content_hash
-    assert disjoint(scene.polygons)
+    assert are_disjoint(scene.polygons)
     assert all((scene.units, scene.description, scene.licence))
 
 
@@ -38,7 +38,7 @@ def test_seed_changes_generated_scenes(name):
     assert load(name, seed=1).content_hash != load(name, seed=2).content_hash
 
 
-def test_paper_is_the_reconstructed_polygon():
+def test_paper_polygon():
     (polygon,) = load("paper").polygons
     expected = {(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)}
     assert set(polygon.exterior.coords) == expected
@@ -58,18 +58,18 @@ class TestGlyphs:
         assert dot.area == shapely.box(*dot.bounds).area
 
     def test_text_is_set_in_a_line(self):
-        alone = load("glyphs", text="H").polygons[0]
+        single = load("glyphs", text="H").polygons[0]
         second = load("glyphs", text="HH").polygons[1]
-        assert second.area == alone.area
-        assert second.bounds[0] > alone.bounds[2]
-        assert second.bounds[1] == alone.bounds[1]
+        assert second.area == single.area
+        assert second.bounds[0] > single.bounds[2]
+        assert second.bounds[1] == single.bounds[1]
 
     def test_steps_refine_curves(self):
         coarse, fine = (load("glyphs", text="O", steps=s).polygons[0] for s in (2, 16))
         assert len(fine.exterior.coords) > 4 * len(coarse.exterior.coords)
         assert fine.area == pytest.approx(coarse.area, rel=0.03)
 
-    def test_a_font_file_of_the_users(self, tmp_path):
+    def test_font_file(self, tmp_path):
         from matplotlib import font_manager
 
         serif = font_manager.findfont("DejaVu Serif")
@@ -94,12 +94,12 @@ class TestGlyphs:
 class TestStress:
     @pytest.mark.parametrize("family", FAMILIES)
     @pytest.mark.parametrize("vertices", [12, 37, 1000])
-    def test_family_has_the_vertices_asked(self, family, vertices):
+    def test_family_has_about_the_requested_vertices(self, family, vertices):
         scene = load("stress", family=family, vertices=vertices)
         (polygon,) = scene.polygons
         count = shapely.get_num_coordinates(polygon) - 1 - len(polygon.interiors)
-        most = 4 * vertices if family == "koch" else 1.35 * vertices + 4
-        assert vertices / 4 <= count <= most
+        limit = 4 * vertices if family == "koch" else 1.35 * vertices + 4
+        assert vertices / 4 <= count <= limit
         assert scene.repaired == []
 
     @pytest.mark.parametrize("family", ["random-maze", "random-monotone", "comb"])
@@ -108,10 +108,10 @@ class TestStress:
         assert len(scene.polygons) == 1
         assert shapely.get_num_coordinates(scene.polygons[0]) > 99_000
 
-    def test_a_polygon_does_not_depend_on_the_others(self):
-        alone = load("stress", family="random-maze").polygons[0]
-        among = load("stress").polygons[list(FAMILIES).index("random-maze")]
-        assert among.area == pytest.approx(alone.area)
+    def test_polygon_does_not_depend_on_other_families(self):
+        single = load("stress", family="random-maze").polygons[0]
+        combined = load("stress").polygons[list(FAMILIES).index("random-maze")]
+        assert combined.area == pytest.approx(single.area)
 
     @settings(max_examples=40, deadline=None)
     @given(
@@ -128,11 +128,11 @@ class TestStress:
 class TestCad:
     @settings(max_examples=25, deadline=None)
     @given(seed=st.integers(0, 2**40), segments=st.integers(8, 60))
-    def test_every_seed_gives_sound_parts(self, seed, segments):
+    def test_parts_are_valid_for_every_seed(self, seed, segments):
         scene = load("cad", seed=seed, segments=segments, parts=10)
         assert_valid_polygons(scene.polygons)
         assert scene.repaired == scene.dropped == []
-        assert disjoint(scene.polygons)
+        assert are_disjoint(scene.polygons)
 
     def test_parts_have_holes(self):
         scene = load("cad", parts=4)
@@ -140,19 +140,19 @@ class TestCad:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("scene", "message"),
     [
-        *((f"stress:{wrong}", None) for wrong in ("vertices=3", "vertices=100001", "family=no")),
+        *((f"stress:{value}", None) for value in ("vertices=3", "vertices=100001", "family=no")),
         *(("cad:parts=0", "out of range"), ("city:buildings=0", "give 1 to 100000")),
         *(("city:buildings=-5", "give 1 to"), ("city:buildings=100001", "give 1 to 100000")),
     ],
 )
-def test_parameters_out_of_range_are_refused(wrong, told):
-    with pytest.raises(SceneError, match=told):
-        load(wrong)
+def test_parameters_out_of_range_are_refused(scene, message):
+    with pytest.raises(SceneError, match=message):
+        load(scene)
 
 
-def test_meshes_show_walls_upright():
+def test_meshes_have_upright_walls():
     scene = load("meshes")
     heights = shapely.bounds(np.asarray(scene.polygons))
     upright = (heights[:, 3] - heights[:, 1]).round(6) == 20.0
@@ -174,37 +174,39 @@ def city():
     return load("city", buildings=3000, seed=1)
 
 
-def test_content_is_the_same_on_every_machine():
-    """A change of this hash is a change of the scene: old runs no longer compare with new ones."""
+def test_city_has_the_recorded_content():
+    """If this hash changes, runs of the scene are not comparable with earlier runs."""
     assert load("city", buildings=100).content_hash.startswith("fe27dc3a45bf31f6")
 
 
 def test_footprints_share_walls_but_not_area(city):
     assert city.units == "m"
-    assert disjoint(city.polygons)
+    assert are_disjoint(city.polygons)
     array = np.asarray(city.polygons)
     a, b = shapely.STRtree(array).query(array, predicate="intersects")
     assert (a < b).sum() > 300  # party walls
 
 
-def test_vertex_counts_and_courtyards_are_as_asked(city):
+def test_vertex_counts_and_courtyards_follow_the_quantiles(city):
     n = vertex_counts(city.polygons)
     assert 9 <= np.median(n) <= 11
     assert 31 <= np.percentile(n, 95) <= 39
     assert 0.065 <= share_with_holes(city.polygons) <= 0.1
 
 
-def test_distribution_is_that_of_helsinki(city):
+def test_distribution_of_vertices_agrees_with_helsinki(city):
     real = [polygon for _, polygon in shared("helsinki.json")]
-    n, wanted = vertex_counts(city.polygons), vertex_counts(real)
+    n, expected = vertex_counts(city.polygons), vertex_counts(real)
     for percent in (25, 50, 75, 90, 95):
-        assert np.percentile(n, percent) == pytest.approx(np.percentile(wanted, percent), rel=0.15)
+        assert np.percentile(n, percent) == pytest.approx(
+            np.percentile(expected, percent), rel=0.15
+        )
     assert share_with_holes(city.polygons) == pytest.approx(share_with_holes(real), abs=0.025)
 
 
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**9), buildings=st.integers(1, 120))
-def test_every_seed_gives_a_sound_city_of_the_size_asked(seed, buildings):
+def test_city_is_valid_for_every_seed(seed, buildings):
     scene = load("city", seed=seed, buildings=buildings)
     assert len(scene.polygons) == buildings
     assert_valid_polygons(scene.polygons)

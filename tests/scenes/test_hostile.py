@@ -19,7 +19,7 @@ from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers import guard
 from scenes.readers.geojson import is_sequence
 from tests.scenes.conftest import SQUARE, feature
-from tests.scenes.samples import load_or_refuse, whole
+from tests.scenes.samples import load_or_refuse, make_files
 from tests.scenes.test_files import write
 from tests.scenes.test_readers import HOLED, geoparquet
 
@@ -30,8 +30,8 @@ FUZZ = settings(
 )
 
 
-def test_a_header_that_arrow_cannot_read(tmp_path):
-    """Four bytes of a FlatGeobuf file changed, for which pyarrow has an exception of its own."""
+def test_file_with_an_invalid_arrow_header_is_refused(tmp_path):
+    """pyarrow raises a separate exception for these four changed bytes of a FlatGeobuf file."""
     path = Path(write(tmp_path / "a.fgb"))
     data, rng = bytearray(path.read_bytes()), random.Random(930)
     for _ in range(4):
@@ -41,7 +41,7 @@ def test_a_header_that_arrow_cannot_read(tmp_path):
 
 
 class StrangeError(Exception):
-    """What no list of exceptions has."""
+    """An exception of no library."""
 
 
 @pytest.mark.parametrize(
@@ -49,20 +49,20 @@ class StrangeError(Exception):
 )
 def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
     path = tmp_path / f"a.{kind}"
-    path.write_bytes(whole(kind)[path.name])
+    path.write_bytes(make_files(kind)[path.name])
 
     def fail(*_, **__):
         raise StrangeError("first line\nsecond")
 
-    # each reader comes by its geometries through one of these
+    # Each reader uses one of these for geometries.
     for module, function in (("shapely", "from_wkb"), ("shapely", "from_wkt")):
         monkeypatch.setattr(f"{module}.{function}", fail)
-    for place in (
+    for function in (
         "scenes.readers.svg.fill_contours",
         "scenes.readers.cityjson._read_vertices",
         "scenes.readers.meshes.arrange_in_rows",
     ):
-        monkeypatch.setattr(place, fail)
+        monkeypatch.setattr(function, fail)
     with pytest.raises(SceneError, match="first line second") as caught:
         load(path)
     assert path.name in str(caught.value)
@@ -70,7 +70,7 @@ def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
 
 
 @pytest.mark.parametrize(
-    ("raised", "seen", "told"),
+    ("raised", "expected", "message"),
     [
         (KeyboardInterrupt, KeyboardInterrupt, None),
         (SystemExit, SystemExit, None),
@@ -78,7 +78,7 @@ def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
     ],
 )
 def test_exits_and_lack_of_memory_are_not_reported_as_unreadable_files(
-    tmp_path, monkeypatch, raised, seen, told
+    tmp_path, monkeypatch, raised, expected, message
 ):
     def fail(*_, **__):
         raise raised
@@ -86,7 +86,7 @@ def test_exits_and_lack_of_memory_are_not_reported_as_unreadable_files(
     monkeypatch.setattr("shapely.from_wkb", fail)
     path = tmp_path / "a.wkb"
     path.write_bytes(HOLED.wkb)
-    with pytest.raises(seen, match=told):
+    with pytest.raises(expected, match=message):
         load(path)
 
 
@@ -111,14 +111,14 @@ coordinates = st.lists(ring, max_size=3) | st.lists(st.lists(ring, max_size=3), 
 @given(
     st.lists(coordinates, max_size=4), st.sampled_from(["Polygon", "MultiPolygon", "LineString"])
 )
-def test_arbitrary_geojson(tmp_path, many, kind):
-    collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in many]}
+def test_arbitrary_geojson(tmp_path, polygons, kind):
+    collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in polygons]}
     path = tmp_path / "a.geojson"
     path.write_text(json.dumps(collection))
     load_or_refuse(path)
 
 
-def test_a_record_separator_begins_a_sequence_and_no_polygons_are_no_rows(tmp_path):
+def test_record_separator_identifies_a_sequence_and_no_polygons_need_no_rows(tmp_path):
     path = tmp_path / "a.json"
     path.write_bytes(b"\x1e{}\n")
     assert is_sequence(path)
@@ -133,7 +133,7 @@ def test_extreme_sizes(tmp_path, size):
     assert (scene is None) == (size == 1e-300)
 
 
-def test_a_condition_cannot_do_more_than_select(tmp_path):
+def test_condition_can_only_select(tmp_path):
     path = geoparquet(tmp_path / "a.parquet", [HOLED], h=[1.0])
     for condition in ("1); DROP TABLE features; --", "h = 1; SELECT 1", "load_extension('x')"):
         with pytest.raises(SceneError, match="invalid condition"):
@@ -143,7 +143,7 @@ def test_a_condition_cannot_do_more_than_select(tmp_path):
 @pytest.mark.parametrize("suffix", [".wkt", ".obj", ".geojson", ".gpkg", ".ply", ".svg", ".json"])
 def test_files_of_a_gigabyte_of_zeros_are_refused(tmp_path, suffix):
     path = tmp_path / f"huge{suffix}"
-    with path.open("wb") as stream:  # a hole: it takes no room on the disk
+    with path.open("wb") as stream:  # a sparse file
         stream.truncate(2**30)
     assert load_or_refuse(path) is None
 
@@ -169,14 +169,14 @@ def zipped(path: Path, content: bytes) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".zip", ".shz"])
-def test_an_archive_that_unpacks_to_far_too_much(tmp_path, monkeypatch, suffix):
+def test_zip_bomb_is_refused(tmp_path, monkeypatch, suffix):
     bomb = zipped(tmp_path / f"a{suffix}", town(1) + b" " * 2**22)
     monkeypatch.setattr(guard, "MAX_FILE_BYTES", 2**20)
     with pytest.raises(SceneError, match=r"unpacks to 4,.* bytes, more than 100 times the archive"):
         load(bomb)
 
 
-def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
+def test_usual_archives_are_read(tmp_path, monkeypatch):
     assert len(load(zipped(tmp_path / "a.zip", town(1) + b" " * 2**22)).polygons) == 1
     monkeypatch.setattr(guard, "MAX_FILE_BYTES", 1000)
     path = zipped(tmp_path / "b.zip", town(30))
@@ -184,7 +184,7 @@ def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
     assert len(load(path).polygons) == 30
 
 
-def test_entities_that_unfold(tmp_path):
+def test_recursive_entities_are_refused(tmp_path):
     lines = ['<!ENTITY a0 "M0 0h9v9z">']
     lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]
     path = tmp_path / "laughs.svg"

@@ -1,4 +1,4 @@
-"""No polygon is lost silently: dropped ones are named, or the file is refused."""
+"""No polygon is lost silently: dropped polygons are noted, or the file is refused."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import gdal
 from tests.scenes.conftest import SQUARE, feature
-from tests.scenes.samples import BOXES, KINDS, NAMED, outcome, whole
+from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
 
 
@@ -25,31 +25,31 @@ def line(x: int) -> str:
 
 class TestSequences:
     @pytest.mark.parametrize("size", [1, 3, 100])
-    @pytest.mark.parametrize("heard", [True, False])
-    def test_every_line_that_gives_no_feature_is_named(self, tmp_path, monkeypatch, size, heard):
-        if not heard:  # as where the library of pyogrio is not found
+    @pytest.mark.parametrize("has_library", [True, False])
+    def test_every_line_without_a_feature_is_noted(self, tmp_path, monkeypatch, size, has_library):
+        if not has_library:  # as if the GDAL library was not found
             monkeypatch.setattr(gdal, "load_library", lambda: None)
         path = tmp_path / "town.geojsonl"
         rows = [line(0), line(20)[:40], "", "{broken", '{"type": "Town"}', "[1]", line(40)]
         path.write_text("\n".join(rows) + "\n")
         chunks = list(read_chunks(str(path), size=size, project=False))
         assert sum(len(chunk.cleaned.polygons) for chunk in chunks) == 2
-        named = [which for chunk in chunks for which, _ in chunk.cleaned.dropped]
-        assert named == ["line 2", "line 4", "line 5", "line 6"]
+        names = [which for chunk in chunks for which, _ in chunk.cleaned.dropped]
+        assert names == ["line 2", "line 4", "line 5", "line 6"]
 
-    def test_without_pyarrow_it_is_refused(self, tmp_path, monkeypatch):
+    def test_invalid_line_is_refused_without_pyarrow(self, tmp_path, monkeypatch):
         monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
         path = tmp_path / "town.geojsonl"
         path.write_text("\n".join([line(0), "{broken", line(40), ""]))
         with pytest.raises(SceneError, match="JSON parsing error"):
             load(path)
 
-    def test_a_condition_hides_no_broken_line(self, tmp_path):
+    def test_invalid_line_is_noted_despite_a_condition(self, tmp_path):
         path = tmp_path / "town.geojsonl"
         path.write_text("\n".join([line(0), "{broken", line(40), ""]))
         scene = load(path, where="name = '40'", project=False)
         assert len(scene.polygons) == 1
-        assert [which for which, _ in scene.dropped] == ["line 2"]
+        assert [name for name, _ in scene.dropped] == ["line 2"]
 
     @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson"])
     def test_sequence_truncated_within_a_line_is_refused(self, tmp_path, suffix):
@@ -61,7 +61,7 @@ class TestSequences:
         with pytest.raises(SceneError, match=r"is truncated \(the last line is incomplete\)"):
             load(path)
 
-    def test_text_that_ends_within_a_word(self, tmp_path):
+    def test_text_truncated_within_a_word_is_refused(self, tmp_path):
         path = tmp_path / "a.wkt"
         for start in ("P", "POLYG", "POLYGON", "POLYGON ("):
             path.write_text(f"{BOXES[0].wkt}\n{start}")
@@ -70,8 +70,8 @@ class TestSequences:
 
 
 @pytest.mark.parametrize("where", [None, "height >= 0"])
-def test_features_that_end_too_early(tmp_path, where):
-    """FlatGeobuf that was cut between two features, for which GDAL has no word."""
+def test_file_with_missing_features_is_refused(tmp_path, where):
+    """GDAL does not report FlatGeobuf truncated between two features."""
     path = tmp_path / "a.fgb"
     write_vector(path, BOXES)
     path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
@@ -79,15 +79,15 @@ def test_features_that_end_too_early(tmp_path, where):
         load(path, where=where)
 
 
-def test_slices_that_end_too_early(tmp_path):
+def test_slice_with_missing_features_is_refused(tmp_path):
     path = tmp_path / "a.gpkg"
     write_vector(path, BOXES)
     with pytest.raises(SceneError, match="9 of 15 features"):
         list(read_chunks(str(path), rows=(15, 30)))
 
 
-def test_features_that_gdal_cannot_read_are_named(tmp_path):
-    """A Shapefile whose index points beyond its end: each feature comes without its geometry."""
+def test_features_that_gdal_cannot_read_are_noted(tmp_path):
+    """If the index of a Shapefile points beyond the end, features have no geometry."""
     path = tmp_path / "a.shp"
     write_vector(path, BOXES)
     index = bytearray(path.with_suffix(".shx").read_bytes())
@@ -96,17 +96,17 @@ def test_features_that_gdal_cannot_read_are_named(tmp_path):
     path.with_suffix(".shx").write_bytes(index)
     scene = load(path)
     assert len(scene.polygons) == 22
-    assert [which for which, _ in scene.dropped] == ["feature 3", "feature 4"]
+    assert [name for name, _ in scene.dropped] == ["feature 3", "feature 4"]
 
 
-def test_a_sequence_that_gdal_leaves_after_its_first_line_is_refused(tmp_path):
+def test_sequence_of_which_gdal_reads_one_line_is_refused(tmp_path):
     path = tmp_path / "town.json"
     path.write_text("\ufeff" + line(0) + "\n" + line(20) + "\n")
     with pytest.raises(SceneError, match="GDAL reads only some of them"):
         load(path)
 
 
-def test_failures_are_heard_once_the_library_is_found():
+def test_gdal_library_is_found():
     assert gdal.load_library() is not None
 
 
@@ -136,7 +136,7 @@ class TestText:
             assert scene.dropped == []
 
     @pytest.mark.parametrize("size", [1, 100])
-    def test_another_reference_system_is_named(self, tmp_path, size):
+    def test_line_in_another_reference_system_is_dropped(self, tmp_path, size):
         path = tmp_path / "a.wkt"
         systems = ["SRID=3067;", "", "SRID=3857;", "SRID=3067;"]
         lines = [f"{srid}{box.wkt}\n" for srid, box in zip(systems, BOXES, strict=False)]
@@ -147,13 +147,13 @@ class TestText:
         assert dropped == [("line 3", "is in EPSG:3857, previous lines in EPSG:3067")]
 
     @pytest.mark.parametrize("properties", ["x", None, 3, {"name": 4}])
-    def test_a_reference_system_of_another_shape(self, geojson, properties):
+    def test_invalid_crs_member_is_ignored(self, geojson, properties):
         path = Path(geojson(feature([SQUARE]), planar=False))
         crs = {"type": "name", "properties": properties}
         path.write_text(json.dumps(json.loads(path.read_text()) | {"crs": crs}))
         assert len(load(path, project=False).polygons) == 1
 
-    def test_lines_that_go_on(self, tmp_path):
+    def test_continued_lines(self, tmp_path):
         path = tmp_path / "a.obj"
         path.write_text("v 0 0 0\nv 1 0 \\\n 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\r\n 3 4\n")
         assert [p.area for p in load(path).polygons] == [1.0]
@@ -169,12 +169,12 @@ class TestText:
     def test_a_name_with_an_end_of_line(self, tmp_path, geojson):
         (tmp_path / "a\nb.wkt").write_text(BOXES[0].wkt)
         assert len(load(tmp_path / "a\nb.wkt").polygons) == 1
-        with pytest.raises(SceneError, match=r"a\\nb.geojson has a tab or an end of line"):
+        with pytest.raises(SceneError, match=r"a\\nb.geojson has a tab or line end"):
             load(geojson(feature([SQUARE]), name="a\nb.geojson"))
 
 
 class TestNesting:
-    """GEOS reads nested collections by recursion, and ends the process where they are deep."""
+    """GEOS parses nested collections by recursion, which overflows the stack if they are deep."""
 
     DEEP = 60_000
 
@@ -184,7 +184,7 @@ class TestNesting:
         path.write_text(f"{BOXES[0].wkt}\n{text}\n{text[:900_000]}\n")
         scene = load(path)
         assert len(scene.polygons) == 1
-        assert [which for which, _ in scene.dropped] == ["line 2", "line 3"]
+        assert [name for name, _ in scene.dropped] == ["line 2", "line 3"]
         path.write_text(text.replace("(", "(\n"))
         with pytest.raises(SceneError, match="holds no usable polygon"):
             load(path)
@@ -200,18 +200,18 @@ class TestNesting:
             load(path)
         path = tmp_path / "a.wkt"
         path.write_text(f"{deep.hex()}\n{BOXES[0].wkt}\n")
-        assert [which for which, _ in load(path).dropped] == ["line 1"]
+        assert [name for name, _ in load(path).dropped] == ["line 1"]
 
     def test_after_other_parts(self, tmp_path):
-        """What is deep may come after anything else, with an SRID in each header."""
+        """Deep nesting after other parts, with an SRID in each header."""
         parts = [shapely.Point(1, 2), BOXES[0].exterior, *BOXES[:2], shapely.MultiPolygon(BOXES)]
-        sound = [shapely.to_wkb(shapely.force_3d(part), flavor="extended") for part in parts]
-        head = struct.pack("<BIII", 1, 0x20000007, 3067, len(sound) + 1)
+        valid_parts = [shapely.to_wkb(shapely.force_3d(part), flavor="extended") for part in parts]
+        head = struct.pack("<BIII", 1, 0x20000007, 3067, len(valid_parts) + 1)
         deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
-        (tmp_path / "a.wkb").write_bytes(head + b"".join(sound) + deep)
+        (tmp_path / "a.wkb").write_bytes(head + b"".join(valid_parts) + deep)
         with pytest.raises(SceneError, match="levels deep"):
             load(tmp_path / "a.wkb")
-        (tmp_path / "b.wkb").write_bytes(head + b"".join([*sound, sound[2]]))
+        (tmp_path / "b.wkb").write_bytes(head + b"".join([*valid_parts, valid_parts[2]]))
         assert len(load(tmp_path / "b.wkb").polygons) == 27
 
     def test_parquet(self, tmp_path):
@@ -231,7 +231,7 @@ class TestNesting:
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on this system")
 class TestPipes:
-    """A pipe is refused at once: nobody may ever write to it."""
+    """A pipe is refused at once, because reading may block for ever."""
 
     def refused(self, path, **parameters):
         with pytest.raises(SceneError, match="is a pipe, socket or device, not a file"):
@@ -248,7 +248,7 @@ class TestPipes:
         self.refused("/dev/zero")
 
     @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj", ".cpg", ".qix"])
-    def test_beside_a_shapefile(self, tmp_path, suffix):
+    def test_next_to_a_shapefile(self, tmp_path, suffix):
         path = tmp_path / "a.shp"
         write_vector(path, BOXES)
         path.with_suffix(suffix).unlink(missing_ok=True)
@@ -262,10 +262,10 @@ class TestPipes:
         os.mkfifo(tmp_path / "a.bin")
         self.refused(path)
 
-    @pytest.mark.parametrize("named", ["a.geojson", "/vsistdin/"])
-    def test_named_by_a_virtual_file(self, tmp_path, named):
+    @pytest.mark.parametrize("data_source", ["a.geojson", "/vsistdin/"])
+    def test_named_by_a_virtual_file(self, tmp_path, data_source):
         path = tmp_path / "town.vrt"
-        source = f'<SrcDataSource relativeToVRT="1">{named}</SrcDataSource>'
+        source = f'<SrcDataSource relativeToVRT="1">{data_source}</SrcDataSource>'
         path.write_text(
             f'<OGRVRTDataSource><OGRVRTLayer name="a">{source}</OGRVRTLayer></OGRVRTDataSource>'
         )
@@ -273,24 +273,24 @@ class TestPipes:
         self.refused(path)
 
 
-def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
+def test_damaged_font_loses_letters_or_is_refused(tmp_path):
     from matplotlib import font_manager
 
     data = shutil.copy(font_manager.findfont("DejaVu Sans Mono"), tmp_path / "a.ttf").read_bytes()
     rng = np.random.default_rng(5)
     for _ in range(12):
-        spoilt = np.frombuffer(data, dtype=np.uint8).copy()
-        places = rng.integers(0, len(spoilt), rng.choice([3, 300, 3000]))
-        spoilt[places] = rng.integers(0, 256, len(places))
-        (tmp_path / "a.ttf").write_bytes(spoilt.tobytes())
+        damaged = np.frombuffer(data, dtype=np.uint8).copy()
+        positions = rng.integers(0, len(damaged), rng.choice([3, 300, 3000]))
+        damaged[positions] = rng.integers(0, 256, len(positions))
+        (tmp_path / "a.ttf").write_bytes(damaged.tobytes())
         with suppress(SceneError):  # anything else is an error
             load("glyphs", font=str(tmp_path / "a.ttf"), text="AgB&")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_complete_files_are_read_and_truncated_ones_refused(kind):
-    """Except if the truncation is undetectable or removes no polygon; tests/fuzz tries more."""
-    data = whole(kind)[f"a.{kind}"]
+    """Except if the truncation is undetectable or removes no polygon; see also tests/fuzz."""
+    data = make_files(kind)[f"a.{kind}"]
     assert outcome(kind, data) == "read"
     for share in (0.35, 0.6, 0.8, 0.97):
         length = int(share * len(data))

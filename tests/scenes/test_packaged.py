@@ -1,4 +1,4 @@
-"""Scenes of optional packages: on stand-ins, and on the real data if installed."""
+"""Scenes of optional packages: with stand-ins, and with the real data if installed."""
 
 import importlib
 import json
@@ -24,7 +24,7 @@ def way(number: int, nodes: str, **tags: str) -> str:
 
 @pytest.fixture
 def stand_in(tmp_path, monkeypatch):
-    """A package of the given name that cannot be imported, to which a test adds data."""
+    """Return a function that creates a package with data but without importable code."""
 
     def make(name: str) -> Path:
         folder = tmp_path / name
@@ -80,9 +80,9 @@ def bokeh_sampledata(stand_in):
             database.execute(f"CREATE TABLE {table} (state, metadata, geometry, ordinal)")
             for order, (state, lon) in enumerate((("TX", -99), ("AK", -150), ("NM", -106))):
                 square = shapely.box(lon, 31, lon + 0.1, 31.1)
-                about = json.dumps({"name": f"{state} of {table}", "state": state})
+                record = json.dumps({"name": f"{state} of {table}", "state": state})
                 database.execute(
-                    f"INSERT INTO {table} VALUES (?, ?, ?, ?)", (state, about, square.wkb, order)
+                    f"INSERT INTO {table} VALUES (?, ?, ?, ?)", (state, record, square.wkb, order)
                 )
 
 
@@ -95,18 +95,18 @@ def test_counties_by_state_and_level():
     assert scene.polygons[0].area == pytest.approx(9_547.6 * 11_086.9, rel=1e-3)
     assert len(load("counties:states=all").polygons) == 3
     assert len(load("counties:states=ak+nm,level=state").polygons) == 2
-    for wrong, message in (("states=ZZ", "no outline"), ("level=town", "no level")):
+    for parameter, message in (("states=ZZ", "no outline"), ("level=town", "unknown level")):
         with pytest.raises(SceneError, match=message):
-            load(f"counties:{wrong}")
+            load(f"counties:{parameter}")
 
 
-def test_real_data_or_the_line_that_installs_it():
-    for name, least in (("helsinki", 1000), ("counties", 3000)):
+def test_real_data_or_install_command():
+    for name, minimum in (("helsinki", 1000), ("counties", 3000)):
         install = registry.find_entry(name).available()
         if install is None:
             scene = load(name)
             assert_valid_polygons(scene.polygons)
-            assert len(scene.polygons) >= least
+            assert len(scene.polygons) >= minimum
         else:
             assert install.endswith(f'[{name}]"')
             with pytest.raises(SceneError, match=r"not installed: .* -m pip install"):
@@ -114,16 +114,16 @@ def test_real_data_or_the_line_that_installs_it():
 
 
 class Installed:
-    def __init__(self, about: object) -> None:
-        self._about = about
+    def __init__(self, record: object) -> None:
+        self._record = record
 
     def read_text(self, name: str) -> str | None:
         assert name == "direct_url.json"
-        return None if self._about is None else json.dumps(self._about)
+        return None if self._record is None else json.dumps(self._record)
 
 
 @pytest.mark.parametrize(
-    ("about", "wanted"),
+    ("record", "expected"),
     [
         ({"url": ROOT.as_uri(), "dir_info": {"editable": True}}, f'-e "{ROOT}[tiles]"'),
         ({"url": "file:///src/a%20b", "dir_info": {"editable": True}}, '-e "/src/a b[tiles]"'),
@@ -139,16 +139,16 @@ class Installed:
         (None, '"raster-harness[tiles]"'),
     ],
 )
-def test_the_command_is_that_of_how_it_was_installed(monkeypatch, about, wanted):
+def test_install_command_follows_the_installation(monkeypatch, record, expected):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(sys, "executable", str(ROOT / ".venv/bin/python"))
-    # the egg-info that building leaves in a checkout says nothing, and may be found first
-    found = [Installed(None), Installed(about)]
-    monkeypatch.setattr(metadata, "distributions", lambda name: found)
-    assert spec.format_install_command("tiles") == f".venv/bin/python -m pip install {wanted}"
+    # The egg-info in a checkout, without a record, may be first.
+    distributions = [Installed(None), Installed(record)]
+    monkeypatch.setattr(metadata, "distributions", lambda name: distributions)
+    assert spec.format_install_command("tiles") == f".venv/bin/python -m pip install {expected}"
 
 
-def test_a_checkout_that_is_not_installed_is_named(monkeypatch, tmp_path):
+def test_install_command_of_a_checkout(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(metadata, "distributions", lambda name: [])
     checkout = Path(spec.__file__).parents[1]

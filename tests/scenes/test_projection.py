@@ -22,9 +22,9 @@ from tests.conftest import make_geojson
 from tests.scenes.conftest import assert_valid_polygons
 
 LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
-"""Nearer to the equator, PROJ takes the centre to lie on it: all is moved by up to 0.6 mm."""
+"""Closer to the equator, PROJ moves the centre to the equator, by up to 0.6 mm."""
 
-FEW = settings(max_examples=30)  # PROJ takes a while to make each projection
+FEW_EXAMPLES = settings(max_examples=30)  # PROJ takes a while to make each projection
 GLOBE = pyproj.Geod(ellps="WGS84")
 FINLAND = [[25, 60], [25.01, 60], [25.01, 60.01], [25, 60.01], [25, 60]]
 
@@ -33,60 +33,60 @@ def box(west, south, east, north) -> list[list[float]]:
     return [[west, south], [east, south], [east, north], [west, north], [west, south]]
 
 
-def written(folder: Path, *rings, **collection) -> Path:
+def write_geojson(folder: Path, *rings, **collection) -> Path:
     path = folder / "a.geojson"
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in rings]
     path.write_text(make_geojson(shapes, **collection))
     return path
 
 
-def named(name: str) -> dict:
+def name_crs(name: str) -> dict:
     return {"type": "name", "properties": {"name": name}}
 
 
 def area_on_globe(ring) -> float:
-    """By geodesics, which is how WGS 84's own library has it; rings here have short edges."""
+    """Return the area within geodesics, in m2, for rings with short edges."""
     lon, lat = np.array(ring, dtype=float).T
     return abs(GLOBE.polygon_area_perimeter(lon, lat)[0])
 
 
-@FEW
+@FEW_EXAMPLES
 @given(lon=st.floats(-180, 180), lat=LATITUDES)
-def test_lengths_and_areas_at_the_centre_are_those_of_the_ellipsoid(lon, lat):
+def test_lengths_at_the_centre_are_lengths_on_the_ellipsoid(lon, lat):
     step = 1e-3
     points = np.array([[lon, lat], [lon + step, lat], [lon, lat + step]])
-    at, east, north = Projection("EPSG:4326", (lon, lat)).forward(points)
-    assert np.abs(at).max() < 1e-6
-    for place, (to_lon, to_lat) in ((east, points[1]), (north, points[2])):
+    centre, east, north = Projection("EPSG:4326", (lon, lat)).forward(points)
+    assert np.abs(centre).max() < 1e-6
+    for point, (to_lon, to_lat) in ((east, points[1]), (north, points[2])):
         length = GLOBE.inv(lon, lat, to_lon, to_lat)[2]
-        assert np.hypot(*(place - at)) == pytest.approx(length, rel=1e-5)
+        assert np.hypot(*(point - centre)) == pytest.approx(length, rel=1e-5)
     assert east[0] > 0
     assert north[1] > 0
 
 
-@FEW
+@FEW_EXAMPLES
 @given(
     st.sampled_from(["EPSG:4326", "EPSG:7844", "EPSG:4979"]),
     st.tuples(st.floats(-180, 180), st.floats(-85, 85)),
     st.lists(st.tuples(st.floats(-8, 8), st.floats(-4, 4)), min_size=1, max_size=6),
 )
-def test_there_and_back_again(crs, centre, offsets):
-    given_ = np.array(offsets) + centre
+def test_inverse_restores_coordinates(crs, centre, offsets):
+    coordinates = np.array(offsets) + centre
     for projection in (Projection(crs, centre), Projection(crs, None)):
-        error = projection.inverse(projection.forward(given_)) - given_
+        error = projection.inverse(projection.forward(coordinates)) - coordinates
         error[:, 0] -= np.round(error[:, 0] / 360) * 360
         assert np.abs(error).max() < 1e-10
 
 
-def test_the_mean_direction_is_right_across_the_date_line():
+def test_mean_direction_across_the_date_line():
     lon, lat = mean_direction(np.array([[179.9, -17.0], [-179.9, -17.0]]))
     assert abs(lon) == pytest.approx(180)
     assert lat == pytest.approx(-17, abs=1e-3)
 
 
-@FEW
+@FEW_EXAMPLES
 @given(st.lists(st.tuples(st.floats(-180, 180), st.floats(-90, 90)), min_size=1, max_size=9))
-def test_the_whole_globe_stays_finite(points):
+def test_forward_is_finite_on_the_globe(points):
     projection = Projection.of("EPSG:4326", shapely.points(points))
     assert np.isfinite(projection.forward(np.array(points))).all()
 
@@ -118,7 +118,7 @@ def test_geographic_systems(crs, expected):
     assert is_geographic(crs) is expected
 
 
-def test_grads_are_used_as_they_are(tmp_path):
+def test_coordinates_in_grads_are_not_projected(tmp_path):
     path = tmp_path / "paris.gpkg"
     square = shapely.box(0, 54, 0.01, 54.01)
     pyogrio.raw.write(
@@ -129,9 +129,9 @@ def test_grads_are_used_as_they_are(tmp_path):
     assert "are not degrees as in NTF (Paris); used unchanged" in scene.notes[0]
 
 
-def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
+def test_coordinates_are_planar_if_most_features_are_off_the_globe(tmp_path):
     town = [box(x, 6_672_000, x + 10, 6_672_010) for x in (386_000, 386_020)]
-    scene = load(written(tmp_path, *town, FINLAND))
+    scene = load(write_geojson(tmp_path, *town, FINLAND))
     assert scene.units == "units"
     assert "are not degrees as in WGS 84; used unchanged" in scene.notes[0]
     assert scene.dropped == []
@@ -139,9 +139,9 @@ def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
 
 @pytest.mark.parametrize("bad", [[25, 91], [25, -90.1], [361, 60], [-7e5, 60]])
 def test_feature_with_a_vertex_off_the_globe_is_named_and_dropped(tmp_path, bad):
-    """One such vertex made a plane of a whole town, in which everything shrank to nothing."""
+    """A single invalid vertex must not turn the town into planar coordinates."""
     spoilt = [*FINLAND[:2], bad, *FINLAND[3:]]
-    path = written(tmp_path, FINLAND, spoilt, [[x + 0.1, y] for x, y in FINLAND])
+    path = write_geojson(tmp_path, FINLAND, spoilt, [[x + 0.1, y] for x, y in FINLAND])
     scene = load(path)
     assert scene.units == "m"
     assert scene.dropped == [
@@ -150,15 +150,15 @@ def test_feature_with_a_vertex_off_the_globe_is_named_and_dropped(tmp_path, bad)
             "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude",
         )
     ]
-    alone = load(written(tmp_path, FINLAND)).polygons[0]
+    alone = load(write_geojson(tmp_path, FINLAND)).polygons[0]
     assert scene.polygons[0].area == pytest.approx(alone.area, rel=1e-6)
 
 
-def test_a_feature_off_the_globe_in_a_later_chunk_is_named_too(tmp_path):
-    path = written(tmp_path, FINLAND, FINLAND, box(0, 0, 999, 10))
+def test_feature_off_the_globe_in_a_later_chunk_is_dropped(tmp_path):
+    path = write_geojson(tmp_path, FINLAND, FINLAND, box(0, 0, 999, 10))
     chunks = list(read_chunks(str(path), size=1))
     assert [len(chunk.cleaned.polygons) for chunk in chunks] == [1, 1, 0]
-    assert [which for which, _ in chunks[2].cleaned.dropped] == ["feature 2"]
+    assert [name for name, _ in chunks[2].cleaned.dropped] == ["feature 2"]
 
 
 def test_nan_is_not_off_the_globe():
@@ -169,7 +169,7 @@ def test_nan_is_not_off_the_globe():
     ]
 
 
-def test_units():
+def test_find_unit():
     assert find_unit("EPSG:3067") == "m"
     assert find_unit("EPSG:2263") == "US survey foot"
     assert find_unit("EPSG:4326") == "degree"
@@ -177,8 +177,8 @@ def test_units():
 
 
 @pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:6318", "urn:ogc:def:crs:OGC:1.3:CRS84"])
-def test_any_geographic_system_becomes_metres(tmp_path, crs):
-    scene = load(written(tmp_path, FINLAND, crs=named(crs)))
+def test_geographic_systems_are_projected_to_metres(tmp_path, crs):
+    scene = load(write_geojson(tmp_path, FINLAND, crs=name_crs(crs)))
     assert scene.units == "m"
     assert scene.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
     assert "projected to metres, Lambert azimuthal equal-area about 25, 60" in scene.notes[0]
@@ -187,16 +187,16 @@ def test_any_geographic_system_becomes_metres(tmp_path, crs):
 @pytest.mark.parametrize(
     ("crs", "note"),
     [
-        (named("EPSG:999999"), "the reference system EPSG:999999 is unknown"),
-        (named("of our town"), "the reference system of our town is unknown"),
+        (name_crs("EPSG:999999"), "the reference system EPSG:999999 is unknown"),
+        (name_crs("of our town"), "the reference system of our town is unknown"),
         ({"type": "link", "properties": {"href": "x.prj"}}, "system x.prj is unknown"),
         (None, None),
     ],
 )
 @pytest.mark.parametrize("last", [False, True])
-def test_an_unknown_system_is_never_longitude_and_latitude(tmp_path, crs, note, last):
-    """GDAL takes GeoJSON of a system that it does not know for WGS 84."""
-    path = written(tmp_path, FINLAND, **({} if last else {"crs": crs}))
+def test_unknown_system_is_not_longitude_and_latitude(tmp_path, crs, note, last):
+    """GDAL takes GeoJSON of an unknown system for WGS 84."""
+    path = write_geojson(tmp_path, FINLAND, **({} if last else {"crs": crs}))
     if last:
         path.write_text(path.read_text()[:-1] + f', "crs": {json.dumps(crs)}}}')
     scene = load(path)
@@ -205,14 +205,14 @@ def test_an_unknown_system_is_never_longitude_and_latitude(tmp_path, crs, note, 
     assert [note in line for line in scene.notes] == [True] if note else scene.notes == ()
 
 
-def test_geojson_without_a_word_is_longitude_and_latitude(tmp_path):
-    assert load(written(tmp_path, FINLAND)).units == "m"
+def test_geojson_without_crs_is_longitude_and_latitude(tmp_path):
+    assert load(write_geojson(tmp_path, FINLAND)).units == "m"
 
 
-def test_project_decides_against_the_file(tmp_path):
-    kept = load(written(tmp_path, FINLAND), project=False)
-    assert kept.units == "degree"
-    assert kept.polygons[0].bounds == (25, 60, 25.01, 60.01)
+def test_project_overrides_the_file(tmp_path):
+    unprojected = load(write_geojson(tmp_path, FINLAND), project=False)
+    assert unprojected.units == "degree"
+    assert unprojected.polygons[0].bounds == (25, 60, 25.01, 60.01)
     path = tmp_path / "a.wkt"
     path.write_text(shapely.Polygon(FINLAND).wkt)
     assert load(path).units == "units"
@@ -221,7 +221,7 @@ def test_project_decides_against_the_file(tmp_path):
     assert forced.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
     assert "taken as WGS 84" in forced.notes[0]
     with pytest.raises(SceneError, match="is in ETRS89 / TM35FIN"):
-        load(written(tmp_path, FINLAND, crs=named("EPSG:3067")), project=True)
+        load(write_geojson(tmp_path, FINLAND, crs=name_crs("EPSG:3067")), project=True)
     path.write_text(shapely.box(0, 0, 1000, 1000).wkt)
     with pytest.raises(SceneError, match="not longitude and latitude"):
         load(path, project=True)
@@ -232,11 +232,11 @@ def parallel(lat: float, step: int = 10) -> list[list[float]]:
 
 
 ANTARCTICA = [*parallel(-70), [180, -90], [-180, -90], [-180, -70]]
-"""As maps of the world have it: round the pole, and along the map's lower edge back."""
+"""As in world maps: around the pole, and back along the map's lower edge."""
 
 
 def authalic(lat: float) -> float:
-    """The sine of the authalic latitude: the share of the ellipsoid's area south of it."""
+    """Return the sine of the authalic latitude, a measure of the ellipsoid's area to the south."""
     if abs(lat) == 90:
         return np.sign(lat)
     squared, sine = GLOBE.es, np.sin(np.radians(lat))
@@ -249,14 +249,14 @@ def authalic(lat: float) -> float:
 
 
 AREA = 4 * np.pi * 6371007.1809**2
-"""Of the ellipsoid, in square metres."""
+"""Area of the ellipsoid, in m2."""
 
 DISC = AREA / 2 * (1 - authalic(70)) * np.sinc(1 / 18)
-"""What 36 chords leave of the cap beyond 70 degrees."""
+"""Area of the cap beyond 70 degrees within 36 chords, in m2."""
 
 
-def test_a_ring_round_the_pole_is_a_disc_about_it(tmp_path):
-    scene = load(written(tmp_path, ANTARCTICA))
+def test_ring_around_the_pole_is_a_disc(tmp_path):
+    scene = load(write_geojson(tmp_path, ANTARCTICA))
     assert_valid_polygons(scene.polygons)
     (polygon,) = scene.polygons
     assert polygon.area == pytest.approx(DISC, rel=1e-6)
@@ -266,9 +266,9 @@ def test_a_ring_round_the_pole_is_a_disc_about_it(tmp_path):
     assert "-180.0 -70.0" in scene.repaired[0][1] or "-90.0" in scene.repaired[0][1]
 
 
-def test_a_ring_round_the_pole_without_a_seam_is_the_same_disc(tmp_path):
+def test_ring_around_the_pole_without_a_seam_is_the_same_disc(tmp_path):
     ring = parallel(-70)[:-1]
-    scene = load(written(tmp_path, [*ring, ring[0]]))
+    scene = load(write_geojson(tmp_path, [*ring, ring[0]]))
     assert scene.repaired == scene.dropped == []
     assert scene.polygons[0].area == pytest.approx(DISC, rel=1e-6)
 
@@ -277,20 +277,20 @@ def test_a_ring_round_the_pole_without_a_seam_is_the_same_disc(tmp_path):
     "bounds",
     [(-180, -90, 180, -60), (-180, -85, 180, -60), (-180, 30, 180, 90), (-180, -90, 180, 90)],
 )
-def test_a_box_from_180_to_180_keeps_its_area(tmp_path, bounds):
-    """Its corners are one and the same place east and west: on most maps nothing is left of it."""
-    scene = load(written(tmp_path, box(*bounds)))
+def test_box_from_180_to_180_has_the_area_on_the_globe(tmp_path, bounds):
+    """East and west corners coincide: on most maps the box would have no area."""
+    scene = load(write_geojson(tmp_path, box(*bounds)))
     assert_valid_polygons(scene.polygons)
     south, north = (authalic(lat) for lat in bounds[1::2])
-    wanted = AREA / 2 * (north - south)
-    assert scene.polygons[0].area == pytest.approx(wanted, rel=1e-6)
+    expected = AREA / 2 * (north - south)
+    assert scene.polygons[0].area == pytest.approx(expected, rel=1e-6)
     assert "Lambert cylindrical equal-area" in scene.notes[0]
 
 
 def test_features_across_the_180th_meridian_are_named(tmp_path):
     fiji, finland = box(177, -20, -178, -15), FINLAND
     far = [box(lon, 0, lon + 1, 1) for lon in (-120, 0, 120)]
-    scene = load(written(tmp_path, fiji, finland, *far))
+    scene = load(write_geojson(tmp_path, fiji, finland, *far))
     assert_valid_polygons(scene.polygons)
     assert "cylindrical" in scene.notes[0]
     assert scene.dropped == [
@@ -305,14 +305,14 @@ def test_features_across_the_180th_meridian_are_named(tmp_path):
 
 def test_a_shape_across_the_date_line_alone(tmp_path):
     fiji = box(177, -20, -178, -15)
-    (polygon,) = load(written(tmp_path, fiji)).polygons
+    (polygon,) = load(write_geojson(tmp_path, fiji)).polygons
     assert polygon.area == pytest.approx(area_on_globe(fiji), rel=0.01)
     assert np.ptp(shapely.get_coordinates(polygon), axis=0).max() < 600_000
 
 
-def test_repairs_are_named_by_the_places_of_the_source(tmp_path):
+def test_repairs_are_located_in_source_coordinates(tmp_path):
     bow_tie = [[25, 60], [25.006, 60.008], [25.006, 60], [25, 60.008], [25, 60]]
-    scene = load(written(tmp_path, bow_tie))
+    scene = load(write_geojson(tmp_path, bow_tie))
     ((_, reason),) = scene.repaired
     x, y = map(float, reason.split(" at ")[1].split(";")[0].split())
     assert (x, y) == pytest.approx((25.003, 60.004), abs=1e-6)

@@ -27,7 +27,7 @@ def write(path: Path, content: str | bytes) -> Path:
 
 
 class TestWkt:
-    def test_a_geometry_a_line(self, tmp_path):
+    def test_geometry_per_line(self, tmp_path):
         lines = ["# footprints", SQUARE.wkt, "", HOLED.wkb_hex, "not a geometry", '"POINT (1 2)"']
         scene = load(write(tmp_path / "a.wkt", "\n".join(lines)))
         assert_valid_polygons(scene.polygons)
@@ -67,8 +67,8 @@ def geoparquet(path: Path, geometries, encoding="WKB", crs=None, **columns) -> P
     import pyarrow as pa
     from pyarrow import parquet
 
-    about = {"encoding": encoding, "geometry_types": ["Polygon"]} | (crs or {})
-    geo = {"version": "1.1.0", "primary_column": "geom", "columns": {"geom": about}}
+    metadata = {"encoding": encoding, "geometry_types": ["Polygon"]} | (crs or {})
+    geo = {"version": "1.1.0", "primary_column": "geom", "columns": {"geom": metadata}}
     table = pa.table(
         {
             **columns,
@@ -98,7 +98,7 @@ class TestGeoParquet:
         with pytest.raises(SceneError, match="invalid condition 'zz > 1'"):
             load(path, where="zz > 1")
 
-    def test_without_a_reference_system_it_is_longitude_and_latitude(self, tmp_path):
+    def test_default_reference_system_is_longitude_and_latitude(self, tmp_path):
         square = shapely.box(25, 60, 25.01, 60.01)
         assert load(geoparquet(tmp_path / "a.parquet", [square])).units == "m"
         assert (
@@ -118,7 +118,7 @@ class TestGeoParquet:
 
 
 def cityjson(semantics: bool = True, **changes) -> str:
-    """A house of 10 m by 8 m by 3 m with a flat roof, in millimetres."""
+    """Return CityJSON of a house of 10 m by 8 m by 3 m with a flat roof, in millimetres."""
     corners = [[0, 0], [10_000, 0], [10_000, 8_000], [0, 8_000]]
     vertices = [[x, y, z] for z in (0, 3_000) for x, y in corners]
     ground, roof = [[3, 2, 1, 0]], [[4, 5, 6, 7]]
@@ -138,7 +138,7 @@ def cityjson(semantics: bool = True, **changes) -> str:
 
 
 def cityjson_sequence(houses: int) -> list[str]:
-    """A head line, and a line for each house, 20 m apart."""
+    """Return a head line, and a line per house, 20 m apart."""
     model = json.loads(cityjson())
     head = {**model, "CityObjects": {}, "vertices": []}
     lines = [json.dumps(head)]
@@ -164,13 +164,13 @@ class TestCityJsonSequence:
         assert scene.units == "m"
         assert list(scene.attributes["id"][::2]) == [f"house {k}" for k in range(5)]
 
-    def test_a_bad_line_costs_its_feature(self, tmp_path):
+    def test_invalid_line_is_noted_and_skipped(self, tmp_path):
         lines = cityjson_sequence(3)
         lines[1] = lines[1][:50]
         lines[2] = json.dumps({"type": "Feature", "CityObjects": {}})
         scene = load(write(tmp_path / "town.city.jsonl", "\n".join(lines)))
         assert len(scene.polygons) == 2
-        assert [which for which, _ in scene.dropped] == ["line 2", "line 3"]
+        assert [name for name, _ in scene.dropped] == ["line 2", "line 3"]
         assert "not CityJSONFeature" in scene.dropped[1][1]
 
     def test_errors(self, tmp_path):
@@ -204,14 +204,14 @@ class TestCityJson:
         )
 
     @pytest.mark.parametrize("values", [None, [None], [[None] * 6], [[None, 0]], [[]]])
-    def test_surfaces_without_semantics_are_taken_by_their_slope(self, tmp_path, values):
+    def test_surfaces_without_semantics_are_classified_by_slope(self, tmp_path, values):
         model = json.loads(cityjson())
         solid = model["CityObjects"]["house"]["geometry"][0]
         solid["semantics"] = {"surfaces": [{"type": "RoofSurface"}], "values": values}
         path = write(tmp_path / "town.city.json", json.dumps(model))
         assert [p.area for p in load(path, layer="RoofSurface").polygons] == [80]
 
-    def test_instances_of_templates_are_named(self, tmp_path):
+    def test_instances_of_templates_are_noted(self, tmp_path):
         model = json.loads(cityjson())
         instance = {"type": "GeometryInstance", "template": 0, "boundaries": [0]}
         model["CityObjects"]["tree"] = {"type": "CityFurniture", "geometry": [instance]}
@@ -239,7 +239,7 @@ class TestCityJson:
             load(write(tmp_path / "b.city.json", cityjson()), layer="Roof")
 
 
-# a house with a gable: floor, two walls, two pentagons, two roof planes
+# A house with a gable: floor, two walls, two pentagons, two roof planes.
 GABLE = """\
 v 0 0 0
 v 10 0 0
@@ -279,7 +279,7 @@ class TestModels:
         assert_valid_polygons(scene.polygons)
         assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
         assert [len(p.exterior.coords) - 1 for p in scene.polygons] == [4, 4, 4, 5, 5, 4, 4]
-        # the gable stands upright: 6 wide, 5 high
+        # The gable stands upright: 6 wide, 5 high.
         left, low, right, high = scene.polygons[3].bounds
         assert (right - left, high - low) == pytest.approx((6, 5))
 
@@ -287,7 +287,7 @@ class TestModels:
         text = GABLE + "f 1/1/1 2/2/2 6//3 -6/4\nf 1 2 99\nf 1 2\nf 1 1 1\n"
         scene = load(write(tmp_path / "a.obj", text))
         assert [p.area for p in scene.polygons] == [30]
-        assert [which for which, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
+        assert [name for name, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
 
     def test_faces_that_are_not_planar_are_noted(self, tmp_path):
         text = "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nf 1 2 3 4\n"
@@ -311,7 +311,7 @@ class TestModels:
 
     @pytest.mark.parametrize("suffix", [".obj", ".ply"])
     def test_triangles_are_joined_as_in_other_formats(self, tmp_path, suffix):
-        """A plate of n-gons that another program has triangulated, with a vertex set a face."""
+        """Triangulated n-gons with separate vertices for each face."""
         triangles = [(1, 2, 6), (1, 6, 5), (3, 4, 8), (3, 8, 7), (5, 6, 10), (5, 10, 9)]
         points = [line.split()[1:] for line in GABLE.splitlines()]
         corners = [points[i - 1] for face in triangles for i in face]
@@ -344,7 +344,7 @@ class TestModels:
 
 
 class TestGltf:
-    """Both readers of glTF, that of scenes and that of views and `--check`, see the same model."""
+    """The readers of glTF for scenes, and for views and `--check`, read the same model."""
 
     CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], dtype="<f4")
     PAIR = np.array([0, 1, 2, 0, 2, 3])
@@ -380,7 +380,7 @@ class TestGltf:
         expected = 1 if normalized else float(full) ** 2
         assert self.area(builder, tmp_path / "a.glb") == pytest.approx(expected)
 
-    def test_the_lowest_integer_is_minus_one(self, tmp_path):
+    def test_lowest_integer_is_minus_one(self, tmp_path):
         builder = Builder((self.CORNERS * -128).astype("i1"), self.PAIR)
         builder.json["accessors"][0]["normalized"] = True
         assert self.area(builder, tmp_path / "a.glb") == pytest.approx(1)
@@ -413,7 +413,7 @@ class TestGltf:
         assert self.area(builder, tmp_path / "a.glb") == pytest.approx(9 * (1 + 1 + 4))
 
     @pytest.mark.parametrize("extension", COMPRESSED)
-    def test_compressed_triangles_are_refused_by_name(self, tmp_path, extension):
+    def test_compressed_triangles_are_refused(self, tmp_path, extension):
         builder = Builder(self.CORNERS, self.PAIR)
         builder.json["extensionsUsed"] = [extension]
         with pytest.raises(SceneError, match=f"a.glb: {extension} is unsupported; unpack"):
@@ -421,7 +421,7 @@ class TestGltf:
 
 
 @pytest.mark.parametrize("header", [b"solid named so by its writer", b"facet in the head"])
-def test_binary_stl_with_bytes_behind_its_triangles(tmp_path, header):
+def test_binary_stl_with_bytes_after_the_triangles(tmp_path, header):
     solid = trimesh.creation.box((2, 3, 4)).export(file_type="stl")
     for tail in (b"", b"exported by someone"):
         path = write(tmp_path / "a.stl", header.ljust(80) + solid[80:] + tail)

@@ -27,7 +27,7 @@ def test_parameters_in_the_name():
     assert scene.parameters == {"buildings": 20, "seed": 3}
 
 
-def test_limit_keeps_the_first():
+def test_limit_selects_the_first_polygons():
     assert load("city:buildings=20,limit=5").polygons == load("city", buildings=20).polygons[:5]
 
 
@@ -61,14 +61,14 @@ def test_a_file_named_like_a_scene_needs_its_suffix(geojson, monkeypatch, tmp_pa
 
 
 class Installed:
-    """Stands for another package's module of scenes."""
+    """Scenes of another package."""
 
     @staticmethod
     def bare(*, seed: int, size: float = 1.0) -> list[shapely.Polygon]:
         return [shapely.box(0, 0, size, seed + 1)]
 
     @staticmethod
-    def nothing(*, seed: int) -> list[shapely.Polygon]:
+    def empty(*, seed: int) -> list[shapely.Polygon]:
         return []
 
     @staticmethod
@@ -80,7 +80,7 @@ class Installed:
 def installed(monkeypatch):
     points = [
         EntryPoint(name, f"tests.scenes.test_registry:Installed.{name}", registry.GROUP)
-        for name in ("bare", "nothing", "wrong")
+        for name in ("bare", "empty", "wrong")
     ]
     points.append(EntryPoint("broken", "no_such_module:f", registry.GROUP))
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
@@ -98,7 +98,7 @@ class TestEntryPoints:
     @pytest.mark.parametrize(
         ("name", "message"),
         [
-            ("nothing", "holds no polygon"),
+            ("empty", "holds no polygon"),
             ("wrong", "returned int"),
             ("broken", "cannot be imported"),
         ],
@@ -117,11 +117,11 @@ from scenes import Scene
 def grid(*, seed, count: int = 4):
     return [box(2 * i, seed, 2 * i + 1, seed + 1) for i in range(count)]
 
-def plain(count: int = 2):
+def unseeded(count: int = 2):
     for i in range(count):
         yield box(2 * i, 0, 2 * i + 1, 1)
 
-def whole():
+def full():
     return Scene("theirs", [box(0, 0, 1, 1)], "mm", credit="them")
 
 def typed(*, count: "Missing" = 1):
@@ -131,7 +131,7 @@ def fails(): raise ValueError("no\\nluck")
 def ends(): sys.exit(0)
 def wrong(): return 3
 def words(): return ["a"]
-def nothing(): return []
+def empty(): return []
 number = 3
 """
 
@@ -153,12 +153,12 @@ class TestFunctions:
         assert [p.bounds for p in scene.polygons] == [(0, 5, 1, 6), (2, 5, 3, 6), (4, 5, 5, 6)]
         assert scene.name == f"{module}:grid"
         assert scene.parameters == {"count": "3", "seed": 5}
-        assert len(load(f"{module}:plain").polygons) == 2
-        assert len(load(f"{module}:plain:count=5,limit=4").polygons) == 4
+        assert len(load(f"{module}:unseeded").polygons) == 2
+        assert len(load(f"{module}:unseeded:count=5,limit=4").polygons) == 4
         assert len(load(f"{module}:typed").polygons) == 1
 
     def test_scenes_are_reproducible(self, module):
-        scene = load(f"{module}:whole")
+        scene = load(f"{module}:full")
         assert (scene.name, scene.units, scene.credit) == ("theirs", "mm", "them")
 
     @pytest.mark.parametrize(
@@ -168,11 +168,11 @@ class TestFunctions:
             ("own_scenes:ends", r"failed: it raised SystemExit\(0\)"),
             ("own_scenes:wrong", "returned int, not a Scene or polygons"),
             ("own_scenes:words", "returned something other than polygons"),
-            ("own_scenes:nothing", "holds no polygon"),
+            ("own_scenes:empty", "holds no polygon"),
             ("own_scenes:number", "is not a function"),
             ("own_scenes:nowhere", "has no attribute 'nowhere'"),
             ("own_scenes:grid:coun=3", "did you mean count"),
-            ("own_scenes:whole:count=3", "it has none"),
+            ("own_scenes:full:count=3", "it has none"),
             ("no_such_module:f", "No module named 'no_such_module'"),
             ("ends_at_once:f", r"cannot be imported: it raised SystemExit\(0\)"),
             ("city:buildings", "give city:NAME=buildings"),
@@ -198,8 +198,8 @@ class TestSpec:
             ("my.module:f:n=2", "my.module:f", {"n": "2"}),
         ],
     )
-    def test_parsed(self, text, name, parameters):
-        if parameters is None:  # the condition is all between where= and limit
+    def test_parse_name(self, text, name, parameters):
+        if parameters is None:  # the condition is between where= and limit
             condition = text.partition("where=")[2].removesuffix(",limit=3")
             parameters = {"where": condition, "limit": "3"}
         assert spec.parse_name(text) == (name, parameters)
@@ -209,19 +209,19 @@ class TestSpec:
         st.none() | st.integers(1, 99),
         st.none() | st.text(alphabet="ab=,'\"() 1", min_size=1),
     )
-    def test_joined_is_parsed_again_or_refused(self, name, limit, where):
-        base, before = spec.parse_name(name)
-        wanted = {"limit": limit, "where": where}
+    def test_joined_name_is_parsed_to_the_same_parameters_or_refused(self, name, limit, where):
+        base, old = spec.parse_name(name)
+        parameters = {"limit": limit, "where": where}
         try:
-            text = spec.join_name(name, **wanted)
+            text = spec.join_name(name, **parameters)
         except SceneError:
             assert where is not None
             assert "," in where
             return
-        added = {key: str(value) for key, value in wanted.items() if value is not None}
-        assert spec.parse_name(text) == (base, before | added)
+        added = {key: str(value) for key, value in parameters.items() if value is not None}
+        assert spec.parse_name(text) == (base, old | added)
 
-    def test_label_is_the_same_wherever_a_file_lies(self):
+    def test_label_does_not_contain_the_folder(self):
         assert spec.format_label("/a/b.gpkg:where=h/2 > 3") == "b.gpkg:where=h/2 > 3"
         assert spec.format_label("b.gpkg") == spec.format_label("x/b.gpkg") == "b.gpkg"
         assert spec.format_label("city:buildings=3") == "city:buildings=3"

@@ -1,6 +1,6 @@
-"""SVG drawings: what is read covers what resvg draws, and what is not read is named."""
+"""SVG drawings: polygons cover the area that resvg draws, and unsupported elements are named."""
 
-# ruff: noqa: E501 - a drawing is easier to read in one line
+# ruff: noqa: E501 - drawings are easier to read in one line
 
 import io
 from pathlib import Path
@@ -66,7 +66,7 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         + CLIPPED,
         (CLIP % (' clipPathUnits="objectBoundingBox"', "")).replace("30", ".5") + CLIPPED,
         '<clipPath id="k"/>' + CLIPPED + SQUARE,
-        CLIPPED,  # by what is not there, which clips nothing
+        CLIPPED,  # by a missing path, which has no effect
         '<x:g xmlns:x="x"><rect width="90" height="9"/></x:g><x:rect xmlns:x="x" width="90"/>'
         + SQUARE,
         '<blob><rect width="90" height="90"/></blob><symbol><rect width="90"/></symbol>' + SQUARE,
@@ -98,7 +98,7 @@ def test_polygons_cover_the_area_that_resvg_draws(tmp_path, body):
     png = bytes(resvg_py.svg_to_bytes(svg_string=drawing, zoom=4, languages=["en"]))
     drawn = image.imread(io.BytesIO(png))[..., 3].sum() / 16
     visible = shapely.union_all(scene.polygons).intersection(shapely.box(0, -100, 100, 0))
-    # eight chords replace a curve
+    # Eight chords replace a curve.
     assert visible.area == pytest.approx(drawn, rel=0.025 if " C " in body else 0.01, abs=0.7)
 
 
@@ -125,7 +125,7 @@ def test_attributes_and_the_direction_of_y(tmp_path):
     inner = '<rect id="r" x="1" width="4" height="3"/>'
     body = f'<g transform="translate(5 0) scale(2)"><g transform="rotate(90)">{inner}</g></g>'
     scene = read(tmp_path, body)
-    # (1..5, 0..3) turned to (-3..0, 1..5), doubled, moved to (-1..5, 2..10); then y is flipped
+    # (1..5, 0..3) is rotated to (-3..0, 1..5), doubled, moved to (-1..5, 2..10), and flipped.
     assert scene.polygons[0].bounds == pytest.approx((-1, -10, 5, -2))
     assert list(scene.attributes["id"]) == ["r"]
     assert scene.notes == ("y points up: the drawing's y is negated",)
@@ -146,7 +146,7 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
                     "lies outside the clip path": 'clip-path="url(#k)"',
                     "cannot be read as SVG: transform translateX(2) is unknown": 'transform="translateX(2)"',
                     "cannot be read as SVG: transform spin(3": 'transform="spin(3)"',
-                    "cannot be read as SVG: its clip path has a use": 'clip-path="url(#u)"',
+                    "cannot be read as SVG: the clip path has a use": 'clip-path="url(#u)"',
                     "cannot be read as SVG: length": 'x="2em"',
                     "cannot be read as SVG: clip-path 'inset(1px)' is": 'style="clip-path: inset(1px)"',
                 }.items()
@@ -157,7 +157,7 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
             '<path id="cannot be read as SVG: Not enough" d="M0 0 L 1"/>',
             '<clipPath id="k"><rect x="50" width="9" height="9"/></clipPath>',
             '<clipPath id="u"><use href="#plain"/></clipPath>',
-            '<use id="is a copy of another element"/><text id="is text">A<tspan>b</tspan></text>',
+            '<use id="is a reference to another element"/><text id="is text">A<tspan>b</tspan></text>',
             '<flowRoot id="is text!"><flowRegion><rect width="9" height="9"/></flowRegion></flowRoot>',
             '<image id="is an image" href="a.png"/><line id="is a line" x2="9"/>',
             '<foreignObject id="is not SVG"/>',

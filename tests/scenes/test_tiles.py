@@ -1,4 +1,4 @@
-"""Map tiles: the same polygons as other readers find, whole, and what is lost has a name."""
+"""Map tiles: the same polygons as of other readers, unclipped, with notes on dropped polygons."""
 
 import base64
 import gzip
@@ -44,24 +44,24 @@ HERE = ROOT / "tests" / "scenes"
 STREETS = sorted((HERE / "tiles").glob("*.mvt*"))
 FIXTURES = json.loads((HERE / "mvt_fixtures.json").read_text())["tiles"]
 CONTRADICTED = {"016": "003", "057": "051"}
-"""Called valid, but one that is called invalid has the same fault: 016 has even the same bytes."""
+"""Marked valid, but a fixture marked invalid has the same fault; 016 has the same bytes."""
 HARMLESS = {"010", "011", "026", "030", "046"}
-"""Values of attributes are none, a feature has two geometries, which are read as one, a line has a
-point twice: no polygon is lost."""
+"""Invalid without loss of a polygon: attributes without values, a feature with two geometries, a
+line with a repeated point."""
 
 Ring = tuple[tuple[int, int], ...]
 
 
 def tile_of(name: str) -> bytes:
-    """One of the tiles that three programs wrote: GDAL, and two versions of Mapbox's."""
+    """Return a tile, written by GDAL or by one of two versions of Mapbox's program."""
     if name == "helsinki":
         tiles = PMTiles(FILE)
         return tiles.read(tiles.names(14)[0]) or b""
-    return decompress(next(each for each in STREETS if each.name.startswith(name)).read_bytes())
+    return decompress(next(item for item in STREETS if item.name.startswith(name)).read_bytes())
 
 
 def decode(tile: bytes) -> list[Layer]:
-    return [build_layer(*each) for each in decode_layers(tile).items()]
+    return [build_layer(*item) for item in decode_layers(tile).items()]
 
 
 @pytest.fixture(params=["helsinki", "12-3188-1888", "14-9384-9577"])
@@ -70,52 +70,53 @@ def tile(request: pytest.FixtureRequest) -> bytes:
 
 
 def rings(polygons: Any) -> list[list[Ring]]:
-    """Return the rings of polygons, each from its smallest vertex, in canonical order.
+    """Return the rings of polygons from the smallest vertex, in canonical order.
 
-    Rings without area are left out, which GDAL keeps: here they are notes.
+    Rings without area, which GDAL returns, are ignored: here they become notes.
     """
-    found = []
+    loaded = []
     for polygon in polygons:
-        own = []
+        rings_of_polygon = []
         for ring in (polygon.exterior, *polygon.interiors):
             if shapely.Polygon(ring).area == 0:
                 continue
             points = [(round(x), round(y)) for x, y in ring.coords[:-1]]
-            turned = [points[k:] + points[:k] for k in range(len(points))]
-            turned += [each[::-1] for each in turned]
-            own.append(tuple(min(turned)))
-        found.append([own[0], *sorted(own[1:])])
-    return sorted(found)
+            rotations = [points[k:] + points[:k] for k in range(len(points))]
+            rotations += [item[::-1] for item in rotations]
+            rings_of_polygon.append(tuple(min(rotations)))
+        loaded.append([rings_of_polygon[0], *sorted(rings_of_polygon[1:])])
+    return sorted(loaded)
 
 
-def test_polygons_are_those_that_mapbox_vector_tile_decodes(tile):
-    other = mapbox_vector_tile.decode(tile, default_options={"y_coord_down": True})
+def test_polygons_agree_with_mapbox_vector_tile(tile):
+    expected_layers = mapbox_vector_tile.decode(tile, default_options={"y_coord_down": True})
     layers = decode(tile)
-    assert {layer.name for layer in layers} == set(other)
+    assert {layer.name for layer in layers} == set(expected_layers)
     for layer in layers:
         shapes = [
-            shapely.geometry.shape(each["geometry"]) for each in other[layer.name]["features"]
+            shapely.geometry.shape(item["geometry"])
+            for item in expected_layers[layer.name]["features"]
         ]
         areal = [part for part in shapely.get_parts(shapes) if part.geom_type == "Polygon"]
         assert rings(layer.polygons) == rings(areal)
     assert sum(len(layer.polygons) for layer in layers) > 10
 
 
-def test_polygons_are_those_that_gdal_decodes_buffer_included(tile, tmp_path):
+def test_polygons_agree_with_gdal_including_the_buffer(tile, tmp_path):
     file = tmp_path / "tile.mvt"
     file.write_bytes(tile)
     over = 0
     for layer in decode(tile):
         if not len(layer.polygons):
             continue
-        found = pyogrio.raw.read(file, layer=layer.name, columns=[], CLIP="NO")[2]
+        loaded = pyogrio.raw.read(file, layer=layer.name, columns=[], CLIP="NO")[2]
         up = shapely.transform(layer.polygons, lambda xy: xy * [1, -1] + [0, 4096])
-        wrong = set(layer.feature[~shapely.is_valid(up)])  # GDAL may mend these
-        for number, geometry in enumerate(shapely.from_wkb(found)):
+        wrong = set(layer.feature[~shapely.is_valid(up)])  # GDAL may repair these
+        for number, geometry in enumerate(shapely.from_wkb(loaded)):
             parts = [part for part in shapely.get_parts(geometry) if part.geom_type == "Polygon"]
             if number not in wrong:
                 assert rings(up[layer.feature == number]) == rings(parts), number
-        assert len(wrong) < 0.01 * len(found)
+        assert len(wrong) < 0.01 * len(loaded)
         over += (shapely.bounds(up) < 0).any()
     assert over
 
@@ -126,7 +127,7 @@ def test_fixtures_of_the_format_are_read_or_refused_in_a_line(name):
     notes: list[str] = []
     try:
         for layer in decode(base64.b64decode(fixture["base64"])):
-            notes += [why for _, why in layer.dropped]
+            notes += [reason for _, reason in layer.dropped]
     except ValueError as error:
         notes.append(str(error))
     assert all(0 < len(note) < 100 and "\n" not in note for note in notes)
@@ -145,11 +146,11 @@ corner = st.tuples(st.integers(-80, 4176), st.integers(-80, 4176))
 
 
 def _varint(value: int) -> bytes:
-    out = bytearray()
+    result = bytearray()
     while value > 127:
-        out.append(value & 127 | 128)
+        result.append(value & 127 | 128)
         value >>= 7
-    return bytes([*out, value])
+    return bytes([*result, value])
 
 
 def saved(path: Path, polygons: list[Any], **more: Any) -> str:
@@ -172,7 +173,7 @@ def test_a_tile_is_in_pixels_with_y_up(tmp_path):
 
 
 @pytest.mark.parametrize("pixels", [256, 512, 1024])
-def test_units_are_on_the_grid_and_cut_where_the_tile_ends(pixels):
+def test_vertices_are_on_the_grid_and_unclipped(pixels):
     scene = load(f"helsinki-tiles:zoom=15,tiles=9,pixels={pixels}")
     frame = frame_of(scene, view_of(scene))
     assert frame.view == View(pixels, 0.0, "tile")
@@ -184,7 +185,7 @@ def test_units_are_on_the_grid_and_cut_where_the_tile_ends(pixels):
     assert (frame.points % unit == 0).all()
     points = shapely.get_coordinates(np.array(scene.polygons)) + 64
     assert set(map(tuple, (points * SUBPIXEL).tolist())) == set(map(tuple, frame.points.tolist()))
-    # A polygon over the edge has vertices on both sides of it: nothing was clipped.
+    # Polygons across the edge have vertices on both sides: nothing was clipped.
     assert frame.points.min() < 64 * SUBPIXEL
     assert not any("rounded" in note for note in scene.notes)
     assert frame.tiles.tolist() == scene.tiling.first.tolist()
@@ -200,7 +201,7 @@ def test_viewport_contains_polygons_that_cross_the_tile_edge(tmp_path, reach, ma
     assert frame.points.min() == (margin * 8 - reach) * 32
 
 
-def test_tiles_keep_their_polygons_where_others_vanish(tmp_path):
+def test_polygons_stay_in_their_tile_when_others_vanish(tmp_path):
     line = shapely.box(0, 0, 1, 1)  # of 1/512 px
     for name, shapes in (("a", [line, COURT]), ("b", [line]), ("c", [COURT, line, COURT])):
         _raw(tmp_path / f"{name}.mvt", shapes)
@@ -211,7 +212,7 @@ def test_tiles_keep_their_polygons_where_others_vanish(tmp_path):
     assert frame.tiles.tolist() == [0, 1, 1, 3]
 
 
-def test_other_extents_are_rounded_and_that_is_said(tmp_path):
+def test_other_extents_are_rounded_with_a_note(tmp_path):
     path = saved(tmp_path / "one.mvt", [COURT], extents=5000)
     assert any("1/5000 of 512 px" in note for note in load(path + ":pixels=512").notes)
     assert not any("rounded" in note for note in load(path + ":pixels=1250").notes)
@@ -219,9 +220,9 @@ def test_other_extents_are_rounded_and_that_is_said(tmp_path):
 
 def test_polygons_of_each_tile_stay_together():
     scene = load("helsinki-tiles:zoom=15,tiles=9")
-    named = scene.attributes["tile"].to_list()
-    assert [named[k] for k in scene.tiling.first[:-1]] == list(scene.tiling.names)
-    assert len(dict.fromkeys(named)) == len(scene.tiling.names) == 9
+    tile_names = scene.attributes["tile"].to_list()
+    assert [tile_names[k] for k in scene.tiling.first[:-1]] == list(scene.tiling.names)
+    assert len(dict.fromkeys(tile_names)) == len(scene.tiling.names) == 9
     first = scene.head(scene.tiling.first[1] + 3)
     assert first.tiling.names == scene.tiling.names[:2]
     assert first.tiling.first.tolist() == [0, scene.tiling.first[1], scene.tiling.first[1] + 3]
@@ -229,15 +230,15 @@ def test_polygons_of_each_tile_stay_together():
     assert exact.tiling.names == scene.tiling.names[:2]
 
 
-def test_only_the_layers_and_tiles_that_are_asked_for():
-    every = load("helsinki-tiles:zoom=16,tiles=99")
-    assert every.notes[0] == "24 of 24 tiles of zoom 16, 24 with polygons"
-    assert set(every.attributes["layer"]) == {"area", "building"}
+def test_only_requested_layers_and_tiles_are_read():
+    complete = load("helsinki-tiles:zoom=16,tiles=99")
+    assert complete.notes[0] == "24 of 24 tiles of zoom 16, 24 with polygons"
+    assert set(complete.attributes["layer"]) == {"area", "building"}
     some = load("helsinki-tiles:zoom=16,tiles=5,layers=building")
     assert some.notes[0] == "5 of 24 tiles of zoom 16, 5 with polygons"
     assert set(some.attributes["layer"]) == {"building"}
-    places = PMTiles(FILE).names(16)
-    assert some.tiling.names == tuple(str(places[k]) for k in (2, 7, 12, 16, 21))
+    positions = PMTiles(FILE).names(16)
+    assert some.tiling.names == tuple(str(positions[k]) for k in (2, 7, 12, 16, 21))
     around = load("helsinki-tiles:zoom=16,tiles=24.94,60.168,24.945,60.17")
     corners = [locate_tile(24.94, 60.168, 16), locate_tile(24.945, 60.17, 16)]
     assert around.tiling.names[0] == "16/{}/{}".format(*np.min(corners, axis=0))
@@ -245,7 +246,7 @@ def test_only_the_layers_and_tiles_that_are_asked_for():
 
 
 def _raw(path: Path, polygons: list[Any]) -> str:
-    """A tile of polygons as they are: the package would mend them."""
+    """Write a tile of unchanged polygons, which the package would repair."""
     features = b""
     for polygon in polygons:
         x = y = 0
@@ -269,16 +270,16 @@ def _zigzag(value: int) -> int:
     return (value << 1) ^ (value >> 63)
 
 
-def test_invalid_polygons_are_named_and_repaired_only_on_integers(tmp_path):
-    bow_tie = shapely.Polygon([(0, 0), (31, 30), (31, 0), (0, 20)])  # it crosses at a fraction
-    squares = [(50, 50), (60, 60), (50, 70), (40, 60), (50, 50), (60, 40), (40, 40)]  # that touch
-    given = [bow_tie, shapely.Polygon(squares), shapely.box(-5000, 0, 10, 10), COURT]
-    scene = load(_raw(tmp_path / "bad.mvt", given) + ":pixels=512")
+def test_invalid_polygons_are_noted_and_repaired_only_on_integers(tmp_path):
+    bow_tie = shapely.Polygon([(0, 0), (31, 30), (31, 0), (0, 20)])  # crosses at a fraction
+    squares = [(50, 50), (60, 60), (50, 70), (40, 60), (50, 50), (60, 40), (40, 40)]  # touching
+    polygons = [bow_tie, shapely.Polygon(squares), shapely.box(-5000, 0, 10, 10), COURT]
+    scene = load(_raw(tmp_path / "bad.mvt", polygons) + ":pixels=512")
     assert [which for which, _ in scene.dropped] == [
         "bad.mvt land feature 0",
         "bad.mvt land feature 2",
     ]
-    crossing, far = (why for _, why in scene.dropped)
+    crossing, far = (reason for _, reason in scene.dropped)
     assert crossing == "self-intersects at 12.4 12.0; dropped"
     assert far == "exceeds the tile by more than a tile's side"
     assert [which for which, _ in scene.repaired] == ["bad.mvt land feature 1"]
@@ -288,7 +289,7 @@ def test_invalid_polygons_are_named_and_repaired_only_on_integers(tmp_path):
     assert len(scene.polygons) == 3
 
 
-def test_ring_without_area_is_named_and_does_not_set_the_orientation(tmp_path):
+def test_ring_without_area_is_noted_and_does_not_set_the_orientation(tmp_path):
     line = shapely.Polygon([(0, 0), (9, 0), (5, 0)])
     rings_of_one = shapely.Polygon(line.exterior, [COURT.exterior, *COURT.interiors])
     scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
@@ -307,7 +308,7 @@ def test_polygons_that_exceed_their_tile_are_dropped(tmp_path, move):
 
 
 def pmtiles(path: Path, root: bytes, leaf: bytes = b"", data: bytes = b"", **more: Any) -> str:
-    """An archive of directories, metadata and bytes of tiles as they are given."""
+    """Write an archive of the given directories, metadata and tiles."""
     header, content = {"clustered": True, "min_zoom": 0, "max_zoom": 0}, b""
     header |= {"tile_type": TileType.MVT, "tile_compression": Compression.NONE}
     header["internal_compression"] = Compression.GZIP
@@ -319,7 +320,7 @@ def pmtiles(path: Path, root: bytes, leaf: bytes = b"", data: bytes = b"", **mor
     return str(path)
 
 
-def test_a_directory_within_itself_is_refused_at_once(tmp_path):
+def test_directory_that_contains_itself_is_refused(tmp_path):
     leaf = serialize_directory([Entry(0, 0, 30, 0)])
     leaf = serialize_directory([Entry(0, 0, len(leaf), 0)])
     path = pmtiles(tmp_path / "a.pmtiles", leaf, max_zoom=3, leaf_directory_offset=127)
@@ -329,7 +330,7 @@ def test_a_directory_within_itself_is_refused_at_once(tmp_path):
 
 @contextmanager
 def changing(path: Path | str) -> Iterator[sqlite3.Connection]:
-    """A database, new if it is not there, whose changes are written at the end."""
+    """Yield a database, created if missing, and commit at the end."""
     with closing(sqlite3.connect(path)) as database:
         yield database
         database.commit()
@@ -341,16 +342,16 @@ def three_archives(
     """Write the same tiles as PMTiles, MBTiles and files in a folder."""
     pmtiles = folder / "a.pmtiles"
     with write(str(pmtiles)) as writer:
-        for place, data in sorted(tiles.items(), key=lambda item: zxy_to_tileid(*item[0])):
-            writer.write_tile(zxy_to_tileid(*place), data)
+        for position, data in sorted(tiles.items(), key=lambda item: zxy_to_tileid(*item[0])):
+            writer.write_tile(zxy_to_tileid(*position), data)
         header = {"tile_type": TileType.MVT, "tile_compression": compression}
         writer.finalize(header, {"attribution": "(c) us"})
     mbtiles = folder / "a.mbtiles"
     with changing(mbtiles) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
-        facts = [("format", "pbf"), ("attribution", "(c) us")]
-        database.executemany("INSERT INTO metadata VALUES (?, ?)", facts)
+        metadata = [("format", "pbf"), ("attribution", "(c) us")]
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", metadata)
         rows = [(z, x, 2**z - 1 - y, data) for (z, x, y), data in tiles.items()]
         database.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", rows)
     for (z, x, y), data in tiles.items():
@@ -361,9 +362,9 @@ def three_archives(
     return {"pmtiles": str(pmtiles), "mbtiles": str(mbtiles), "folder": str(folder / "tiles")}
 
 
-def two(folder: Path, packed: Any, compression: Compression) -> dict[str, str]:
-    """Two tiles of zoom 3, one below the other."""
-    tile = packed(encoded([COURT]))
+def two_tiles(folder: Path, pack: Any, compression: Compression) -> dict[str, str]:
+    """Write two tiles of zoom 3, one below the other."""
+    tile = pack(encoded([COURT]))
     return three_archives(
         folder, {TilePosition(3, 4, 2): tile, TilePosition(3, 4, 3): tile}, compression
     )
@@ -375,9 +376,9 @@ PACKED = {
 }
 
 
-@pytest.mark.parametrize("how", list(PACKED))
-def test_all_archives_hold_the_same(how, tmp_path):
-    for path in two(tmp_path, *PACKED[how]).values():
+@pytest.mark.parametrize("compression", list(PACKED))
+def test_archives_have_the_same_content(compression, tmp_path):
+    for path in two_tiles(tmp_path, *PACKED[compression]).values():
         scene = load(f"{path}:zoom=3")
         assert set(scene.tiling.names) == {"3/4/2", "3/4/3"}
         assert scene.credit == "(c) us"
@@ -396,7 +397,7 @@ def test_tile_of_several_gzip_members_is_read_completely():
             decompress(short)
 
 
-def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
+def test_decompression_has_a_limit(monkeypatch):
     monkeypatch.setattr(archives, "MAX_TILE_BYTES", 2**16)
     packed = gzip.compress(bytes(2**24))
     tracemalloc.start()
@@ -408,8 +409,8 @@ def test_no_more_is_unpacked_than_a_tile_may_have(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", [Compression.BROTLI, Compression.ZSTD])
-def test_other_packings_are_refused_by_name(kind, tmp_path):
-    path = two(tmp_path, bytes, kind)["pmtiles"]
+def test_unsupported_compression_is_refused(kind, tmp_path):
+    path = two_tiles(tmp_path, bytes, kind)["pmtiles"]
     with pytest.raises(
         SceneError, match=f"a.pmtiles is compressed by {kind.name}, which is unsupported"
     ):
@@ -421,31 +422,31 @@ def test_other_packings_are_refused_by_name(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["NONE", "GZIP"])
-def test_directories_are_packed_as_the_header_says(kind, tmp_path):
-    pack = {key.upper(): each[0] for key, each in PACKED.items()}
-    first = 139  # this and 31 entries: the root begins as gzip does, where it is not packed
+def test_directories_are_decompressed_as_the_header_states(kind, tmp_path):
+    pack = {key.upper(): item[0] for key, item in PACKED.items()}
+    first = 139  # with 31 entries an uncompressed root begins like gzip
     leaf = gzip.decompress(serialize_directory([Entry(first, 0, 4, 1), Entry(first + 1, 4, 4, 1)]))
     leaf = pack[kind](leaf)
     others = [Entry(first + 2 + k, 8, 4, 1) for k in range(30)]
     root = gzip.decompress(serialize_directory([Entry(first, 0, len(leaf), 0), *others]))
     assert root[:2] == b"\x1f\x8b"
-    about = pack[kind](b'{"attribution": "us"}')
+    metadata = pack[kind](b'{"attribution": "us"}')
     zooms = {"min_zoom": 4, "max_zoom": 4, "internal_compression": Compression[kind]}
     file, data = tmp_path / "a.pmtiles", b"aaaabbbbcccc"
-    pmtiles(file, pack[kind](root), leaf, data, metadata=about, **zooms)
+    pmtiles(file, pack[kind](root), leaf, data, metadata=metadata, **zooms)
     tiles = PMTiles(file)
     assert [tiles.read(name) for name in tiles.names(4)] == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
     assert tiles.attribution == "us"
 
 
-def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
+def test_runs_and_leaves_of_pmtiles(tmp_path):
     path = tmp_path / "many.pmtiles"
     rng = np.random.default_rng(6)
     contents = [rng.bytes(rng.integers(1, 300)) for _ in range(20_000) for _ in range(2)]
-    contents[1::2] = contents[::2]  # each run is of two
+    contents[1::2] = contents[::2]  # runs of two tiles
     with write(str(path)) as writer:
         first = zxy_to_tileid(8, 0, 0)
-        for number in range(40_000):  # so many that there are leaves
+        for number in range(40_000):  # enough for leaf directories
             writer.write_tile(first + number, contents[number])
         writer.finalize({"tile_type": TileType.MVT, "tile_compression": Compression.NONE}, {})
     tiles = PMTiles(path)
@@ -462,7 +463,7 @@ def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
 
 @pytest.mark.parametrize("kind", ["mvt", "application/vnd.mapbox-vector-tile", "PBF", None])
 @pytest.mark.parametrize("pack", [gzip.compress, zlib.compress, bytes])
-def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, pack):
+def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
     tile = pack(encoded([shapely.box(0, 0, 100, 100)]))
     path = three_archives(tmp_path, {TilePosition(3, 4, 2): tile}, Compression.NONE)["mbtiles"]
     with changing(Path(path)) as database:
@@ -470,14 +471,14 @@ def test_mbtiles_name_the_format_and_pack_tiles_in_several_ways(tmp_path, kind, 
     scene = load(f"{path}:tiles=9")
     assert len(scene.polygons) == 1
     assert scene.dropped == []
-    # as a map, where GDAL knows neither the name of the format nor the layers
+    # As a map, although GDAL supports neither the format's name nor the missing layers.
     (polygon,) = load(path).polygons
     side = 2 * 20_037_508.342789244 / 8
     assert polygon.area == pytest.approx((side * 100 / 4096) ** 2)
     assert polygon.bounds[0] == pytest.approx(0)
 
 
-def test_truncated_zlib_is_named(tmp_path):
+def test_truncated_zlib_is_refused(tmp_path):
     with pytest.raises(ValueError, match="truncated compressed data"):
         decompress(zlib.compress(encoded([shapely.box(0, 0, 100, 100)]))[:-6])
 
@@ -530,7 +531,7 @@ def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
 
 
 @pytest.mark.parametrize("names", [("x/1/0/0.mvt", "y/1/0/0.mvt"), ("1/0/0.mvt", "1/0/0.pbf")])
-def test_two_files_for_one_tile_are_refused_by_name(names, tmp_path):
+def test_two_files_for_a_tile_are_refused(names, tmp_path):
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(encoded([COURT]))
@@ -553,15 +554,15 @@ def test_two_files_for_one_tile_are_refused_by_name(names, tmp_path):
         ("v1/0/0.mvt", "v1/0/0.mvt"),
     ],
 )
-def test_a_path_names_a_tile_or_does_not(name, tile, tmp_path):
+def test_positions_in_paths(name, tile, tmp_path):
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_bytes(encoded([COURT]))
-    found = archives.Folder(tmp_path)
-    assert [str(each) for each in found.names(None)] == [tile]
-    assert bool(found.zooms) == ("." not in tile)
+    loaded = archives.Folder(tmp_path)
+    assert [str(item) for item in loaded.names(None)] == [tile]
+    assert bool(loaded.zooms) == ("." not in tile)
 
 
-def test_a_damaged_tile_of_several_is_a_note(tmp_path):
+def test_damaged_tile_is_noted(tmp_path):
     for number in range(3):
         data = encoded([COURT])
         (tmp_path / f"{number}.mvt").write_bytes(data if number else data[:-3])
@@ -576,28 +577,28 @@ def of_version(number: int, layer: str) -> bytes:
 
 
 def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], str]:
-    """The layers that are read, and what is said of the others, by a scene and by a census."""
+    """Return the layers, the notes of a scene and the note of a census, which must agree."""
     scene = load(f"{path}:pixels=512" + (f",layers={layers}" if layers else ""))
-    wanted = None if layers is None else tuple(layers.split(","))
-    (tile,) = read_tiles(str(path), (0, 1), TileSelection(layers=wanted))
-    found = scene.attributes["layer"].to_list()
-    assert [own.name for own in tile.content.layers if len(own.polygons)] == found
-    return found, scene.dropped, tile.damage
+    names_requested = None if layers is None else tuple(layers.split(","))
+    (tile,) = read_tiles(str(path), (0, 1), TileSelection(layers=names_requested))
+    loaded = scene.attributes["layer"].to_list()
+    assert [layer.name for layer in tile.content.layers if len(layer.polygons)] == loaded
+    return loaded, scene.dropped, tile.damage
 
 
-def test_invalid_layer_is_skipped_and_named_only_if_asked_for(tmp_path):
+def test_invalid_layer_is_skipped_and_noted_only_if_requested(tmp_path):
     path = tmp_path / "a.mvt"
     good, bad, nameless = encoded([COURT]), of_version(3, "poi"), of_version(2, "x")
     path.write_bytes(bad + good)
-    why = "cannot be read: layer poi is of version 3, not 1 or 2"
-    assert read_both(path, None) == (["land"], [("a.mvt poi", why)], f"layer poi {why}")
+    reason = "cannot be read: layer poi is of version 3, not 1 or 2"
+    assert read_both(path, None) == (["land"], [("a.mvt poi", reason)], f"layer poi {reason}")
     assert read_both(path, "land") == (["land"], [], "")
     path.write_bytes(bad + good + bad)
     assert read_both(path, None)[1] == [("a.mvt poi", "cannot be read: layer poi occurs twice")]
     assert read_both(path, "land") == (["land"], [], "")
     path.write_bytes(nameless.replace(b"\x0a\x01x", b"\x32\x01x") + good)
-    why = "cannot be read: a layer has no name"
-    assert read_both(path, "land") == (["land"], [("a.mvt", why)], f"layer {why}")
+    reason = "cannot be read: a layer has no name"
+    assert read_both(path, "land") == (["land"], [("a.mvt", reason)], f"layer {reason}")
 
 
 def test_line_with_a_repeated_point_is_not_a_dropped_polygon(tmp_path):
@@ -610,7 +611,7 @@ def test_line_with_a_repeated_point_is_not_a_dropped_polygon(tmp_path):
 
 
 def test_write_ahead_log_of_a_database_is_read(tmp_path):
-    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode=WAL")
         tile = encoded([COURT])
@@ -625,8 +626,8 @@ def test_write_ahead_log_of_a_database_is_read(tmp_path):
     assert set(scene.tiling.names) == {"3/4/2", "3/4/3", "3/0/7"}
 
 
-def test_a_tile_that_is_null_is_damaged(tmp_path):
-    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+def test_null_tile_is_damaged(tmp_path):
+    path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
     with changing(path) as database:
         database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
     scene = load(f"{path}:zoom=3")
@@ -639,24 +640,24 @@ def test_a_tile_that_is_null_is_damaged(tmp_path):
     assert damaged == {"3/4/2": "cannot be read: tile_data is NULL", "3/4/3": ""}
 
 
-def test_tiles_of_a_box_that_are_not_there_do_not_count(tmp_path):
-    path = two(tmp_path, bytes, Compression.NONE)
-    for each in path.values():
-        scene = load(f"{each}:zoom=3,tiles=-180,-85,180,85")
+def test_missing_tiles_of_a_box_are_not_counted(tmp_path):
+    path = two_tiles(tmp_path, bytes, Compression.NONE)
+    for item in path.values():
+        scene = load(f"{item}:zoom=3,tiles=-180,-85,180,85")
         assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
 
 
-def test_without_the_extra_a_line_says_how_to_get_it(monkeypatch, tmp_path):
+def test_error_without_the_extra_has_the_install_command(monkeypatch, tmp_path):
     def absent(name: str) -> Any:
         raise ImportError(name)
 
     monkeypatch.setattr(archives, "import_module", absent)
-    how = r'need the package pmtiles: \S+ -m pip install .*\[tiles\]"$'
-    with pytest.raises(SceneError, match=how):
+    message = r'need the package pmtiles: \S+ -m pip install .*\[tiles\]"$'
+    with pytest.raises(SceneError, match=message):
         load(f"{FILE}:zoom=14")
 
 
-def test_a_file_without_such_options_is_read_as_before():
+def test_archive_without_tile_options_is_read_as_a_map():
     heap = load(str(FILE))
     assert heap.tiling is None
     assert heap.units == "m"
@@ -664,14 +665,14 @@ def test_a_file_without_such_options_is_read_as_before():
         frame_of(load("helsinki-tiles:tiles=1"), View(512))
 
 
-def test_a_limit_of_any_size_is_a_limit():
-    every = load("helsinki-tiles:zoom=16,tiles=2")
+def test_large_limit():
+    complete = load("helsinki-tiles:zoom=16,tiles=2")
     assert len(load(f"helsinki-tiles:zoom=16,tiles=2,limit={10**19}").polygons) == len(
-        every.polygons
+        complete.polygons
     )
 
 
-def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
+def test_endless_view_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "QUERY_TIMEOUT_S", 0.2)
     path = tmp_path / "endless.mbtiles"
     with changing(path) as database:
@@ -684,8 +685,8 @@ def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
         load(f"{path}:zoom=3")
 
 
-def test_a_view_that_never_ends_hears_ctrl_c(tmp_path, monkeypatch):
-    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+def test_endless_view_can_be_interrupted(tmp_path, monkeypatch):
+    path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
     tiles = archives.MBTiles(Path(path))
     endless = "WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) SELECT max(k) FROM n"
     signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
@@ -694,8 +695,8 @@ def test_a_view_that_never_ends_hears_ctrl_c(tmp_path, monkeypatch):
         list(tiles._query(endless))
 
 
-def test_a_tile_that_is_there_three_times_counts_once(tmp_path):
-    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+def test_duplicate_tile_counts_once(tmp_path):
+    path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
     with changing(path) as database:
         for _ in range(2):
             database.execute("INSERT INTO tiles SELECT * FROM tiles WHERE tile_row = 4 LIMIT 1")
@@ -704,7 +705,7 @@ def test_a_tile_that_is_there_three_times_counts_once(tmp_path):
     assert cut_tiles(path, None).sizes == [2]
 
 
-def test_tiles_that_are_not_packed_have_a_limit_too(tmp_path, monkeypatch):
+def test_uncompressed_tiles_have_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "MAX_TILE_BYTES", 2**20)
     for name, size in (("large", 2**20), ("zeros", 2**19)):
         (tmp_path / f"{name}.mvt").write_bytes(bytes(size))
@@ -714,13 +715,13 @@ def test_tiles_that_are_not_packed_have_a_limit_too(tmp_path, monkeypatch):
         load(f"{tmp_path}/zeros.mvt:pixels=512")
 
 
-def test_a_directory_that_unpacks_to_many_megabytes_is_refused(tmp_path):
+def test_large_directory_is_refused(tmp_path):
     path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)))
     with pytest.raises(SceneError, match="4 MiB or more, uncompressed"):
         load(f"{path}:zoom=0")
 
 
-def test_metadata_in_metadata_for_ever_are_none(tmp_path):
+def test_deeply_nested_metadata_are_ignored(tmp_path):
     nested = gzip.compress(b'{"a":' * 200_000)
     assert PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", b"", metadata=nested))).attribution == ""
 
@@ -730,7 +731,7 @@ def test_archive_without_tiles_is_reported_in_one_line(tmp_path):
     for call in (lambda: load(f"{path}:pixels=512"), lambda: cut_tiles(path, None)):
         with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):
             call()
-    mbtiles = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    mbtiles = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
     with changing(mbtiles) as database:
         database.execute("DELETE FROM tiles")
     with pytest.raises(SceneError, match=r"a\.mbtiles holds no tile: give an archive with tiles"):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.fuzz.damage import POSITION, apply_byte_edits, byte_edits
 from tests.fuzz.target import target
-from tests.scenes.samples import KINDS, load_or_refuse, outcome, whole
+from tests.scenes.samples import KINDS, load_or_refuse, make_files, outcome
 
 kind = st.sampled_from(KINDS)
 
@@ -24,7 +24,7 @@ def check_path_data(data: str) -> None:
 
 @target("truncated-file", st.fixed_dictionaries({"kind": kind, "position": POSITION}))
 def check_truncated(value: dict[str, Any]) -> None:
-    data = whole(value["kind"])[f"a.{value['kind']}"]
+    data = make_files(value["kind"])[f"a.{value['kind']}"]
     length = value["position"] % len(data)
     outcome(value["kind"], data[:length], length)
 
@@ -34,5 +34,5 @@ edits = st.lists(byte_edits, min_size=1, max_size=6)
 
 @target("damaged-file", st.fixed_dictionaries({"kind": kind, "edits": edits}))
 def check_damaged(value: dict[str, Any]) -> None:
-    data = whole(value["kind"])[f"a.{value['kind']}"]
+    data = make_files(value["kind"])[f"a.{value['kind']}"]
     outcome(value["kind"], apply_byte_edits(data, value["edits"]))
