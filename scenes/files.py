@@ -250,7 +250,7 @@ def _choose_map(
                 f"the coordinates of {path} are not longitude and latitude: leave project=True out"
             )
         crs = raw.crs if geographic and raw.crs else _DEGREES
-        projection = Projection.of(crs, globe)
+        projection = Projection.fit(crs, globe)
         name = datum.name if geographic and datum is not None else "taken as WGS 84"
         note = f"longitude and latitude ({name}) projected to metres, {projection}"
         return "m", crs, projection, [note]

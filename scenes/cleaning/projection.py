@@ -80,8 +80,8 @@ def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
 def find_unit(crs: str | None) -> str | None:
     """Return the unit of a reference system's coordinates, or None if PROJ does not know it.
 
-    >>> find_unit("EPSG:3067"), find_unit("EPSG:2263"), find_unit("EPSG:4326")
-    ('m', 'US survey foot', 'degree')
+    >>> [find_unit(crs) for crs in ("EPSG:3067", "EPSG:2263", "EPSG:4326", "no such system")]
+    ['m', 'US survey foot', 'degree', None]
     """
     datum = find_system(crs)
     if datum is None or not datum.axis_info:
@@ -104,7 +104,7 @@ class Projection:
     centre: tuple[float, float] | None
 
     @classmethod
-    def of(cls, crs: str, geometries: Any) -> "Projection":
+    def fit(cls, crs: str, geometries: Any) -> "Projection":
         """Return the map for geometries in longitude and latitude.
 
         The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or

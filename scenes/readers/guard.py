@@ -207,8 +207,8 @@ def _compare_length(path: Path, stated: int) -> str | None:
 def _check_shapefile(path: Path) -> str | None:
     """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
     head, _ = read_edges(path)
-    words = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
-    return _compare_length(path, 2 * words)
+    length = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
+    return _compare_length(path, 2 * length)
 
 
 def _check_database(path: Path) -> str | None:
@@ -241,7 +241,7 @@ def _check_off(path: Path) -> str | None:
         return None
     vertices, faces = int(header[1]), int(header[2])
     lines = [line.split() for line in text[header.end() :].splitlines()[1:] if line.strip()]
-    complete = [words for words in lines[vertices:] if len(words) > int(words[0])]
+    complete = [numbers for numbers in lines[vertices:] if len(numbers) > int(numbers[0])]
     return f"{len(complete)} of {faces} faces" if len(complete) < faces else None
 
 

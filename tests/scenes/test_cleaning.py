@@ -44,9 +44,12 @@ def test_clean_leaves_valid_polygons_unchanged(polygons):
     assert all(a.equals(b) for a, b in zip(polygons, cleaned.polygons, strict=True))
 
 
-def test_repeated_vertices_are_removed():
+def test_repeated_vertices_and_empty_holes_are_removed():
     ring = [(0, 0), (0, 0), (4, 0), (4, 3), (4, 3), (0, 0)]
     assert len(clean([shapely.Polygon(ring)]).polygons[0].exterior.coords) == 4
+    (polygon,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
+    assert len(polygon.interiors) == 0
+    assert polygon.area == 8
 
 
 def test_holes_are_retained_and_oriented_clockwise():
@@ -72,12 +75,6 @@ def test_polygons_whose_area_is_lost_in_rounding_are_dropped():
     cleaned = clean([thin, shapely.box(0, 0, 1, 1)])
     assert len(cleaned.polygons) == len(cleaned.source) == 1
     assert cleaned.dropped == [("feature 0", "area is lost in rounding")]
-
-
-def test_empty_holes_are_removed():
-    (polygon,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
-    assert len(polygon.interiors) == 0
-    assert polygon.area == 8
 
 
 class TestManyCrossings:

@@ -399,10 +399,6 @@ class TestNotes:
         assert len(first) == 2
         assert later == [(), ()]
 
-    def test_models_and_cities(self, tmp_path):
-        (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
-        assert load(tmp_path / "a.obj").notes == ("each face in a plane, side by side",)
-
 
 def test_limit(tmp_path):
     path = write(tmp_path / "houses.gpkg")
@@ -436,35 +432,18 @@ def test_odd_paths(geojson, name):
     assert len(load(geojson(feature([SQUARE]), name=name)).polygons) == 1
 
 
-class TestErrors:
-    """Errors of one line that name the file."""
-
-    def refused(self, path) -> str:
-        with pytest.raises(SceneError) as caught:
+def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
+    (tmp_path / "empty.gpkg").write_bytes(b"")
+    for path, message in (
+        (tmp_path / "none.geojson", "not found"),
+        (tmp_path / "empty.gpkg", "is empty"),
+        (tmp_path, "is a folder"),
+        (geojson(feature([1, 2], "Point"), name="point.geojson"), "is a Point"),
+        (geojson(name="no.geojson"), "holds no polygon"),
+    ):
+        with pytest.raises(SceneError, match=message) as error:
             load(path)
-        message = str(caught.value)
-        assert "\n" not in message
-        assert Path(str(path)).name in message
-        return message
-
-    def test_missing(self, tmp_path):
-        assert "not found" in self.refused(tmp_path / "none.geojson")
-
-    def test_empty(self, tmp_path):
-        (tmp_path / "empty.gpkg").write_bytes(b"")
-        assert "is empty" in self.refused(tmp_path / "empty.gpkg")
-
-    def test_folder(self, tmp_path):
-        assert "is a folder" in self.refused(tmp_path)
-
-    def test_no_polygon(self, geojson):
-        assert "is a Point" in self.refused(geojson(feature([1, 2], "Point")))
-        assert "holds no polygon" in self.refused(geojson(name="no.geojson"))
-
-    def test_no_geometry(self, tmp_path):
-        (tmp_path / "table.csv").write_text("a,b\n1,2\n")
-        assert "no geometry" in self.refused(tmp_path / "table.csv")
-
-    def test_nul_in_path(self):
-        with pytest.raises(SceneError, match=r"cannot be opened: .*null"):
-            load("a\0b.geojson")
+        assert "\n" not in str(error.value)
+        assert Path(path).name in str(error.value)
+    with pytest.raises(SceneError, match=r"cannot be opened: .*null"):
+        load("a\0b.geojson")

@@ -55,9 +55,8 @@ def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
         raise StrangeError("first line\nsecond")
 
     # Each reader uses one of these for geometries.
-    for module, function in (("shapely", "from_wkb"), ("shapely", "from_wkt")):
-        monkeypatch.setattr(f"{module}.{function}", fail)
     for function in (
+        *("shapely.from_wkb", "shapely.from_wkt"),
         "scenes.readers.svg.fill_contours",
         "scenes.readers.cityjson._read_vertices",
         "scenes.readers.meshes.arrange_in_rows",

@@ -67,22 +67,11 @@ class Installed:
     def bare(*, seed: int, size: float = 1.0) -> list[shapely.Polygon]:
         return [shapely.box(0, 0, size, seed + 1)]
 
-    @staticmethod
-    def empty(*, seed: int) -> list[shapely.Polygon]:
-        return []
-
-    @staticmethod
-    def wrong(*, seed: int) -> int:
-        return seed
-
 
 @pytest.fixture
 def installed(monkeypatch):
-    points = [
-        EntryPoint(name, f"tests.scenes.test_registry:Installed.{name}", registry.GROUP)
-        for name in ("bare", "empty", "wrong")
-    ]
-    points.append(EntryPoint("broken", "no_such_module:f", registry.GROUP))
+    builders = {"bare": "tests.scenes.test_registry:Installed.bare", "broken": "no_such_module:f"}
+    points = [EntryPoint(name, value, registry.GROUP) for name, value in builders.items()]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
 
 
@@ -95,17 +84,9 @@ class TestEntryPoints:
         assert_valid_polygons(scene.polygons)
         assert scene.polygons[0].area == 6
 
-    @pytest.mark.parametrize(
-        ("name", "message"),
-        [
-            ("empty", "holds no polygon"),
-            ("wrong", "returned int"),
-            ("broken", "cannot be imported"),
-        ],
-    )
-    def test_failures_are_reported_in_one_line(self, name, message):
-        with pytest.raises(SceneError, match=message) as caught:
-            load(name)
+    def test_failed_import_is_reported_in_one_line(self):
+        with pytest.raises(SceneError, match="cannot be imported") as caught:
+            load("broken")
         assert "\n" not in str(caught.value)
 
 

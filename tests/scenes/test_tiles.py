@@ -231,7 +231,7 @@ def test_polygons_of_each_tile_stay_together():
 
 
 def test_only_requested_layers_and_tiles_are_read():
-    complete = load("helsinki-tiles:zoom=16,tiles=99")
+    complete = load(f"helsinki-tiles:zoom=16,tiles=99,limit={10**19}")
     assert complete.notes[0] == "24 of 24 tiles of zoom 16, 24 with polygons"
     assert set(complete.attributes["layer"]) == {"area", "building"}
     some = load("helsinki-tiles:zoom=16,tiles=5,layers=building")
@@ -275,14 +275,12 @@ def test_invalid_polygons_are_noted_and_repaired_only_on_integers(tmp_path):
     squares = [(50, 50), (60, 60), (50, 70), (40, 60), (50, 50), (60, 40), (40, 40)]  # touching
     polygons = [bow_tie, shapely.Polygon(squares), shapely.box(-5000, 0, 10, 10), COURT]
     scene = load(_raw(tmp_path / "bad.mvt", polygons) + ":pixels=512")
-    assert [which for which, _ in scene.dropped] == [
-        "bad.mvt land feature 0",
-        "bad.mvt land feature 2",
-    ]
+    names = [name for name, _ in scene.dropped]
+    assert names == ["bad.mvt land feature 0", "bad.mvt land feature 2"]
     crossing, far = (reason for _, reason in scene.dropped)
     assert crossing == "self-intersects at 12.4 12.0; dropped"
     assert far == "exceeds the tile by more than a tile's side"
-    assert [which for which, _ in scene.repaired] == ["bad.mvt land feature 1"]
+    assert [name for name, _ in scene.repaired] == ["bad.mvt land feature 1"]
     assert scene.attributes["layer"].to_list() == ["land"] * len(scene.polygons)
     points = shapely.get_coordinates(np.array(scene.polygons)) * 8
     assert (points == np.rint(points)).all()
@@ -303,7 +301,7 @@ def test_polygons_that_exceed_their_tile_are_dropped(tmp_path, move):
     box = shapely.box(*move, *np.add(move, 4096))
     near = shapely.box(*np.sign(move) * 4096, *np.add(np.sign(move) * 4096, 4096))
     scene = load(_raw(tmp_path / "far.mvt", [box, near]) + ":pixels=512")
-    assert [which for which, _ in scene.dropped] == ["far.mvt land feature 0"]
+    assert [name for name, _ in scene.dropped] == ["far.mvt land feature 0"]
     assert len(scene.polygons) == 1
 
 
@@ -392,7 +390,7 @@ def test_archives_have_the_same_content(compression, tmp_path):
 def test_tile_of_several_gzip_members_is_read_completely():
     pieces = gzip.compress(b"one, ") + gzip.compress(b"") + gzip.compress(b"two")
     assert decompress(pieces) == b"one, two"
-    for short in (pieces[:-1], pieces[:-9]):
+    for short in (pieces[:-1], pieces[:-9], zlib.compress(encoded([COURT]))[:-6]):
         with pytest.raises(ValueError, match="truncated compressed data"):
             decompress(short)
 
@@ -476,11 +474,6 @@ def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
     side = 2 * 20_037_508.342789244 / 8
     assert polygon.area == pytest.approx((side * 100 / 4096) ** 2)
     assert polygon.bounds[0] == pytest.approx(0)
-
-
-def test_truncated_zlib_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="truncated compressed data"):
-        decompress(zlib.compress(encoded([shapely.box(0, 0, 100, 100)]))[:-6])
 
 
 @pytest.mark.parametrize(
@@ -663,13 +656,6 @@ def test_archive_without_tile_options_is_read_as_a_map():
     assert heap.units == "m"
     with pytest.raises(UsageError, match="pixels= is the resolution of map tiles: leave --sizes"):
         frame_of(load("helsinki-tiles:tiles=1"), View(512))
-
-
-def test_large_limit():
-    complete = load("helsinki-tiles:zoom=16,tiles=2")
-    assert len(load(f"helsinki-tiles:zoom=16,tiles=2,limit={10**19}").polygons) == len(
-        complete.polygons
-    )
 
 
 def test_endless_view_is_refused(tmp_path, monkeypatch):
