@@ -103,7 +103,7 @@ def format_notes(
 
     counts : polygons by (kind, reason); notes : (kind, polygon, reason)
     """
-    from scenes.cleaning.notes import general_reason
+    from scenes.scene import general_reason
 
     named = defaultdict(list)
     for kind, which, why in notes:

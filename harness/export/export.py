@@ -26,11 +26,11 @@ from harness.export.writers import (
 from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
 from scenes import load
-from scenes.cleaning.notes import NoteCounter
 from scenes.cleaning.repair import Cleaned
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split_parameters
+from scenes.scene import NoteCounter
 from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse
 from triangulators.batch import Triangulations

@@ -29,8 +29,8 @@ from harness.scaling.sums import (
     read_done,
 )
 from harness.triangulating.isolated import triangulate_many
-from scenes.cleaning.notes import NoteCounter
 from scenes.files import Chunk, read_chunks
+from scenes.scene import NoteCounter
 from scenes.slices import Slices, Tile, TileSelection, cut_file, cut_tiles, read_tiles
 from scenes.tiles.read import note_rounding
 from triangulators.polygon_arrays import PolygonArray

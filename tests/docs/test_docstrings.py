@@ -16,10 +16,10 @@ WITH_EXAMPLES = [
     *(
         "scenes.cleaning.fill",
         "scenes.cleaning.layout",
-        "scenes.cleaning.notes",
         "scenes.cleaning.repair",
         "scenes.cleaning.projection",
         "scenes.registry",
+        "scenes.scene",
         "scenes.spec",
     ),
     "triangulators",
