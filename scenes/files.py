@@ -103,7 +103,7 @@ def read(
         if limit is not None and len(polygons) >= limit:
             break
     if not polygons:
-        raise SceneError(_explain_no_polygon(path, dropped, layer, where))
+        raise SceneError(_explain_empty(path, dropped, layer, where))
     parameters = {"layer": layer, "where": where, "limit": limit, "project": project}
     scene = Scene(
         name=Path(path).stem,
@@ -156,10 +156,8 @@ def read_chunks(
                 # GDAL assigns EPSG:4326 to every GeoJSON without `crs`. Coordinates are planar if
                 # many features are off the globe; a few are errors.
                 count = len(np.unique(owner))
-                has_few_off = (
-                    is_off.sum() <= max(1, MAX_OFF_GLOBE_SHARE * count) and is_off.sum() < count
-                )
-                globe = geometries[~is_off] if has_few_off else None
+                limit = min(max(1, MAX_OFF_GLOBE_SHARE * count), count - 1)
+                globe = geometries[~is_off] if is_off.sum() <= limit else None
                 units, crs, projection, more_notes = _choose_map(path, raw, globe, project)
                 notes += more_notes
         new_notes = tuple(note for note in notes if note not in reported)
@@ -186,9 +184,7 @@ def _read_raws(source: Source, size: int) -> Iterator[Raw]:
             yield raw.rows(match_rows(raw.attributes, source.where, str(source.path)))
 
 
-def _explain_no_polygon(
-    path: str, dropped: list[Note], layer: str | None, where: str | None
-) -> str:
+def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
     """Return the error message for no polygons."""
     if dropped:
         which, reason = dropped[0]
@@ -255,22 +251,22 @@ def _choose_map(
         note = f"longitude and latitude ({name}) projected to metres, {projection}"
         return "m", crs, projection, [note]
     is_planar = datum is not None and datum.is_geographic and not geographic
-    crs = None if is_planar else raw.crs
-    unit = find_unit(crs) or raw.units if raw.units == "units" else raw.units
+    file_crs = None if is_planar else raw.crs
+    unit = find_unit(file_crs) or raw.units if raw.units == "units" else raw.units
     if datum is not None:
         note = f"coordinates in {datum.name}, {unit}"
         if is_planar:
             note = f"coordinates are not degrees as in {datum.name}; used unchanged"
-        return unit, crs, None, [note]
+        return unit, file_crs, None, [note]
     if raw.crs is not None:
         name = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
         note = f"the reference system {name} is unknown; coordinates used unchanged"
-        return unit, crs, None, [note]
+        return unit, file_crs, None, [note]
     can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
     note = "no reference system; coordinates used unchanged"
     if globe is not None and len(globe):
         note += "; if they are longitude and latitude, add project=true"
-    return unit, crs, None, [note] * can_have_one
+    return unit, file_crs, None, [note] * can_have_one
 
 
 def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
@@ -294,10 +290,7 @@ def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray
     with closing(sqlite3.connect(":memory:")) as database:
         try:
             database.execute(f"CREATE TABLE features ({columns})")
-            rows = (
-                tuple(map(_convert_to_sqlite, row))
-                for row in table.itertuples(index=False, name=None)
-            )
+            rows = (tuple(map(_to_sqlite, row)) for row in table.itertuples(index=False, name=None))
             database.executemany(f"INSERT INTO features VALUES ({marks})", rows)
             query = f"SELECT rowid - 1 FROM features WHERE ({condition}) ORDER BY rowid"
             numbers = database.execute(query).fetchall()
@@ -330,7 +323,7 @@ def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, 
     return columns.assign(**fields), rewritten
 
 
-def _convert_to_sqlite(value: Any) -> Any:
+def _to_sqlite(value: Any) -> Any:
     """Return a value that SQLite can store."""
     import pandas as pd
 

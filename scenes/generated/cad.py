@@ -32,13 +32,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
             "give 1 to 100000 parts and 8 to 1000 segments"
         )
     rng = np.random.default_rng([seed, 0xCAD])
-    kinds: list[Part] = [
-        _build_plate,
-        _build_flange,
-        _build_bracket,
-        _build_gear,
-        _build_name_plate,
-    ]
+    kinds: list[Part] = [_build_plate, _build_flange, _build_bracket, _build_gear, _build_sign]
     outlines = [kinds[i % len(kinds)](rng, segments) for i in range(parts)]
     rounded = shapely.transform(np.array(outlines), lambda xy: np.round(xy, 4) + 0.0)
     cleaned = clean(rounded, [f"part {i}" for i in range(parts)])
@@ -105,9 +99,8 @@ def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a plate with rounded corners, a bolt hole in each, and a row of slots."""
     w, h = rng.uniform(80, 160), rng.uniform(60, 110)
     inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
-    holes = [
-        _build_circle(x, y, bolt, segments) for x in (inset, w - inset) for y in (inset, h - inset)
-    ]
+    centres = [(x, y) for x in (inset, w - inset) for y in (inset, h - inset)]
+    holes = [_build_circle(x, y, bolt, segments) for x, y in centres]
     rows = int(rng.integers(1, 1 + int((h - 4 * inset) / 12)) if h > 4 * inset + 12 else 1)
     length = w - 4 * inset - 2
     for k in range(rows):
@@ -175,7 +168,7 @@ def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
     return _cut_holes(ring, [shapely.Polygon(keyway), *light])
 
 
-def _build_name_plate(rng: Generator, segments: int) -> shapely.Geometry:
+def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a plate with a part number cut out."""
     face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
     letters, x = [], 0.0

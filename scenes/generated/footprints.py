@@ -9,7 +9,7 @@ from math import cos, hypot, pi, sin
 
 Ring = list[tuple[float, float]]
 
-MIN_WING_M = 5.0
+WING_M = 5.0
 """Minimum width of a wing, in metres; bays cut at most a quarter from either side."""
 
 
@@ -21,11 +21,11 @@ def build_footprint(
     `u` are at least 8 numbers in [0, 1) that determine the form. A small building gets a simpler
     form.
     """
-    if courtyards and min(width, depth) >= 3 * MIN_WING_M:
+    if courtyards and min(width, depth) >= 3 * WING_M:
         rings = _build_courtyards(width, depth, courtyards, u)
     elif 12 <= vertices <= 40 and u[0] < 0.035:
         return [_build_ellipse(width, depth, vertices)]
-    elif vertices >= 9 and u[0] < 0.08 and depth > width / 2 + MIN_WING_M:
+    elif vertices >= 9 and u[0] < 0.08 and depth > width / 2 + WING_M:
         return [_build_apse(width, depth, vertices)]
     else:
         rings = [_build_wings(width, depth, vertices, u)]
@@ -43,9 +43,9 @@ def build_footprint(
 
 def _build_wings(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
     """Return a rectangle, or a front building with a wing (L), a middle wing (T), two or three."""
-    front = max(MIN_WING_M, d * (0.4 + 0.25 * u[1]))
-    wing = max(MIN_WING_M, w * (0.28 + 0.15 * u[2]))
-    if vertices < 6 or d - front < 2.0 or w < 2 * MIN_WING_M:
+    front = max(WING_M, d * (0.4 + 0.25 * u[1]))
+    wing = max(WING_M, w * (0.28 + 0.15 * u[2]))
+    if vertices < 6 or d - front < 2.0 or w < 2 * WING_M:
         return [(0, 0), (w, 0), (w, d), (0, d)]
     if vertices < 8 or u[3] < 0.3 or w < 2 * wing + 3.0:
         if u[4] < 0.5:
@@ -56,24 +56,17 @@ def _build_wings(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
         tail = [(x + wing, front), (x + wing, d), (x, d), (x, front)]
         return [(0, 0), (w, 0), (w, front), *tail, (0, front)]
     low = max(front + 1.0, d * (0.7 + 0.3 * u[4]))
-    if vertices >= 12 and u[3] > 0.85 and w > 3 * MIN_WING_M + 8.0:
-        a, b = (w - MIN_WING_M) / 2, (w + MIN_WING_M) / 2
-        middle = [
-            (w - MIN_WING_M, front),
-            (b, front),
-            (b, low),
-            (a, low),
-            (a, front),
-            (MIN_WING_M, front),
-        ]
-        return [(0, 0), (w, 0), (w, d), (w - MIN_WING_M, d), *middle, (MIN_WING_M, d), (0, d)]
+    if vertices >= 12 and u[3] > 0.85 and w > 3 * WING_M + 8.0:
+        a, b = (w - WING_M) / 2, (w + WING_M) / 2
+        middle = [(w - WING_M, front), (b, front), (b, low), (a, low), (a, front), (WING_M, front)]
+        return [(0, 0), (w, 0), (w, d), (w - WING_M, d), *middle, (WING_M, d), (0, d)]
     yard = [(w - wing, front), (wing, front), (wing, low), (0, low)]
     return [(0, 0), (w, 0), (w, d), (w - wing, d), *yard]
 
 
 def _build_courtyards(w: float, d: float, courtyards: int, u: Sequence[float]) -> list[Ring]:
     """Return a rectangle around rectangular yards, side by side."""
-    wall = max(MIN_WING_M, min(w, d) * (0.22 + 0.1 * u[1]))
+    wall = max(WING_M, min(w, d) * (0.22 + 0.1 * u[1]))
     count = max(1, min(courtyards, int((w - wall) / (2 * wall))))
     pitch = (w - wall) / count
     rings: list[Ring] = [[(0, 0), (w, 0), (w, d), (0, d)]]
@@ -139,7 +132,7 @@ class _Wall:
         self.length = hypot(end[0] - self.x, end[1] - self.y)
         self.dx, self.dy = (end[0] - self.x) / self.length, (end[1] - self.y) / self.length
 
-    def locate(self, along: float, into: float) -> tuple[float, float]:
+    def point(self, along: float, into: float) -> tuple[float, float]:
         """Return the point `along` metres from the start and `into` metres into the building."""
         return (
             self.x + along * self.dx - into * self.dy,
@@ -148,7 +141,7 @@ class _Wall:
 
 
 def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
-    start, end = before.locate(before.length - cut, 0.0), after.locate(cut, 0.0)
+    start, end = before.point(before.length - cut, 0.0), after.point(cut, 0.0)
     if vertices == 0:
         return [(after.x, after.y)]
     if vertices == 1:
@@ -159,16 +152,11 @@ def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Rin
 
 
 def _build_bays(wall: _Wall, count: int, margin: float, inset: float) -> Ring:
-    result: Ring = []
+    bays: Ring = []
     if count < 1:
-        return result
+        return bays
     slot = (wall.length - 2 * margin) / count
     for k in range(count):
         a, b = margin + (k + 0.25) * slot, margin + (k + 0.75) * slot
-        result += [
-            wall.locate(a, 0.0),
-            wall.locate(a, inset),
-            wall.locate(b, inset),
-            wall.locate(b, 0.0),
-        ]
-    return result
+        bays += [wall.point(a, 0.0), wall.point(a, inset), wall.point(b, inset), wall.point(b, 0.0)]
+    return bays

@@ -29,7 +29,7 @@ from scenes.scene import Note, SceneError
 
 _NAMESPACE = "http://www.w3.org/2000/svg"
 _CONTAINERS = ("svg", "g", "a", "switch")
-_UNSUPPORTED = {
+_OMITTED = {
     "use": "is a reference to another element, which is unsupported: convert it to paths",
     "text": "is text, which is unsupported: convert it to paths",
     "flowRoot": "is text, which is unsupported: convert it to paths",
@@ -49,15 +49,7 @@ _INHERITED = {
     "color": "black",
     "visibility": "visible",
 }
-_NOT_INHERITED = (
-    "display",
-    "opacity",
-    "clip-path",
-    "mask",
-    "overflow",
-    "transform",
-    "transform-origin",
-)
+_LOCAL = ("display", "opacity", "clip-path", "mask", "overflow", "transform", "transform-origin")
 """Properties that are not inherited."""
 
 
@@ -117,9 +109,7 @@ class _Drawing:
                         children = [child for child in children if self._is_drawn(child)][:1]
                     stack += [(child, state) for child in reversed(children)]
                 elif (
-                    reason := _UNSUPPORTED.get(kind)
-                    or state.hidden
-                    or _explain_no_fill(state, self._by_id)
+                    reason := _OMITTED.get(kind) or state.hidden or _check_fill(state, self._by_id)
                 ):
                     self.dropped.append((label, reason))
                 elif (area := self._compute_area(element, state, style, "fill-rule")) is None:
@@ -137,16 +127,16 @@ class _Drawing:
         """Whether an element is a drawn element of SVG, and its conditions are met."""
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
-        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_UNSUPPORTED)
+        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
         return is_svg and is_known and _meets_conditions(element)
 
     def _enter(self, element: ElementTree.Element, parent: _State) -> tuple[_State, dict[str, str]]:
         """Return the state in an element, and the CSS properties of its attribute `style`."""
         items = (item.partition(":") for item in element.get("style", "").split(";"))
         style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
-        names = (*_INHERITED, *_NOT_INHERITED)
+        names = (*_INHERITED, *_LOCAL)
         values = {name: style.get(name) or element.get(name) or "inherit" for name in names}
-        local = {name: values.pop(name) for name in _NOT_INHERITED}
+        local = {name: values.pop(name) for name in _LOCAL}
         inherited = {name: value for name, value in values.items() if value != "inherit"}
         state = replace(parent, properties=parent.properties | inherited)
         if local["display"] == "none":
@@ -266,7 +256,7 @@ def _meets_conditions(element: ElementTree.Element) -> bool:
     return is_english and not element.get("requiredExtensions")
 
 
-def _explain_no_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
+def _check_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
     """Return why a shape of this state is not filled, or ""."""
     properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):

@@ -211,7 +211,7 @@ def read(
             dropped.append((f"tile {name}", content.damage))
     if not polygons:
         layer_names = dict.fromkeys(name for _, tile in tiles_read for name in tile.layer_names)
-        raise SceneError(_explain_no_polygon(path, dropped, layer_names, layers, tiles))
+        raise SceneError(_explain_empty(path, dropped, layer_names, layers, tiles))
     sizes = Counter(tile_of_polygon)
     zoom_text = "" if zoom is None else f" of zoom {zoom}"
     total = sum(run.repeats for run in runs)
@@ -280,7 +280,7 @@ def _choose_tiles(
     return [archive.get_name(last + middle) for last, middle in zip(offsets, middles, strict=True)]
 
 
-def _explain_no_polygon(
+def _explain_empty(
     path: str, dropped: list[Note], layer_names: Collection[str], layers: str | None, tiles: str
 ) -> str:
     """Return the error message for no polygons."""
