@@ -163,12 +163,12 @@ def _timed(
             elif pair is not None:
                 judged[number] = pair
     drifts = []
-    for where, pairs in groups.items():
-        changes, drift = times.judge_group(
-            where, list(pairs.values()), settings, machines_differ=machines_differ
+    for group, pairs in groups.items():
+        changes, drift = times.compare_group(
+            group, list(pairs.values()), settings, machines_differ=machines_differ
         )
         judged |= dict(zip(pairs, changes, strict=True))
-        drifts.append(drift)
+        drifts += [] if drift is None else [drift]
     corrected = dict(zip(judged, times.correct(list(judged.values()), settings), strict=True))
     return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
 

@@ -18,7 +18,8 @@ Exact = Literal["equal", "better", "worse", "changed"]
 Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """What a time did; `inconclusive` is too noisy to say, and never means good."""
 
-Against = Literal["rounds", "peers", "reference", "none"]
+Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
+"""How a time was freed of the machine's drift; `same-triangles`: both versions are one drawing."""
 
 Status = Literal[
     "compared",

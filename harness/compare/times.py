@@ -1,22 +1,22 @@
-"""Says what times did between two runs, without blaming a triangulator for the machine.
+"""Classify the change of times between two runs, without blaming a triangulator for the machine.
 
 Between two runs the machine drifts: all cases of a run become a few per cent faster or slower
 together, and other programs lengthen some samples but shorten none. Three things follow.
 
 - A time is summarised by a low quantile of its samples, which other programs hardly move.
-- What all cases of a group did together (the median of their ratios) is the drift. A case is
-  judged by what it did beyond that of its peers, and their scatter about the drift says how far
-  two runs of the same code lie apart: the interval is widened by it.
-- The drift itself is told and never gated: it is the machine's as often as the code's.
+- The drift is the median log ratio of a group's cases. A case is compared with its peers: the other
+  cases of its group that drew the same polygons. Their scatter says how far two runs of equal code
+  lie apart, because each process lays out memory differently; the interval includes this scatter.
+- The drift itself is reported and never gated: it is the machine's as often as the code's.
 
-None of it is needed where both were timed in the same rounds. Whatever the machine did in a round,
-it did to both, so each round's ratio tells the code alone, and what all cases did together is a
-finding like any other.
+None of this is needed if both versions were timed in the same rounds. A round's disturbance affects
+both, so each round's ratio depends on the code alone, and the common change of all cases is gated
+like the change of one case.
 
-docs/how-to/ci.md has the measurements behind this. Of runs made apart the test is Mann & Whitney's
-(1947), with a percentile bootstrap of the ratio; of the same rounds it is a sign test, with
-Student's interval. Both are corrected for many cases by Benjamini & Hochberg (1995); `unchanged` is
-shown, as in an equivalence test, by an interval inside the threshold.
+docs/how-to/ci.md has the rules. Separate runs are tested by Mann & Whitney (1947) and by the
+interval; versions of the same rounds by a sign test, with Student's interval. Both are corrected
+for many cases by Benjamini & Hochberg (1995). As in an equivalence test, a time is `unchanged` only
+if its interval lies inside the threshold.
 """
 
 import math
@@ -34,15 +34,15 @@ from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
 from harness.results.record import CaseGroup, Record, Time
 from harness.stats import run_quality
 from harness.stats.intervals import paired_ratio
-from harness.stats.run_quality import ENOUGH, select_rounds
+from harness.stats.run_quality import MIN_QUIET_ROUNDS, select_rounds
 
 QUANTILE = 0.1
-"""Of the samples: low enough to be clear of other programs, not as fickle as the fastest one."""
+"""Quantile of the samples: low enough to exclude other programs, steadier than the minimum."""
 
 RESAMPLES = 2000
 
-Q_VALUE = 1e-3
-"""An alarm by rounds needs this much evidence: one in a thousand such findings may be chance."""
+MAX_ROUNDS_Q = 1e-3
+"""Maximum q-value of an alarm from common rounds: 1 in 1,000 alarms may be chance."""
 
 Samples = NDArray[np.float64]
 
@@ -50,42 +50,48 @@ Parts = tuple[Sequence[int] | None, Sequence[int] | None]
 """Rounds of each epoch, and of each process."""
 
 MIN_ROUNDS = 8
-"""Fewer samples than this in either run say nothing."""
+"""Minimum number of samples in either run."""
 
-MIN_STEADY = 2
-"""Peers that drew the same in both runs, by their counters; where there are fewer, all serve."""
+MIN_STEADY_PEERS = 2
+"""Minimum number of peers of equal counters; with fewer, all peers are used."""
 
 MIN_PEERS = 3
-"""With fewer peers their median is no drift; the reference draw stands in for them."""
+"""Minimum number of peers of unequal counters; with fewer, the reference draw is used."""
 
-BETWEEN_RUNS = 0.0075
-"""Least standard deviation of a case's log ratio between two runs of the same code."""
+MIN_CASE_SD = 0.0075
+"""Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
-DRIFT_RUNS = 0.015
-"""The same for the drift, after the reference draw is taken out."""
+OUTLIER_CONFIDENCE = 0.99
+"""Confidence of the interval outside which one peer is excluded."""
+
+DRIFT_SD = 0.015
+"""Standard deviation of the drift's log ratio relative to the reference draw's."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The times of one case: seconds of one draw in each round of BASE and of HEAD, (r,) each.
+    """Times of one case in both runs: seconds of one draw in each round, (r,) each.
 
-    reference : the same for the reference draw of the same rounds, None where a run has none
-    same_work : the counters of both runs are equal, so the same was drawn
-    same_rounds : both were timed in the same rounds
-    parts : rounds of each of their epochs, and of each process, where there were any
-    kept : (r,) of the same rounds, those that a ratio rests on; None: all
-    unlike : why the machine's states in the two runs, made apart, cannot be compared; "" if they
-        can
+    reference : times of the reference draw in the same rounds, or None if a run has none
+    same_work : True if all counters are equal in both runs
+    polygons : number of polygons drawn, equal in both runs; 0 if unknown
+    same_rounds : True if both versions were timed in the same rounds
+    same_drawing : True if both versions have the same triangles, which were timed once
+    parts : rounds of each common epoch and process
+    quiet : (r,) common rounds that the ratio uses, or None for all
+    obstacle : why the states of the machine in two separate runs forbid a comparison, or ""
     """
 
     base: Samples
     head: Samples
     reference: tuple[Samples, Samples] | None
     same_work: bool
+    polygons: int = 0
     same_rounds: bool = False
+    same_drawing: bool = False
     parts: Parts = (None, None)
-    kept: NDArray[np.bool_] | None = None
-    unlike: str = ""
+    quiet: NDArray[np.bool_] | None = None
+    obstacle: str = ""
 
     @cached_property
     def log_ratio(self) -> float:
@@ -93,201 +99,282 @@ class Pair:
         return log_ratio(self.base, self.head)
 
 
+@dataclass(frozen=True)
+class MachineShift:
+    """The machine's share of a case's log ratio.
+
+    low, high : bounds of the share
+    sd : standard deviation of the case's log ratio about it
+    degrees : degrees of freedom of `sd`; inf if it is a constant
+    against : source of the estimate
+    """
+
+    low: float
+    high: float
+    sd: float
+    degrees: float
+    against: Against
+
+
 def read_pair(
     base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
 ) -> Pair | TimeChange | None:
-    """Return the times of a case, why they cannot be compared, or None if neither run has any."""
+    """Return a case's times, or why they cannot be compared, or None if neither run has any."""
     if base.time is None and head.time is None:
         return None
     before, after = base.time or Time(), head.time or Time()
-    first, second = (positive(time.samples_s) for time in (before, after))
+    first, second = (select_positive(time.samples_s) for time in (before, after))
     reason = ""
     if not len(first) or not len(second):
         reason = f"{'HEAD' if len(first) else 'BASE'} was not timed"
     elif before.timer != after.timer:
         reason = f"timed by {before.timer} clock in BASE, by {after.timer} in HEAD"
     elif min(len(first), len(second)) < MIN_ROUNDS:
-        reason = f"{len(first)} and {len(second)} samples are too few"
+        reason = f"too few samples ({len(first)} and {len(second)}, minimum {MIN_ROUNDS})"
     if reason:
-        return _undecided(first, second, reason)
-    references = (positive(before.reference_s), positive(after.reference_s))
+        return _inconclusive(first, second, reason)
+    pair = Pair(first, second, None, same_work, polygons=head.polygons)
+    references = (select_positive(before.reference_s), select_positive(after.reference_s))
     if not all(map(len, references)):
-        return Pair(first, second, None, same_work)
-    # A sample that was left out would move those after it to other rounds.
+        return pair
+    # A missing sample would shift the following samples to other rounds.
     complete = len(first) == len(before.samples_s) and len(second) == len(after.samples_s)
-    same_rounds = complete and before.is_paired_with(after)
-    parts: Parts = (after.epochs or None, after.processes or None) if same_rounds else (None, None)
-    kept = select_rounds(before, after) if same_rounds else None
-    unlike = ""
-    if not same_rounds:
-        unlike = run_quality.explain_apart(before, after, machines_differ=machines_differ)
-    return Pair(first, second, references, same_work, same_rounds, parts, kept, unlike)
+    if complete and before.is_paired_with(after):
+        return replace(
+            pair,
+            reference=references,
+            same_rounds=True,
+            same_drawing=before.samples_s == after.samples_s,
+            parts=(after.epochs or None, after.processes or None),
+            quiet=select_rounds(before, after),
+        )
+    obstacle = run_quality.explain_apart(before, after, machines_differ=machines_differ)
+    return replace(pair, reference=references, obstacle=obstacle)
 
 
-def judge_group(
+def compare_group(
     group: CaseGroup, pairs: Sequence[Pair], settings: Settings, *, machines_differ: bool
-) -> tuple[list[TimeChange], Drift]:
-    """Judge cases that were timed together in both runs, and what they did together.
+) -> tuple[list[TimeChange], Drift | None]:
+    """Return the changes of a group's cases and the group's drift.
 
-    q-values are still to be corrected, for which the cases of all groups are needed.
+    q-values are not yet corrected for the number of cases of all groups. In common rounds the drift
+    is that of the drawings that differ, or None if fewer than two do.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
-            judge_rounds(pair.base, pair.head, settings, pair.parts, pair.kept) for pair in pairs
+            _same_drawing(pair)
+            if pair.same_drawing
+            else compare_rounds(pair.base, pair.head, settings, pair.parts, pair.quiet)
+            for pair in pairs
         ]
-        together = [(pair.base, pair.head) for pair in pairs]
-        every = [pair.kept for pair in pairs if pair.kept is not None]
-        kept = np.all(every, axis=0) if every else None
-        if kept is not None and kept.sum() < ENOUGH:
-            kept = None
-        return changes, drift_of_rounds(group, together, settings, pairs[0].parts, kept)
-    known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
+        timed = [pair for pair in pairs if not pair.same_drawing]
+        if len(timed) < 2:
+            return changes, None
+        masks = [pair.quiet for pair in timed if pair.quiet is not None]
+        quiet = np.all(masks, axis=0) if masks else None
+        if quiet is not None and quiet.sum() < MIN_QUIET_ROUNDS:
+            quiet = None
+        samples = [(pair.base, pair.head) for pair in timed]
+        return changes, drift_of_rounds(group, samples, settings, timed[0].parts, quiet)
+    errors = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
     changes = []
     for number, pair in enumerate(pairs):
-        part = None if pair.unlike else _machines_part(pairs, number, settings, machines_differ)
-        if part is None:
-            reason = pair.unlike or "the machines differ: no reference draw"
-            changes.append(_undecided(pair.base, pair.head, reason))
-        else:
-            changes.append(_judge(pair, known[number], *part, settings))
-    return changes, _drift(group, pairs, known, settings, machines_differ)
+        peers = [*pairs[:number], *pairs[number + 1 :]]
+        shift = pair.obstacle or _estimate_shift(pair, peers, settings, machines_differ)
+        changes.append(
+            _inconclusive(pair.base, pair.head, shift)
+            if isinstance(shift, str)
+            else _compare_with_shift(pair, errors[number], shift, settings)
+        )
+    return changes, _drift_of_runs(group, pairs, errors, settings, machines_differ)
 
 
-def _machines_part(
-    pairs: Sequence[Pair], number: int, settings: Settings, machines_differ: bool
-) -> tuple[tuple[float, float], float, Against] | None:
-    """Return between which log ratios the machine's part in one of the pairs lies.
+def _estimate_shift(
+    pair: Pair, others: Sequence[Pair], settings: Settings, machines_differ: bool
+) -> MachineShift | str:
+    """Return the machine's share of a pair's log ratio, or why it cannot be estimated.
 
-    Then its standard deviation, and what tells it; None where nothing does. It is the median of the
-    peers' log ratios. Without peers it lies between none and the reference draw's; of other
-    machines only the latter will do.
+    It is estimated by peers. Without enough of them it lies between 0 and the reference draw's log
+    ratio; on different machines it is the reference draw's. A case that drew other polygons than
+    the rest of its group (`fan` draws 229 of 500) has neither: 49 of 49 wrong verdicts between
+    separate runs of equal code were of such cases.
     """
-    pair, others = pairs[number], [*pairs[:number], *pairs[number + 1 :]]
-    steady = [each for each in others if each.same_work]
-    enough = len(steady) >= MIN_STEADY
-    peers = np.array([each.log_ratio for each in (steady if enough else others)])
-    if settings.normalise == "auto" and (enough or len(peers) >= MIN_PEERS):
-        scatter = max(BETWEEN_RUNS, float(stats.median_abs_deviation(peers, scale="normal")))
-        # The variance of a median of k normal values is pi/2 of their mean's.
-        deviation = scatter * math.sqrt(1 + math.pi / (2 * len(peers)))
-        return (float(np.median(peers)),) * 2, deviation, "peers"
+    if settings.normalise == "auto":
+        peers = [other for other in others if other.polygons == pair.polygons]
+        steady = [peer for peer in peers if peer.same_work]
+        enough = len(steady) >= MIN_STEADY_PEERS
+        if enough or len(peers) >= MIN_PEERS:
+            logs = np.array([peer.log_ratio for peer in (steady if enough else peers)])
+            return shift_of_peers(logs, settings.confidence)
+        if len(peers) < len(others):
+            return f"too few cases drew the same {pair.polygons:,} polygons; use run --beside"
     if pair.reference is None or settings.normalise == "none":
-        return None if machines_differ else ((0.0, 0.0), DRIFT_RUNS, "none")
+        if machines_differ:
+            return "the machines differ, and there is no reference draw"
+        return MachineShift(0.0, 0.0, DRIFT_SD, math.inf, "none")
     reference = log_ratio(*pair.reference)
-    return (reference if machines_differ else 0.0, reference), DRIFT_RUNS, "reference"
+    low, high = sorted((reference if machines_differ else 0.0, reference))
+    return MachineShift(low, high, DRIFT_SD, math.inf, "reference")
+
+
+def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+    """Return the machine's share of a case's log ratio, estimated by its k peers' (k,) log ratios.
+
+    With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
+    deviation sigma. The variance of a median of k normal values is about pi / 2k of theirs, so the
+    case x lies about the peers' median m with variance sigma^2 (1 + pi / 2k). With the sample
+    deviation s in place of sigma, (x - m) / (s sqrt(1 + pi / 2k)) follows Student's distribution
+    with k - 1 degrees of freedom: the interval covers 95.2 to 95.6 % for 2 to 8 peers. Taking s as
+    known (1.96) gave a false regression in 17 % of comparisons of six cases whose times differ by
+    2 % between processes.
+
+    sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
+    the normal quantile times `MIN_CASE_SD` is wide enough; if not, Student's times s is: the larger
+    of both covers the case in either situation. One peer whose own code changed would widen the
+    interval of all others: it is excluded if the other peers' 99 % interval excludes it.
+    """
+    if len(logs) > MIN_PEERS:
+        others = [_shift_of(np.delete(logs, peer), confidence) for peer in range(len(logs))]
+        changed = [
+            abs(log - other.low) > _quantile(OUTLIER_CONFIDENCE, other.degrees) * other.sd
+            for log, other in zip(logs, others, strict=True)
+        ]
+        if sum(changed) == 1:
+            return others[changed.index(True)]
+    return _shift_of(logs, confidence)
+
+
+def _shift_of(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+    """Return the median of (k,) peers' log ratios and the deviation of a case about it."""
+    count = len(logs)
+    sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
+    if _quantile(confidence, degrees) * sd <= _quantile(confidence) * MIN_CASE_SD:
+        sd, degrees = MIN_CASE_SD, math.inf
+    middle = float(np.median(logs))
+    sd *= math.sqrt(1 + math.pi / (2 * count))
+    return MachineShift(middle, middle, sd, degrees, "peers")
 
 
 def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
-    """Correct for the number of cases: a difference must stand out among all of them."""
+    """Correct q-values for the number of cases; without evidence a change is inconclusive."""
     p_values = [change.q_value for change in changes if change.q_value is not None]
     if not p_values:
         return list(changes)
-    corrected = iter(stats.false_discovery_control(p_values, method="bh").tolist())
-    settled = []
+    q_values = iter(stats.false_discovery_control(p_values, method="bh").tolist())
+    corrected = []
     for change in changes:
         if change.q_value is not None:
-            change = replace(change, q_value=(q_value := next(corrected)))
-            allowed = Q_VALUE if change.against == "rounds" else 1 - settings.confidence
-            if change.outcome in ("regressed", "improved") and q_value > allowed:
-                reason = f"may be chance among so many cases (q = {q_value:.2g})"
+            change = replace(change, q_value=(q_value := next(q_values)))
+            limit = MAX_ROUNDS_Q if change.against == "rounds" else 1 - settings.confidence
+            if change.outcome in ("regressed", "improved") and q_value > limit:
+                reason = f"not significant among so many cases (q = {q_value:.2g})"
                 change = replace(change, outcome="inconclusive", reason=reason)
-        settled.append(change)
-    return settled
+        corrected.append(change)
+    return corrected
 
 
-def _judge(
-    pair: Pair,
-    known: Samples,
-    drifts: tuple[float, float],
-    deviation: float,
-    against: Against,
-    settings: Settings,
+def _compare_with_shift(
+    pair: Pair, error: Samples, shift: MachineShift, settings: Settings
 ) -> TimeChange:
-    """Judge a case whose log ratio is known to `known`, (2,) below and above.
+    """Compare a case of separate runs.
 
-    Its drift lies between `drifts`, with standard deviation `deviation`.
+    error : (2,) reach of the log ratio's interval below and above, by its samples alone
     """
     raw = pair.log_ratio
-    margin = _normal(settings.confidence) * deviation
-    least, most = raw - max(drifts), raw - min(drifts)
-    middle = raw - sum(drifts) / 2
-    low = least - math.hypot(known[0], margin)
-    high = most + math.hypot(known[1], margin)
+    margin = _quantile(settings.confidence, shift.degrees) * shift.sd
+    least, most = raw - shift.high, raw - shift.low
+    middle = (least + most) / 2
+    low = least - math.hypot(error[0], margin)
+    high = most + math.hypot(error[1], margin)
     threshold = settings.time_threshold_of(paired=False)
-    outcome, reason = decide(least, most, low, high, threshold)
+    outcome, reason = classify(least, most, low, high, threshold)
     faster = _faster_half(pair.base), _faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
-    # A difference needs both the test and the interval, so the weaker of the two is corrected.
-    q_value = max(p_value, _p_of_interval(least, most, low, high, settings.confidence))
-    ends = (math.exp(middle), math.exp(low), math.exp(high), math.exp(raw))
-    medians = in_short(pair.base, pair.head)
+    # A change needs both the test and the interval, so the weaker of the two is corrected.
+    interval_p = _p_of_interval(least, most, low, high, settings.confidence, shift.degrees)
     return TimeChange(
-        outcome, reason, *ends, against, threshold, p_value=p_value, q_value=q_value, **medians
+        outcome,
+        reason,
+        *(math.exp(middle), math.exp(low), math.exp(high), math.exp(raw)),
+        shift.against,
+        threshold,
+        p_value=p_value,
+        q_value=max(p_value, interval_p),
+        **summarise(pair.base, pair.head),
     )
 
 
 def _faster_half(samples: Samples) -> Samples:
-    """Return the samples up to their median: the slower half tells of other programs."""
+    """Return the samples up to their median: the slower half contains other programs."""
     return np.sort(samples)[: (len(samples) + 1) // 2]
 
 
-def _drift(
+def _drift_of_runs(
     group: CaseGroup,
     pairs: Sequence[Pair],
-    known: Samples,
+    errors: Samples,
     settings: Settings,
     machines_differ: bool,
 ) -> Drift:
-    """Say what the median of a group's log ratios did beside that of the reference draw.
+    """Compare the median log ratio of a group in separate runs with the reference draw's.
 
-    It is never gated: runs made at different times cannot tell slower code from a slower machine,
-    which slows the reference draw, one large triangle, in another measure than a thousand small
-    ones. What is the machine's lies at least between nothing and the reference draw's ratio.
+    It is never gated: separate runs cannot distinguish slower code from a slower machine, which
+    slows the reference draw, one large triangle, by another factor than a thousand small ones. The
+    machine's share lies at least between 0 and the reference draw's log ratio.
     """
     shift = float(np.median([pair.log_ratio for pair in pairs]))
     references = [pair.reference for pair in pairs if pair.reference is not None]
-    reference, own = None, 0.0
+    reference, reference_error = None, 0.0
     if references:
         reference = log_ratio(*references[0])
-        own = float(margins(*references[0], settings.confidence).max())
-    # The variance of a median of k normal values is pi/2 of their mean's.
-    sampling = float(np.median(known)) * math.sqrt(math.pi / (2 * len(pairs)))
-    margin = math.hypot(_normal(settings.confidence) * DRIFT_RUNS, sampling, own)
+        reference_error = float(margins(*references[0], settings.confidence).max())
+    # The variance of a median of k normal values is pi / 2k of theirs.
+    sampling = float(np.median(errors)) * math.sqrt(math.pi / (2 * len(pairs)))
+    margin = math.hypot(_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error)
     explained = (0.0, reference or 0.0)
     least, most = shift - max(explained), shift - min(explained)
     low, high = least - margin, most + margin
-    outcome, reason = decide(least, most, low, high, settings.time_threshold_of(paired=False))
+    outcome, reason = classify(least, most, low, high, settings.time_threshold_of(paired=False))
     if machines_differ:
         outcome, reason = "inconclusive", "the machines differ"
     ends = (math.exp(shift), math.exp(low), math.exp(high))
-    whole = None if reference is None else math.exp(reference)
-    return Drift(group, len(pairs), outcome, reason, *ends, reference=whole, gated=False)
+    ratio = None if reference is None else math.exp(reference)
+    return Drift(group, len(pairs), outcome, reason, *ends, reference=ratio, gated=False)
 
 
-def _normal(confidence: float) -> float:
-    """Return how many standard deviations a two-sided interval reaches."""
-    return float(stats.norm.ppf(0.5 + confidence / 2))
+def _quantile(confidence: float, degrees: float = math.inf) -> float:
+    """Return the standard deviations that a two-sided interval reaches: Student's, or normal."""
+    return float(stats.t.ppf(0.5 + confidence / 2, degrees))
 
 
-def _p_of_interval(least: float, most: float, low: float, high: float, confidence: float) -> float:
-    """Return the two-sided p-value that an interval of normal width gives against no change."""
+def _p_of_interval(
+    least: float, most: float, low: float, high: float, confidence: float, degrees: float
+) -> float:
+    """Return the two-sided p-value of no change that belongs to a Student interval."""
     nearest, reach = (least, least - low) if least > 0 else (-most, high - most)
     if nearest <= 0:
         return 1.0
-    return 2 * float(stats.norm.sf(_normal(confidence) * nearest / reach)) if reach > 0 else 0.0
+    if reach <= 0:
+        return 0.0
+    return 2 * float(stats.t.sf(_quantile(confidence, degrees) * nearest / reach, degrees))
 
 
-def _undecided(base: Samples, head: Samples, reason: str) -> TimeChange:
-    return TimeChange("inconclusive", reason, **in_short(base, head))
+def _inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
+    return TimeChange("inconclusive", reason, **summarise(base, head))
 
 
-def decide(
+def _same_drawing(pair: Pair) -> TimeChange:
+    """Return the change of a case whose triangles are equal in both versions: no test, no p."""
+    return TimeChange("unchanged", "", against="same-triangles", **summarise(pair.base, pair.head))
+
+
+def classify(
     least: float, most: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
     """Return the outcome for a log ratio in `least`..`most` with interval `low`..`high`.
 
-    A growth is shown only if it exceeds the threshold and its interval excludes 1; no growth is
-    shown only if the interval is inside the threshold. All else is inconclusive, with the reason.
+    It is `regressed` or `improved` only beyond the threshold with an interval that excludes 0, and
+    `unchanged` only with an interval inside the threshold; otherwise inconclusive, with the reason.
     """
     bound = math.log1p(threshold)
     if least > bound and low > 0:
@@ -296,43 +383,43 @@ def decide(
         return "improved", ""
     if -bound <= low and high <= bound:
         return "unchanged", ""
-    found = f"{math.expm1(low) * 100:+.1f} % to {math.expm1(high) * 100:+.1f} %"
-    return "inconclusive", f"somewhere in {found}, the threshold is ±{threshold * 100:g} %"
+    interval = f"{math.expm1(low) * 100:+.1f} % to {math.expm1(high) * 100:+.1f} %"
+    return "inconclusive", f"95 % CI {interval}, threshold ±{threshold * 100:g} %"
 
 
-def judge_rounds(
+def compare_rounds(
     base: Samples,
     head: Samples,
     settings: Settings,
     parts: Parts = (None, None),
-    kept: NDArray[np.bool_] | None = None,
+    quiet: NDArray[np.bool_] | None = None,
 ) -> TimeChange:
-    """Judge one case by its rounds' ratios; element r of both is of round r.
+    """Compare two versions by their rounds' ratios; element r of both is from round r.
 
-    parts : rounds of each epoch and of each process, in order, where the run had any
-    kept : (r,) the rounds that count: what the machine did to a pair, it did to both, unless one of
-        them waited for a core. The q-value is still to be corrected for the number of cases.
+    parts : rounds of each epoch and of each process, in order
+    quiet : (r,) rounds to use: a disturbance affects both versions, except if one of them waited
+        for a core
     """
-    ratio = paired_ratio(head, base, *parts, kept)
-    if kept is not None:
-        base, head = base[kept], head[kept]
+    ratio = paired_ratio(head, base, *parts, quiet)
+    if quiet is not None:
+        base, head = base[quiet], head[quiet]
     threshold = settings.time_threshold_of(paired=True)
     value, low, high = (math.log(x) for x in (ratio.value, ratio.low, ratio.high))
-    outcome, reason = decide(value, value, low, high, threshold)
+    outcome, reason = classify(value, value, low, high, threshold)
     p_value = sign_test(np.log(head / base))
     return TimeChange(
         *(outcome, reason, ratio.value, ratio.low, ratio.high, ratio.value, "rounds", threshold),
         p_value=p_value,
         q_value=p_value,
-        **in_short(base, head),
+        **summarise(base, head),
     )
 
 
-def in_short(base: Samples, head: Samples) -> dict[str, Any]:
-    """Return medians and numbers of rounds, as `TimeChange` has them; None for those of none."""
-    both = {"base": base, "head": head}
-    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in both.items()}
-    return medians | {f"{name}_rounds": len(samples) for name, samples in both.items()}
+def summarise(base: Samples, head: Samples) -> dict[str, Any]:
+    """Return medians and numbers of rounds by their names in `TimeChange`."""
+    samples = {"base": base, "head": head}
+    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in samples.items()}
+    return medians | {f"{name}_rounds": len(values) for name, values in samples.items()}
 
 
 def drift_of_rounds(
@@ -340,35 +427,35 @@ def drift_of_rounds(
     pairs: Sequence[tuple[Samples, Samples]],
     settings: Settings,
     parts: Parts = (None, None),
-    kept: NDArray[np.bool_] | None = None,
+    quiet: NDArray[np.bool_] | None = None,
 ) -> Drift:
-    """Judge what all cases of a group did together: the median case of each round."""
+    """Compare all cases of a group by the median case of each round."""
     ratios = np.exp(np.median([np.log(head / base) for base, head in pairs], axis=0))
-    change = judge_rounds(np.ones(len(ratios)), ratios, settings, parts, kept)
+    change = compare_rounds(np.ones(len(ratios)), ratios, settings, parts, quiet)
     outcome, reason = change.outcome, change.reason
-    if outcome in ("regressed", "improved") and (change.q_value or 0.0) > Q_VALUE:
+    if outcome in ("regressed", "improved") and (change.q_value or 0.0) > MAX_ROUNDS_Q:
         outcome, reason = "inconclusive", "too few rounds"
     value, low, high = (float(end or math.nan) for end in (change.ratio, change.low, change.high))
     return Drift(group, len(pairs), outcome, reason, value, low, high, reference=1.0, gated=True)
 
 
 def sign_test(logs: Samples) -> float:
-    """Return the two-sided p-value of as many rounds being slower if either were as likely."""
+    """Return the two-sided p-value of the signs of (r,) log ratios if either is as likely."""
     slower, faster = int((logs > 0).sum()), int((logs < 0).sum())
     if slower + faster == 0:
         return 1.0
     return float(stats.binomtest(slower, slower + faster).pvalue)
 
 
-def positive(values: Sequence[Any]) -> Samples:
-    """Return (n,) samples; what is no positive number is left out."""
+def select_positive(values: Sequence[Any]) -> Samples:
+    """Return the (n,) finite positive numbers of `values`."""
     numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
     return numbers[np.isfinite(numbers) & (numbers > 0)]
 
 
 def low_quantile(samples_s: Sequence[Any]) -> float | None:
-    """Return the low quantile of a record's samples in seconds, None where there are none."""
-    samples = positive(samples_s)
+    """Return the low quantile of a record's samples in seconds, or None if there are none."""
+    samples = select_positive(samples_s)
     return float(np.quantile(samples, QUANTILE)) if len(samples) else None
 
 
@@ -378,30 +465,27 @@ def log_ratio(base: Samples, head: Samples) -> float:
 
 
 def margins(base: Samples, head: Samples, confidence: float) -> Samples:
-    """Return how far below and above `log_ratio` its percentile bootstrap interval reaches.
-
-    (2,); the same at every call.
-    """
+    """Return the (2,) reach of `log_ratio`'s percentile bootstrap interval below and above it."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
-    ratios = np.log(_resampled(head, rng) / _resampled(base, rng))
+    ratios = np.log(_resample(head, rng) / _resample(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
     ratio = log_ratio(base, head)
     return np.maximum(0.0, [ratio - low, high - ratio])
 
 
-def _resampled(samples: Samples, rng: np.random.Generator) -> Samples:
+def _resample(samples: Samples, rng: np.random.Generator) -> Samples:
     """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
 
     No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
-    and above it the next is the smallest of n-k. Where they fall among the sorted samples is what
-    drawing n of them would have given, so a hundred thousand samples cost as little as thirty.
+    and the next one is the smallest of the n-k above it. Their positions among the sorted samples
+    are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
     """
     n = len(samples)
-    place = QUANTILE * (n - 1)  # numpy's: between the order statistics k and k + 1
-    k = int(place) + 1
+    position = QUANTILE * (n - 1)  # NumPy's definition: between the order statistics k and k + 1
+    k = int(position) + 1
     lower = rng.beta(k, n + 1 - k, RESAMPLES)
     upper = 1 - (1 - lower) * rng.random(RESAMPLES) ** (1 / (n - k))
     below, above = np.sort(samples)[np.minimum((n * np.array([lower, upper])).astype(int), n - 1)]
-    share = place - int(place)
-    found: Samples = (1 - share) * below + share * above
-    return found
+    share = position - int(position)
+    quantiles: Samples = (1 - share) * below + share * above
+    return quantiles

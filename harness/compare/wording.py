@@ -26,6 +26,9 @@ from harness.style import count, figure, percent, step
 if TYPE_CHECKING:
     from harness.compare.polygons import Grown
 
+SAME_TRIANGLES = "same triangles"
+"""Stands for the ratio of a case whose drawing is equal in both versions."""
+
 NOT_GATED = "not gated"
 """What is shown and does not decide the exit code is always called so, and never regressed."""
 
@@ -81,7 +84,11 @@ def _calm(comparison: Comparison) -> str:
     counters = f"counters differ in {differing}" if differing else "no counter differs"
     if "counters" not in settings.gates:
         counters += f" ({NOT_GATED})"
-    outcomes = Counter(case.time.outcome for case in compared if case.time is not None)
+    outcomes = Counter(
+        SAME_TRIANGLES if case.time.against == "same-triangles" else case.time.outcome
+        for case in compared
+        if case.time is not None
+    )
     found = ", ".join(f"{number} {outcome}" for outcome, number in outcomes.items())
     times = f"times: {found} within {within(comparison)}" if found else "no times"
     if found and not settings.gates_time:
@@ -117,7 +124,9 @@ def grown_text(grown: Grown) -> str:
 
 
 def time_text(change: TimeChange | Drift) -> str:
-    """Write `1.084 (1.052-1.113)`, the ratio of times with its interval."""
+    """Format the ratio of times with its interval: `1.084 (1.052-1.113)`."""
+    if isinstance(change, TimeChange) and change.against == "same-triangles":
+        return SAME_TRIANGLES
     if change.ratio is None:
         return ""
     return f"{change.ratio:.3f} ({change.low:.3f}-{change.high:.3f})"
@@ -182,7 +191,7 @@ def judged(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
     else:
         told = "unchanged"
     aside = _ungated(comparison, case)
-    return kind, f"{told} ({NOT_GATED}: {', '.join(aside)})" if aside else told
+    return kind, f"{told}; {', '.join(aside)} ({NOT_GATED})" if aside else told
 
 
 def _ungated(comparison: Comparison, case: CaseChange) -> list[str]:
@@ -191,7 +200,11 @@ def _ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     costs = (change for change in case.counters if find_metric(change.metric).is_cost)
     if "counters" not in gates and any(change.exact != "equal" for change in costs):
         found.append("counters differ")
-    words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}
+    words = {
+        "regressed": "time slower",
+        "improved": "time faster",
+        "inconclusive": "time inconclusive",
+    }
     if "time" not in gates and case.time is not None and case.time.outcome in words:
         found.append(words[case.time.outcome])
     return found

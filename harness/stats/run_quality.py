@@ -35,7 +35,7 @@ WAITED = 0.02
 SHORTEST = 0.1
 """Quantile of a drawing's samples whose wall clock, for its CPU time, is that of no disturbance."""
 
-ENOUGH = 12
+MIN_QUIET_ROUNDS = 12
 """Undisturbed rounds that are enough to leave the others out."""
 
 FEW = 0.10
@@ -110,7 +110,7 @@ def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
     if len(first) != len(second):
         raise ValueError(f"{len(first)} and {len(second)} samples are not rounds of one group")
     quiet: NDArray[np.bool_] = first & second
-    return quiet if quiet.sum() >= ENOUGH else np.ones(len(quiet), np.bool_)
+    return quiet if quiet.sum() >= MIN_QUIET_ROUNDS else np.ones(len(quiet), np.bool_)
 
 
 def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
@@ -122,7 +122,7 @@ def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, fl
     values = np.asarray(samples, np.float64)
     logs = np.sort(np.log(values[values > 0]))
     count = len(logs)
-    if count < ENOUGH:
+    if count < MIN_QUIET_ROUNDS:
         return None
     least = int(np.ceil(MODE_SHARE * count))
     splits = np.arange(least, count - least + 1)
@@ -187,13 +187,13 @@ def _of_samples(drawings: Mapping[str, Time]) -> dict[str, State]:
     ]
     # If nobody else computed, threads waited for those of their own process.
     if waited > FEW * count and max(others, default=math.inf) > FEW:
-        few = any(quiet.sum() < min(ENOUGH, len(quiet)) for quiet in masks.values())
+        few = any(quiet.sum() < min(MIN_QUIET_ROUNDS, len(quiet)) for quiet in masks.values())
         share = f"{waited} of {count} samples waited for a core"
         problems[share] = UNTRUSTED if few else DISTURBED
     bimodal: dict[str, State] = {}
     for name, time in drawings.items():
         samples, quiet = _level_processes(time), masks[name]
-        if modes := two_modes(samples[quiet] if quiet.sum() >= ENOUGH else samples):
+        if modes := two_modes(samples[quiet] if quiet.sum() >= MIN_QUIET_ROUNDS else samples):
             low, high = (f"{second * 1e3:.3g}" for second in modes)
             # CPU time has no mode of the scheduler's; other clocks take its slices for the draw's.
             state: State = DISTURBED if time.timer == "cpu" else UNTRUSTED

@@ -24,7 +24,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.compare.model import Settings
-from harness.compare.times import Pair, judge_group
+from harness.compare.times import Pair, compare_group
 from harness.frame import View
 from harness.metrics.break_even import break_even
 from harness.metrics.decision import decide
@@ -399,7 +399,7 @@ def _simulate_two_runs(noise: float, between: float, rng: np.random.Generator) -
     for growth in (1.1, 1.0, 1.0, 1.0, 1.0):
         head = 3e-3 * drift * growth * np.exp(rng.normal(0, between)) * _disturbed(rng, noise)
         pairs.append(Pair(3e-3 * _disturbed(rng, noise), head, reference, True))
-    (interval, *_), _ = judge_group("group", pairs, Settings(), machines_differ=False)
+    (interval, *_), _ = compare_group("group", pairs, Settings(), machines_differ=False)
     if interval.low is None or interval.high is None:
         return Trial(UNKNOWN, None, 1.1)
     return Trial((interval.low, interval.high), None, 1.1)

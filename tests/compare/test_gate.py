@@ -14,7 +14,7 @@ from harness.compare.comparison import _across, compare_runs, no_baseline
 from harness.compare.matching import Match, other_hardware
 from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
-from harness.compare.times import decide
+from harness.compare.times import classify
 from harness.compare.wording import groups, headline
 from harness.metrics.groups import SAME
 from harness.rasterisers.reference import Binning
@@ -220,8 +220,8 @@ def test_a_drift_on_the_threshold_is_let_pass(tmp_path):
 
 def test_an_improvement_must_exceed_the_threshold_too():
     bound = math.log1p(0.25)
-    assert decide(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
-    assert decide(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
+    assert classify(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
+    assert classify(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
 
 
 @pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])

@@ -13,7 +13,7 @@ from harness.metrics.advice import advice
 from harness.metrics.decision import decide
 from harness.stats.run_quality import (
     DISTURBED,
-    ENOUGH,
+    MIN_QUIET_ROUNDS,
     QUIET,
     SLOWER,
     UNTRUSTED,
@@ -43,11 +43,13 @@ def test_the_best_of_several_is_not_shown_by_chance(name):
 
 
 def test_samples_that_waited_are_left_out_if_others_are_enough():
-    time = make_time(samples_s=[1.0] * 20, waited_s=[0.0] * ENOUGH + [0.021] * (20 - ENOUGH))
-    assert undisturbed(time).sum() == ENOUGH
+    time = make_time(
+        samples_s=[1.0] * 20, waited_s=[0.0] * MIN_QUIET_ROUNDS + [0.021] * (20 - MIN_QUIET_ROUNDS)
+    )
+    assert undisturbed(time).sum() == MIN_QUIET_ROUNDS
     for waited, rounds in (
-        ([0.02] * 20, ENOUGH),
-        ([0.02] * 19 + [0.0], ENOUGH),
+        ([0.02] * 20, MIN_QUIET_ROUNDS),
+        ([0.02] * 19 + [0.0], MIN_QUIET_ROUNDS),
         ([0.5] + [0.0] * 19, 20),
     ):
         assert select_rounds(time, make_time(samples_s=[1.0] * 20, waited_s=waited)).sum() == rounds
@@ -126,7 +128,7 @@ def test_one_rule_tells_the_state():
     assert "two modes" in two.words[0]
     record = simulate_run(rng, machines.two_speeds, (1.0,))[0]
     assert judge_records([with_time(record, timer="wall")]).state == UNTRUSTED
-    for free, state in ((0, UNTRUSTED), (ENOUGH, DISTURBED)):
+    for free, state in ((0, UNTRUSTED), (MIN_QUIET_ROUNDS, DISTURBED)):
         waited = (0.0,) * free + (1.0,) * (ROUNDS - free)
         assert judge_records([with_time(record, waited_s=waited)]).state == state
     draw = {"rasteriser": "opengl", "device": "llvmpipe", "resolution": 64, "reference_s": 1e-3}
