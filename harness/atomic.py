@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: made under another name, then renamed."""
+"""Atomic output: files and folders are written under a temporary name, then renamed."""
 
 import errno
 import os
@@ -14,62 +14,62 @@ from harness.errors import StorageError, UsageError
 from harness.machine import system
 
 UNFINISHED = ".unfinished"
-"""Suffix of the hidden folder, beside its place, in which a folder is made."""
+"""Suffix of the hidden temporary folder next to the final one."""
 
 
-def write(place: Path, content: bytes, *, forced: bool = False) -> None:
-    """Write a file in an existing folder, whole or not at all.
+def write(path: Path, content: bytes, *, forced: bool = False) -> None:
+    """Write a file in an existing folder atomically.
 
-    forced : it outlives a power cut, too
+    forced : the file also survives a power failure
 
     Raises
     ------
     OSError
-        if it cannot be written; what was there stays
+        if it cannot be written; an existing file stays unchanged
     """
-    descriptor, temporary = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
-    made = Path(temporary)
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    temporary = Path(name)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
-        made.chmod(0o666 & ~system.umask())
-        move(made, place, forced=forced)
+        temporary.chmod(0o666 & ~system.umask())
+        move(temporary, path, forced=forced)
     except BaseException:
-        made.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
 
 
 def read(file: Path) -> bytes:
-    """Return the content of a file that was stored.
+    """Return the content of a regular file.
 
     Raises
     ------
     OSError
-        if it cannot be read, or is a device, a pipe or a socket, which might never end
+        if it cannot be read, or is a device, a pipe or a socket, which might be endless
     """
     if file.exists() and not file.is_file():
-        raise OSError(errno.EINVAL, f"{file.name} is no regular file")
+        raise OSError(errno.EINVAL, f"{file.name} is not a regular file")
     return file.read_bytes()
 
 
 MAX_READ_BYTES = 2**31
-"""Size of the largest file that is read into memory at once."""
+"""Maximum size of a file that is read into memory."""
 
 
 def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
-    """Return a descriptor of the regular file `name` in a folder; no link below it is followed.
+    """Return a descriptor of the regular file `name` in a folder, without following links.
 
     name : "run.json" or "polygons/0123.npz"
 
     Raises
     ------
     OSError
-        if there is none, or it is a link, lies outside, is too large or not a regular file; or, if
-        it is to be written, has another name, too (a hard link)
+        if it is missing, a link, outside the folder, too large or not a regular file; or, for
+        writing, if it has several names (hard links)
     """
     parts = name.split("/")
     if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
-        raise OSError(errno.EINVAL, "it lies outside of the folder", name)
+        raise OSError(errno.EINVAL, "outside the folder", name)
     file = folder.joinpath(*parts)
     for inner in file.parents[: len(parts) - 1]:
         if inner.is_symlink():
@@ -93,31 +93,31 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
 
 
 def read_inside(folder: Path, name: str) -> bytes:
-    """Return the content of a file of a folder; raises as `open_inside`."""
+    """Return the content of a file in a folder; raises as `open_inside`."""
     with os.fdopen(open_inside(folder, name), "rb") as file:
         return file.read()
 
 
-def move(made: Path, place: Path, *, forced: bool = False) -> None:
-    """Rename a finished file to where it belongs, in the same file system.
+def move(source: Path, target: Path, *, forced: bool = False) -> None:
+    """Rename a finished file within its file system.
 
-    forced : first its content, then its name is forced to the disk, so that a name that is there
-        after a power cut has all its content
+    forced : first the content, then the name is forced to the disk, so that a name that exists
+        after a power failure has its full content
 
     Raises
     ------
     OSError
-        if the disk is full or gone, or `place` is a device, a pipe or a socket; nothing is there
-        then but what was before
+        if the disk is full or gone, or `target` is a device, a pipe or a socket; `target` stays
+        unchanged
     """
-    if place.exists() and not place.is_file() and not place.is_dir():
-        raise FileExistsError(errno.EEXIST, "it is no regular file", str(place))
+    if target.exists() and not target.is_file() and not target.is_dir():
+        raise FileExistsError(errno.EEXIST, "not a regular file", str(target))
     if forced:
-        with made.open("rb+") as file:
+        with source.open("rb+") as file:
             os.fsync(file.fileno())
-    made.replace(place)
-    if forced and hasattr(os, "O_DIRECTORY"):  # Windows opens no folders
-        descriptor = os.open(place.parent, os.O_RDONLY | os.O_DIRECTORY)
+    source.replace(target)
+    if forced and hasattr(os, "O_DIRECTORY"):  # Windows cannot open folders
+        descriptor = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(descriptor)
         finally:
@@ -125,119 +125,119 @@ def move(made: Path, place: Path, *, forced: bool = False) -> None:
 
 
 @contextmanager
-def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
-    """Give a folder of the same name to make everything in; at the end it is at `place`.
+def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
+    """Yield a temporary folder that becomes `path` at the end of the block.
 
-    What a process that was killed has left is thrown away.
+    The remains of a killed process are deleted.
 
-    added : if a folder is there already, the files are moved into it one by one, each whole, those
-        of inner folders first
+    merge : if `path` exists, the files are moved into it one by one, inner folders first
 
     Raises
     ------
     StorageError, UsageError
-        if there is something at `place` already, or another process is making it
+        if `path` exists, or another process is creating it
     OSError
-        if it cannot be written; nothing is at `place` then
+        if it cannot be written; `path` does not exist then
     """
-    if place.is_dir() and not any(place.iterdir()):
-        place.rmdir()
-    added = added and place.is_dir()
-    if not added and (place.exists() or place.is_symlink()):
-        raise UsageError(f"{place} is there already: give a folder that is not there yet")
-    around = place.with_name(f".{place.name}{UNFINISHED}")
-    around.mkdir(parents=True, exist_ok=True)
-    with (around / "lock").open("a") as lock:
+    if path.is_dir() and not any(path.iterdir()):
+        path.rmdir()
+    merge = merge and path.is_dir()
+    if not merge and (path.exists() or path.is_symlink()):
+        raise UsageError(f"{path} already exists; name a new folder")
+    parent = path.with_name(f".{path.name}{UNFINISHED}")
+    parent.mkdir(parents=True, exist_ok=True)
+    with (parent / "lock").open("a") as lock:
         if not system.lock(lock.fileno(), wait=False):
-            raise StorageError(f"{place} is in use: another process is making it")
-        made = around / place.name
-        shutil.rmtree(made, ignore_errors=True)
+            raise StorageError(f"{path} is in use: another process is creating it")
+        temporary = parent / path.name
+        shutil.rmtree(temporary, ignore_errors=True)
         try:
-            made.mkdir()
-            yield made
-            if added:
-                _add(made, place)
+            temporary.mkdir()
+            yield temporary
+            if merge:
+                _move_files(temporary, path)
                 return
             try:
-                made.rename(place)
+                temporary.rename(path)
             except OSError as error:
                 if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
-                raise StorageError(f"{place} is there already: another process made it") from error
+                raise StorageError(f"{path} already exists: another process created it") from error
         finally:
-            shutil.rmtree(around, ignore_errors=True)
+            shutil.rmtree(parent, ignore_errors=True)
 
 
-def _add(made: Path, place: Path) -> None:
-    """Move all files below a folder to the same places below another; the outermost last."""
-    files = [file for file in made.rglob("*") if file.is_file()]
+def _move_files(source: Path, target: Path) -> None:
+    """Move all files below a folder into another, the deepest first."""
+    files = [file for file in source.rglob("*") if file.is_file()]
     for file in sorted(files, key=lambda file: (-len(file.parts), file)):
-        target = place / file.relative_to(made)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        move(file, target)
+        moved = target / file.relative_to(source)
+        moved.parent.mkdir(parents=True, exist_ok=True)
+        move(file, moved)
 
 
-BEGUN = ".raster-harness-"
-"""What the names of folders begin with in which an output is being made; its name follows."""
+TEMPORARY_PREFIX = ".raster-harness-"
+"""Prefix of the names of temporary folders of `Output`; the target's name follows."""
 
 
 class Output:
-    """The folder an export is made in, beside its target; `publish` moves the results out.
+    """Files of an export, written in a temporary folder next to the target.
 
-    Use as a context manager: on an error everything is removed and the target stays as it was.
+    Use as a context manager: `publish` moves the files to the target; on an error they are deleted
+    and the target stays unchanged.
 
-    forced : what is published outlives a power cut, too
+    forced : published files also survive a power failure
     """
 
     def __init__(self, target: Path, *, forced: bool = False) -> None:
         self.target = target
         self._forced = forced
         self._streams = ExitStack()
-        self._finished: list[tuple[Path, Path]] = []
+        self._files: list[tuple[Path, Path]] = []
 
     def __enter__(self) -> "Output":
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)
-            prefix = f"{BEGUN}{self.target.stem[:40]}-"
-            self._around = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
+            prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
+            self._temporary = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
         except OSError as error:
             reason = error.strerror or error
             raise StorageError(
-                f"{parent.resolve()} cannot be written: {reason}; give another -o"
+                f"{parent.resolve()} cannot be written: {reason}; choose another -o"
             ) from error
-        self._folder = Path(self._around.name)
+        self._folder = Path(self._temporary.name)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._streams.close()
-        self._around.cleanup()
+        self._temporary.cleanup()
 
     def file(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
-        """Open the file that becomes the target, its name with `suffix` added, on `publish`."""
-        final = self.target.with_name(self.target.name + suffix)
-        made = self._folder / final.name
-        self._finished.append((made, final))
-        return self._opened(made, mode)
+        """Open a file that `publish` moves to the target's path with `suffix` appended."""
+        target = self.target.with_name(self.target.name + suffix)
+        temporary = self._folder / target.name
+        self._files.append((temporary, target))
+        return self._open(temporary, mode)
 
     def spool(self, name: str, mode: str = "w+b") -> IO[Any]:
-        """Open a file for a part that waits until the rest is known."""
-        return self._opened(self._folder / f"spool-{name}", mode)
+        """Open a temporary file that is not published."""
+        return self._open(self._folder / f"spool-{name}", mode)
 
     def path(self) -> Path:
-        """Like `file`, for libraries that open files themselves."""
-        made = self._folder / self.target.name
-        self._finished.append((made, self.target))
-        return made
+        """Return the temporary path of the target, for libraries that open files themselves."""
+        temporary = self._folder / self.target.name
+        self._files.append((temporary, self.target))
+        return temporary
 
     def publish(self) -> list[Path]:
-        """Close everything and move the results to where they belong; returns their paths."""
+        """Close all files, move them to their targets, and return their paths."""
         self._streams.close()
-        for made, final in self._finished:
-            move(made, final, forced=self._forced)
-        # the target itself first, then what lies beside it
-        return sorted((final for _, final in self._finished), key=lambda path: len(path.name))
+        for temporary, target in self._files:
+            move(temporary, target, forced=self._forced)
+        # The target first, then the files with a suffix.
+        return sorted((target for _, target in self._files), key=lambda path: len(path.name))
 
-    def _opened(self, path: Path, mode: str) -> IO[Any]:
+    def _open(self, path: Path, mode: str) -> IO[Any]:
         encoding, newline = (None, None) if "b" in mode else ("utf-8", "\n")
         return self._streams.enter_context(path.open(mode, encoding=encoding, newline=newline))

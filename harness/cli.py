@@ -29,7 +29,7 @@ from harness.errors import (
     REGRESSION,
     HarnessError,
     UsageError,
-    of_system,
+    format_os_error,
 )
 from harness.machine import system
 from harness.progress import detach_terminal
@@ -155,7 +155,7 @@ def _explain(error: BaseException) -> int | str | None:
         case ClickException():
             return _say(*_misused(error))
         case OSError():
-            return _say(f"error: {of_system(error)}", BAD_INPUT)
+            return _say(f"error: {format_os_error(error)}", BAD_INPUT)
         case MemoryError():
             return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
         case _ if _is_input_error(error):

@@ -1,4 +1,4 @@
-"""Errors that a user can cause, and the exit codes the command line ends with."""
+"""Errors that a user can cause, and exit codes of the command line."""
 
 import errno
 import os
@@ -13,13 +13,13 @@ BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
-"""Too noisy to say, or a part of what was asked for failed: what was done is kept."""
+"""Times are too noisy, or a part of the work failed; finished results are stored."""
 DEFECT = 70
-"""A defect of the harness itself, as sysexits.h has it: 1 means a regression, and nothing else."""
+"""A defect of the harness (EX_SOFTWARE of sysexits.h); 1 always means a regression."""
 INTERRUPTED = 130
-"""Ended by Ctrl-C, SIGTERM or SIGHUP, as shells have it."""
+"""Ended by Ctrl-C, SIGTERM or SIGHUP, as in shells."""
 BROKEN_PIPE = 141
-"""Whoever read the output stopped reading, as shells have it."""
+"""The reader of the output closed the pipe, as in shells."""
 
 
 class HarnessError(Exception):
@@ -62,23 +62,23 @@ class InconclusiveError(HarnessError):
     exit_code = INCONCLUSIVE
 
 
-def of_system(error: OSError) -> str:
-    """Return one line for what the system refused, with what to do."""
+def format_os_error(error: OSError) -> str:
+    """Return one line about an error of the operating system, with a remedy."""
     where = f"{error.filename}: " if error.filename else ""
     reason = f"{where}{error.strerror or error or type(error).__name__}"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"{reason}; free some space, and try again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return f"{reason}; name a place that can be read and written, e.g. with --out"
+        return f"{reason}; choose a readable and writable path, e.g. with --out"
     return reason
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
-    """Build the error for an unknown name of a kind, e.g. "device", with the nearest of `known`."""
+    """Return the error for an unknown name, e.g. of a "device", that suggests names of `known`."""
     return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(known), cutoff=0.4)}")
 
 
-def refuse_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
+def raise_if_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
     """Raise `InconclusiveError` if polygons failed.
 
     counts : (kind, reason) to polygons dropped, repaired or failed

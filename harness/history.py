@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 from harness.compare.times import low_quantile
 from harness.errors import InputError, UsageError, unknown
 from harness.machine.git import commit_of
-from harness.metrics.processors import by_processor
-from harness.metrics.registry import find_metric, list_metrics, metrics_of
-from harness.results.cases import latest
+from harness.metrics.processors import mark_processors
+from harness.metrics.registry import find_metric, find_metrics, list_metrics
 from harness.results.record import CaseGroup, CaseId, Record
-from harness.results.run_folder import Run, read_facts, read_run
+from harness.results.run_folder import Run, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import state_of
 from harness.style import COLOURS, MARKERS, draw, grid, legend_below
@@ -113,7 +112,7 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
         if place not in named and (older or (study and not studies)):
             left += study
             continue
-        kept.append(latest(read_run(path)))
+        kept.append(select_latest(read_run(path)))
     kept.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
     return kept, left
 
@@ -126,7 +125,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     UsageError
         if a metric is unknown
     """
-    known = list_metrics() | metrics_of(record for run in runs for record in run.records)
+    known = list_metrics() | find_metrics(record for run in runs for record in run.records)
     for metric in metrics:
         if metric != TIME and metric not in known:
             raise unknown("metric", metric, [TIME, *known])
@@ -136,7 +135,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
         if metric == TIME:
             quiet = [run if state_of(run).is_quiet else replace(run, records=[]) for run in runs]
             # Where the processor is the device, it is part of the content.
-            found += _times(_cases(by_processor(quiet, _mark_content)))
+            found += _times(_cases(mark_processors(quiet, _mark_content)))
         else:
             found += [_series(name, metric, records) for name, records in cases.items()]
     return [series for series in found if np.isfinite(series.values).any()]

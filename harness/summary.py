@@ -10,131 +10,135 @@ from rich.table import Table
 from rich.text import Text
 
 from harness import atomic
-from harness.metrics.advice import advice
-from harness.metrics.decision import Decided, Decision, Standing
-from harness.metrics.per_view import describe_views, over_views
+from harness.metrics.decision import Decided, Decision, Standing, format_advice
+from harness.metrics.per_view import compare_views, describe_views
 from harness.metrics.registry import (
     METRICS,
     Metric,
-    limit_of,
-    measures,
-    metrics_of,
-    predictions,
+    compute_lower_bound,
+    find_metrics,
+    list_costs,
+    list_predictions,
 )
 from harness.results.record import Record
 from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import plain_table
 
 MAX_COLUMNS = 4
-"""Metrics in the table if no counter has a heading; with headings, 80 characters hold all."""
+"""Metrics in the table if no counter has a heading; metrics with headings fit 80 characters."""
 
-WIDE = 96
-"""Characters from which on the table has partial quads, too."""
+MIN_WIDE = 96
+"""Width of the terminal from which the table also has partial quads."""
 
 NAME_WIDTH = 24
-"""Characters of a name that stay in one line; longer break-evens continue in the next line."""
+"""Characters of a name that are not wrapped."""
 
-WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
+VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
 
 def print_summary(decided: Iterable[Decided], console: Console) -> None:
-    """Print one table for each group, the cheapest triangulator first, then notes and advice."""
+    """Print a table of each group, the cheapest triangulator first, notes, and a recommendation."""
     for group, decision in decided:
         if decision:
-            console.print(_table(decision, wide=console.width >= WIDE))
+            console.print(_make_table(decision, wide=console.width >= MIN_WIDE))
         for record in group.records:
             if not record.is_ok or record.reason:
-                console.print(_note(record))
-        lines = [*describe_views(group), *_proven(group.measured), *_regret(group.measured)]
+                console.print(_format_note(record))
+        lines = [
+            *describe_views(group),
+            *_describe_proofs(group.measured),
+            *_describe_regret(group.measured),
+        ]
         if decision:
-            lines.append(advice(decision))
+            lines.append(format_advice(decision))
         for line in lines:
             console.print(line, markup=False, highlight=False)
 
 
-def _table(decision: Decision, *, wide: bool) -> Table:
-    """Return a group's ranking; what is too long for the terminal continues in the next line."""
-    records = [each.record for each in decision.standings]
-    table = plain_table(_title(decision), title_style="bold", padding=(0, 1, 0, 0))
-    widest = max(len(each.name) for each in decision.standings)
+def _make_table(decision: Decision, *, wide: bool) -> Table:
+    """Return a group's ranking; long cells are wrapped."""
+    records = [standing.record for standing in decision.standings]
+    table = plain_table(_format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
+    widest = max(len(standing.name) for standing in decision.standings)
     table.add_column("triangulator", overflow="fold", min_width=min(widest, NAME_WIDTH))
-    shown = _shown(records, wide=wide)
-    for metric in shown:
+    metrics = _select_metrics(records, wide=wide)
+    for metric in metrics:
         table.add_column(metric.heading or metric.label, justify="right", no_wrap=True)
     base = decision.base
     table.add_column(f"vs {base.name}", no_wrap=True)
     # Without any break-even, the verdict stands next to the ratio.
-    has_break_even = any(each.pays for each in decision.standings)
+    has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
-        table.add_column("pays after")
+        table.add_column("break-even")
     complete = max(record.all_polygons for record in records)
-    for each in decision.standings:
+    for standing in decision.standings:
         table.add_row(
-            each.name,
-            *(_number(metric(each.record), metric.form) for metric in shown),
-            *_against(each, each is base, complete, has_break_even=has_break_even),
-            style="" if each.complete else "dim",
+            standing.name,
+            *(_format_number(metric(standing.record), metric.form) for metric in metrics),
+            *_compare_cells(standing, standing is base, complete, has_break_even=has_break_even),
+            style="" if standing.complete else "dim",
         )
-    limit = limit_of(base.record) if base.complete else None
-    if limit is not None:
-        cells = [_number(metric(limit), metric.form) for metric in shown]
-        more = [""] * has_break_even
-        table.add_row("(outline alone)", *cells, "the limit", *more, style="dim")
+    bound = compute_lower_bound(base.record) if base.complete else None
+    if bound is not None:
+        cells = [_format_number(metric(bound), metric.form) for metric in metrics]
+        table.add_row("lower bound (outline)", *cells, style="dim")
     return table
 
 
-def _title(decision: Decision) -> str:
+def _format_title(decision: Decision) -> str:
     group, count = decision.group.id, decision.standings[0].record.all_polygons
     where = f"{group.rasteriser} on {group.device_name}"
     return f"{group.scene}, {count:,} polygons, {group.condition}: {where}"
 
 
-def _shown(records: Sequence[Record], *, wide: bool) -> list[Metric]:
+def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
     """Return the metrics of the table: those with a heading that any record has.
 
-    A rasteriser none of whose counters has a heading shows the first of what it counts.
+    If no counter of a rasteriser has a heading, its first counters are used.
     """
-    known = metrics_of(records)
-    shown = [f for f in known.values() if f.heading and any(f(record) for record in records)]
-    replaced = {metric.instead_of for metric in shown}
-    shown = [metric for metric in shown if metric.name not in replaced]
-    if not any(metric.kind == "counter" for metric in shown):
-        room = MAX_COLUMNS - len(shown)
-        shown = [known[name] for name in measures(known)[:room]] + shown
-    partial = known.get("partial_quads")
-    if wide and partial and partial not in shown and any(map(partial, records)):
-        shown.insert(1, partial)
-    return shown
+    available = find_metrics(records)
+    metrics = [m for m in available.values() if m.heading and any(map(m, records))]
+    replaced = {metric.instead_of for metric in metrics}
+    metrics = [metric for metric in metrics if metric.name not in replaced]
+    if not any(metric.kind == "counter" for metric in metrics):
+        room = MAX_COLUMNS - len(metrics)
+        metrics = [available[name] for name in list_costs(available)[:room]] + metrics
+    partial = available.get("partial_quads")
+    if wide and partial and partial not in metrics and any(map(partial, records)):
+        metrics.insert(1, partial)
+    return metrics
 
 
-def _proven(records: Sequence[Record]) -> list[str]:
-    """Return which optima are proven for every polygon, and the gaps of the others."""
+def _describe_proofs(records: Sequence[Record]) -> list[str]:
+    """Return lines: optima that are proven for every polygon, and the gaps of the others."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []
     for record in optima:
         if record.proven != record.polygons:
-            # No cost is negative, so a gap of 100 % says nothing.
+            # Costs are not negative, so a gap of 100 % is no bound.
             gap = record.largest_gap
-            some = gap is None or round(gap, 4) >= 1.0
-            rest = "some of the others have no bound" if some else f"the others within {gap:.2%}"
+            unbounded = gap is None or round(gap, 4) >= 1.0
+            others = "some others have no bound" if unbounded else f"the others within {gap:.2%}"
             count = f"{record.proven:,} of {record.polygons:,} polygons"
-            lines.append(f"proven optimal, {count}: {record.name}; {rest}")
+            lines.append(f"proven optimal, {count}: {record.name}; {others}")
     return lines
 
 
-def _regret(records: Sequence[Record]) -> list[str]:
-    """Return how many polygons regret is over, if it is not over all."""
-    known = max((record.least.polygons for record in records if record.least), default=0)
-    most = max((record.polygons for record in records), default=0)
-    if not 0 < known < most:
+def _describe_regret(records: Sequence[Record]) -> list[str]:
+    """Return a line with the number of polygons that regret covers, if some are missing."""
+    covered = max((record.least.polygons for record in records if record.least), default=0)
+    drawn = max((record.polygons for record in records), default=0)
+    if not 0 < covered < drawn:
         return []
-    return [f"regret: over the {known:,} of {most:,} polygons whose fewest quads are quickly found"]
+    return [f"regret: for the {covered:,} of {drawn:,} polygons whose minimum is computed quickly"]
 
 
-def _against(each: Standing, is_base: bool, complete: int, *, has_break_even: bool) -> list[Text]:
-    """Return the ratio with its interval, then the break-even, or else the verdict."""
-    drawn, ratio, colour, words = each.record.polygons, each.ratio, "", ""
+def _compare_cells(
+    standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
+) -> list[Text]:
+    """Return the ratio with its interval, and the break-even or the verdict."""
+    drawn, ratio, colour, note = standing.record.polygons, standing.ratio, "", ""
     if drawn != complete:
         cell = f"{drawn} of {complete} done"
     elif is_base or ratio is None:
@@ -142,34 +146,35 @@ def _against(each: Standing, is_base: bool, complete: int, *, has_break_even: bo
     else:
         cell = f"{ratio.value:.3f} ({ratio.low:.3f}-{ratio.high:.3f})"
         colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
-        words = each.pays.short if each.pays else WORDS[ratio.verdict]
-    cells = [cell, words] if has_break_even else [f"{cell} {words}".strip()]
+        even = standing.break_even
+        note = even.short_text if even else VERDICTS[ratio.verdict]
+    cells = [cell, note] if has_break_even else [f"{cell} {note}".strip()]
     return [Text(text, style=colour) for text in cells]
 
 
-def _note(record: Record) -> Text:
+def _format_note(record: Record) -> Text:
     verb = "" if record.is_ok else f" {record.status}"
     return Text(f"{record.name} on {record.id.device_name}{verb}: {record.reason}")
 
 
-def _number(value: float | None, form: str) -> str:
+def _format_number(value: float | None, form: str) -> str:
     return "" if value is None else form.format(value)
 
 
 def write_csv(decided: Iterable[Decided], file: Path) -> None:
-    """Write one row per case: its identity, its counters and every metric, as `file`."""
+    """Write `file` with one row per case: identity, counters and all metrics."""
     import pandas as pd
 
     atomic.write(file, pd.DataFrame(rows_of(decided)).to_csv(index=False).encode())
 
 
 def rows_of(decided: Iterable[Decided]) -> list[dict[str, Any]]:
-    """Return `row_of` each record, group by group."""
+    """Return `row_of` for each record, group by group."""
     return [row_of(record, decision) for group, decision in decided for record in group.records]
 
 
 def row_of(record: Record, decision: Decision | None) -> dict[str, Any]:
-    """Return a case's identity, counters and metrics, and its time against the base's, by name."""
+    """Return a case's identity, counters, metrics, and time relative to the base, by column."""
     case, time = record.id, record.time
     row: dict[str, Any] = {
         "key": record.key,
@@ -185,24 +190,24 @@ def row_of(record: Record, decision: Decision | None) -> dict[str, Any]:
         "conforming": record.conforming,
         **record.counters,
     }
-    row |= {name: metric(record) for name, metric in (METRICS | predictions()).items()}
+    row |= {name: metric(record) for name, metric in (METRICS | list_predictions()).items()}
     low, high = (end * 1e3 for end in time.ci95_s) if time and time.ci95_s else (None, None)
     row |= {"draw_low_ms": low, "draw_high_ms": high}
     standings = decision.standings if decision else ()
-    standing = next((each for each in standings if each.record is record), None)
+    standing = next((s for s in standings if s.record is record), None)
     if decision and standing:
-        row |= _against_base(standing, decision.base.record)
-    # JSON has no number for what is unknown, or for an interval without end.
+        row |= _compare_columns(standing, decision.base.record)
+    # JSON has no NaN, for unknown values, and no infinity, for unbounded intervals.
     unknown = {name for name, v in row.items() if isinstance(v, float) and not math.isfinite(v)}
     return row | dict.fromkeys(unknown)
 
 
-def _against_base(standing: Standing, base: Record) -> dict[str, Any]:
+def _compare_columns(standing: Standing, base: Record) -> dict[str, Any]:
     """Return the columns that compare a record with the base."""
     row: dict[str, Any] = {}
-    if (over := over_views(standing.record, base)) is not None:
-        columns = {f"view_{name}": value for name, value in vars(over).items() if name != "views"}
-        row |= {"views": over.views, **columns}
+    if (statistics := compare_views(standing.record, base)) is not None:
+        columns = {f"view_{name}": value for name, value in vars(statistics).items()}
+        row |= {"views": columns.pop("view_views"), **columns}
     if (ratio := standing.ratio) is not None:
         row |= {
             "time_ratio": ratio.value,
@@ -210,8 +215,9 @@ def _against_base(standing: Standing, base: Record) -> dict[str, Any]:
             "time_ratio_high": ratio.high,
             "verdict": ratio.verdict,
         }
-    if (even := standing.pays) is not None:
-        after = (even.draws, even.low, even.high) if even.kind == "after" else [None] * 3
-        parts = ("break_even_draws", "break_even_low", "break_even_high")
-        row |= {"break_even": even.written, **dict(zip(parts, after, strict=True))}
+    if (even := standing.break_even) is not None:
+        is_after = even.kind == "after"
+        row["break_even"] = even.text
+        for name in ("draws", "low", "high"):
+            row[f"break_even_{name}"] = getattr(even, name) if is_after else None
     return row

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 
-from harness.metrics.groups import group_records, time_ratio, without_twins
+from harness.metrics.groups import compute_time_ratio, drop_equal_triangulations, group_records
 from harness.results.record import Record
 from harness.results.run_folder import read_run
 from harness.stats.intervals import UNDECIDED
@@ -54,8 +54,8 @@ def _verdicts(records: Sequence[Record]) -> dict[tuple[str, str], dict[tuple[obj
     verdicts: dict[tuple[str, str], dict[tuple[object, ...], str]] = defaultdict(dict)
     for group in group_records(records):
         ordered = sorted(group.records, key=lambda record: record.name)
-        for first, second in combinations(without_twins(ordered), 2):
-            if ratio := time_ratio(first, second):
+        for first, second in combinations(drop_equal_triangulations(ordered), 2):
+            if ratio := compute_time_ratio(first, second):
                 device = group.id.rasteriser, group.id.device_name
                 verdicts[device][group.id, first.name, second.name] = ratio.verdict
     return verdicts

@@ -24,7 +24,7 @@ from typing import Any
 
 from harness.errors import REGRESSION
 from harness.metrics.decision import decide_all
-from harness.metrics.groups import time_ratio
+from harness.metrics.groups import compute_time_ratio
 from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
@@ -188,7 +188,7 @@ def list_time_ratios(folder: Path) -> Iterator[list[str]]:
     """Yield the draw time of each triangulator relative to ear clipping, with its interval."""
     records = {record.name: record for record in read_run(folder).records}
     for name, record in records.items():
-        if name != BASE and (ratio := time_ratio(record, records[BASE])):
+        if name != BASE and (ratio := compute_time_ratio(record, records[BASE])):
             yield [name, *(f"{end:.4f}" for end in (ratio.value, ratio.low, ratio.high))]
 
 

@@ -132,7 +132,7 @@ def _count(
     InconclusiveError
         if parts were set aside
     """
-    from harness.results.run_folder import clear_errors
+    from harness.results.run_folder import translate_errors
     from harness.scaling import census_report
     from harness.scaling.census import THIN, TileCensus
     from harness.scaling.dataset import Dataset
@@ -163,7 +163,7 @@ def _count(
         raise NothingMeasuredError(
             f"{os.path.relpath(out)}: no pixel is covered: choose another {what}"
         )
-    with clear_errors(out, "run the same command again"), reporter.stage("drawing", 1):
+    with translate_errors(out, "run the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, found, census)
     for name, why in found.damaged[:MAX_DAMAGED_NAMED]:
         reporter.warn(f"tile {name} {why}")

@@ -58,7 +58,7 @@ def history(
     """
     from harness import atomic
     from harness.history import find_runs, matching, plot_history, read_series, worth_showing
-    from harness.metrics.processors import format_processors, several_processors
+    from harness.metrics.processors import find_mixed_processors, format_processors
     from harness.style import count
 
     runs, studies = find_runs(folders, studies=everything)
@@ -72,13 +72,13 @@ def history(
         raise NothingMeasuredError(f"none of the {len(runs)} runs has any of: {metrics}")
     shown = series if everything else worth_showing(series)
     if shown:
-        with atomic.folder(out, added=True) as made:
+        with atomic.create_folder(out, merge=True) as made:
             plot_history(runs, shown, made)
             _write_csv(runs, shown, made / "history.csv")
     for run in runs:
         for problem in run.problems:
             typer.echo(f"warning: {problem}")
-    if mixed := several_processors(runs):
+    if mixed := find_mixed_processors(runs):
         typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
     for line in changes(runs, shown):
         typer.echo(line)

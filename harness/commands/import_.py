@@ -61,8 +61,7 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import Measured, device_name, read_saved
-    from harness.results.cases import read_latest
-    from harness.results.run_folder import file_stem
+    from harness.results.run_folder import file_stem, read_latest
 
     if file.is_dir():
         if summary is None:
@@ -129,7 +128,7 @@ def merge(
     Counters of one kind of device must be equal on all hosts.
     """
     from harness.commands.outcome import make_run
-    from harness.results.cases import read_latest
+    from harness.results.run_folder import read_latest
     from harness.scaling import merging
 
     read = [read_latest(run, Reporter().warn) for run in runs]

@@ -228,7 +228,7 @@ def _list_every(
         table = triangulation_table(scene.polygons[polygon], mode)
     except TriangulationError as reason:
         raise InputError(f"polygon {polygon} of {scene.name}: {reason}") from reason
-    with atomic.folder(folder, added=True) as output:
+    with atomic.create_folder(folder, merge=True) as output:
         table.to_csv(output / "triangulations.csv", index=False)
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
     screen_table = plain_table(None, *(f">{name}" for name in columns))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from harness.errors import INTERRUPTED, InconclusiveError, UsageError, refuse_failed
+from harness.errors import INTERRUPTED, InconclusiveError, UsageError, raise_if_failed
 from harness.progress import Reporter
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def triangulate_many_files(
     if summary.certified:
         typer.echo(f"{out}: {Certified.total(summary.certified)}")
     refuse_set_aside(out, summary)
-    refuse_failed(summary.counts, out)
+    raise_if_failed(summary.counts, out)
 
 
 def complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:

@@ -17,7 +17,7 @@ from harness.measuring.run import run as carry_out
 from harness.metrics.decision import COVERED, decide_all
 from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
-from harness.results.run_folder import Run, clear_errors, file_stem, read_run
+from harness.results.run_folder import Run, file_stem, read_run, translate_errors
 from harness.stats.run_quality import state_of
 from harness.summary import print_summary, rows_of, write_csv
 from scenes import Scene
@@ -134,7 +134,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     where = os.path.relpath(outcome.path)
     again = f"raster-harness report {where}; the measurements are safe"
     measured = [record for record in outcome.records if record.is_ok]
-    with clear_errors(outcome.path, again):
+    with translate_errors(outcome.path, again):
         write_csv(outcome.decided, outcome.path / "summary.csv")
     print_summary(outcome.decided, console)
     for line in describe_machine(outcome.run):
@@ -145,9 +145,9 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
         from harness.report.page import write_report
         from harness.report.plots import plot_run
 
-        with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
-            matrix.write(outcome.run)
-        with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
+        with reporter.stage("judging criteria", 1), translate_errors(outcome.path, again):
+            matrix.write_spread(outcome.run)
+        with reporter.stage("plotting", 1), translate_errors(outcome.path, again):
             write_report(outcome.run, decided=outcome.decided)
             if plots:
                 plot_run(outcome.run)
@@ -167,7 +167,7 @@ def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> R
     """Write a complete run folder with table and report, or nothing; print the summary."""
     from harness.report.page import write_report
 
-    with clear_errors(folder), atomic.folder(folder) as made:
+    with translate_errors(folder), atomic.create_folder(folder) as made:
         write(made)
         stored = read_run(made)
         decided = decide_all(stored)

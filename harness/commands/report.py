@@ -26,12 +26,12 @@ def report(
 
     Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
     """
-    from harness.metrics.groups import with_base
+    from harness.metrics.groups import set_base
     from harness.report.page import write_report
-    from harness.results.cases import read_latest
+    from harness.results.run_folder import read_latest
 
     stored = read_latest(run, Reporter().warn)
-    file = write_report(with_base(stored, base) if base else stored, out)
+    file = write_report(set_base(stored, base) if base else stored, out)
     if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
         from harness.report.plots import plot_run
 
@@ -62,7 +62,7 @@ def page(
         content_of_profile,
         write_page,
     )
-    from harness.results.cases import read_latest
+    from harness.results.run_folder import read_latest
     from harness.workers.worker import Worker
 
     if profile == (run is not None):

@@ -37,15 +37,15 @@ def study_gains(
     ] = options.Several(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
-    from harness.metrics.processors import format_processors, several_processors
+    from harness.metrics.processors import find_mixed_processors, format_processors
     from harness.progress import Reporter
-    from harness.results.cases import read_latest
+    from harness.results.run_folder import read_latest
     from harness.triangulating.recipes import parse_all
 
     stored = [read_latest(path, Reporter().warn) for path in runs]
     names = [str(recipe) for recipe in parse_all(bases)]
     gains = write_gains(stored, names, out)
-    if mixed := several_processors(stored):
+    if mixed := find_mixed_processors(stored):
         typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
     for line in gains.disturbances:
         typer.echo(f"left out: {line}")
@@ -75,7 +75,7 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     """
     import pandas as pd
 
-    from harness.metrics.processors import by_processor
+    from harness.metrics.processors import mark_processors
     from harness.results.record import CaseId
     from harness.stats.run_quality import state_of
     from harness.study.gains import by_order, gain_table, plot
@@ -83,14 +83,14 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     def mark(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
 
-    table = gain_table(by_processor(runs, mark), bases)
+    table = gain_table(mark_processors(runs, mark), bases)
     disturbances = [line for run in runs for line in state_of(run).words]
     if table.empty:
         if disturbances:
             raise InconclusiveError(disturbances[0])
         raise NothingMeasuredError("no two triangulators were timed together on the same polygons")
     orders = [rows.assign(base=name) for name in bases if len(rows := by_order(table, name))]
-    with atomic.folder(out, added=True) as folder:
+    with atomic.create_folder(out, merge=True) as folder:
         files = plot(table, folder / "plots")
         table.to_csv(folder / "gains.csv", index=False, float_format="%.5g")
         if orders:

@@ -70,7 +70,7 @@ def study_pareto(
     run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
     table = pareto.pareto_table(run, fronts)
     with reporter.stage("writing", 1):
-        with atomic.folder(run.path, added=True) as folder:
+        with atomic.create_folder(run.path, merge=True) as folder:
             points = pd.concat([pd.DataFrame(columns=pareto.FRONTS), *fronts.values()])
             points.to_csv(folder / "fronts.csv", index=False)
             table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")

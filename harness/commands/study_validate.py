@@ -142,7 +142,7 @@ def measure_validation(
     run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
     with reporter.stage("correlating", 1):
         table = correlations.measure_table(run.records)
-        with atomic.folder(run.path, added=True) as folder:
+        with atomic.create_folder(run.path, merge=True) as folder:
             ranks = correlations.write(table, folder)
             correlations.plot_study(ranks, table, folder)
             regrets = regret.write(run.records, folder)

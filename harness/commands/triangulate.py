@@ -21,7 +21,7 @@ from harness.errors import (
     InputError,
     NothingMeasuredError,
     UsageError,
-    refuse_failed,
+    raise_if_failed,
 )
 from harness.progress import Reporter
 
@@ -159,7 +159,7 @@ def triangulate(
     )
     if report.certified is not None:
         typer.echo(f"{file}: {report.certified}")
-    refuse_failed(report.counts, out)
+    raise_if_failed(report.counts, out)
 
 
 def _stays_model(source: Path, out: Path | None, check: bool) -> bool:

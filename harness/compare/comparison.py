@@ -31,11 +31,16 @@ from harness.compare.model import (
 )
 from harness.errors import InputError
 from harness.machine.git import commit_of
-from harness.metrics.processors import format_processors, several_processors
-from harness.metrics.registry import METRICS, PREDICTED, find_metric, in_order, predictions
-from harness.results.cases import latest
+from harness.metrics.processors import find_mixed_processors, format_processors
+from harness.metrics.registry import (
+    METRICS,
+    PREDICTED,
+    find_metric,
+    list_predictions,
+    sort_counters,
+)
 from harness.results.record import CaseGroup, Record, printable
-from harness.results.run_folder import Run
+from harness.results.run_folder import Run, select_latest
 from harness.stats.run_quality import state_of
 
 
@@ -50,9 +55,9 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     """
     settings = settings or Settings()
     for run in (base, head):
-        if run.cut_off:
-            raise InputError(f"{run.cut_off}: measure again, or run --resume {run.path}")
-    base, head = latest(base), latest(head)
+        if run.truncation:
+            raise InputError(f"{run.truncation}: measure again, or run --resume {run.path}")
+    base, head = select_latest(base), select_latest(head)
     records = (*base.records, *head.records)
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
@@ -77,7 +82,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, whose baseline at `path` is still to come."""
-    head = latest(head)
+    head = select_latest(head)
     matches = match(Run(head.path, {}, []), head, across_devices=settings.across_devices)
     return Comparison(
         verdict="no-baseline",
@@ -199,7 +204,7 @@ def _notes(base: Run, head: Run, differ: bool) -> list[str]:
             "the runs are of different machines: times are relative to the other cases, or to the "
             "reference draw, of their own run"
         )
-    if mixed := several_processors([base, head]):
+    if mixed := find_mixed_processors([base, head]):
         notes.append(
             f"ratios of times of what draws on the processor differ between processors by some per "
             f"cent: {format_processors(mixed)}"
@@ -227,8 +232,8 @@ def exact_figures(record: Record) -> dict[str, float]:
     called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
     """
     counted = record.counters
-    found: dict[str, float] = {counter_name(name): counted[name] for name in in_order(counted)}
-    for name, figure in {**METRICS, **predictions()}.items():
+    found: dict[str, float] = {counter_name(name): counted[name] for name in sort_counters(counted)}
+    for name, figure in {**METRICS, **list_predictions()}.items():
         value = figure(record) if figure.exact else None
         if value is not None:
             found[name] = value

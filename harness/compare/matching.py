@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import IncompatibleRunsError
-from harness.results.processors import may_be_same, processor_label
+from harness.metrics.processors import may_be_same, read_processor
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
 from harness.style import flat
@@ -148,7 +148,7 @@ def _asks_for(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
 def machine(facts: Mapping[str, Any]) -> str:
     """Return what tells a machine from others of another kind; "" where the run does not say."""
     environment = facts.get("environment") or {}
-    if not (processor := processor_label(facts)):
+    if not (processor := read_processor(facts)):
         return ""
     text = f"{processor}, {environment.get('threads')} threads"
     gpus = [str(gpu.get("name")) for gpu in environment.get("gpus") or []]
@@ -157,8 +157,8 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Whether both runs say what machine they are of, and it is not the same."""
-    alike = may_be_same(processor_label(before), processor_label(after))
-    then, now = (machine(facts).removeprefix(processor_label(facts)) for facts in (before, after))
+    alike = may_be_same(read_processor(before), read_processor(after))
+    then, now = (machine(facts).removeprefix(read_processor(facts)) for facts in (before, after))
     return bool(machine(before) and machine(after)) and not (alike and then == now)
 
 

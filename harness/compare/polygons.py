@@ -13,9 +13,8 @@ from harness.compare.model import Comparison
 from harness.frame import Frame, frame_of_grid
 from harness.grid import SUBPIXEL
 from harness.results import drawings
-from harness.results.cases import latest
 from harness.results.record import Record
-from harness.results.run_folder import Run, read_arrays
+from harness.results.run_folder import Run, read_arrays, select_latest
 from harness.settings import COST_COUNTERS
 
 MOST = 3
@@ -57,7 +56,7 @@ def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
     Only where both runs kept what they counted of each polygon, and what they drew.
     """
     names = {case.id for case in comparison.regressed() if case.status == "compared"}
-    base, head = latest(base), latest(head)
+    base, head = select_latest(base), select_latest(head)
     matches = match(base, head, across_devices=comparison.settings.across_devices)
     candidates = [
         (found, *each)

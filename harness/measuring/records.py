@@ -15,16 +15,16 @@ from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.results import drawings
-from harness.results.facts import RunFacts
 from harness.results.parsing import identify_rounds
 from harness.results.record import (
     CaseId,
     LeastQuads,
     Record,
+    RunFacts,
     Time,
     ViewCounters,
 )
-from harness.results.run_folder import Store
+from harness.results.run_folder import RunFolder
 from harness.settings import TimingSettings
 from harness.stats.run_quality import undisturbed
 from harness.triangulating.recipes import Recipe
@@ -51,7 +51,7 @@ class RunWriter:
 
     def __init__(
         self,
-        stores: Sequence[Store],
+        stores: Sequence[RunFolder],
         records: dict[str, Record],
         reporter: Reporter,
         *,
@@ -102,7 +102,7 @@ class RunWriter:
         if record.status == "failed":
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
-    def _store_columns(self, record: Record, columns: Columns | None) -> tuple[Store, Record]:
+    def _store_columns(self, record: Record, columns: Columns | None) -> tuple[RunFolder, Record]:
         """Store a case's columns; return the folder of the record, and the record as stored."""
         store = self._stores[0]
         if record.id.version:

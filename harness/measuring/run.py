@@ -32,15 +32,14 @@ from harness.measuring.records import RunWriter
 from harness.measuring.reference_draws import default_path, reference_draws
 from harness.measuring.scene import SceneRun
 from harness.metrics.decision import Decided, decide_all
+from harness.metrics.processors import may_be_same, read_processor
 from harness.progress import Reporter, detach_terminal
-from harness.results.facts import RunFacts
-from harness.results.processors import may_be_same, processor_label
-from harness.results.record import Record
+from harness.results.record import Record, RunFacts
 from harness.results.run_folder import (
     FACTS,
     SCHEMA_VERSION,
     Run,
-    Store,
+    RunFolder,
     read_counted,
     read_run,
 )
@@ -249,7 +248,7 @@ def _measure(
             facts["state"] = {**vars(judge_records(records.values(), draws)), "draws": draws}
             writer.write_facts(facts)
         if not pool.stopping:
-            stores[0].drop_counted()
+            stores[0].delete_counted()
     ours = [record for record in records.values() if not record.id.version]
     facts["schema_version"] = SCHEMA_VERSION
     return RunResult(Run(out, facts, ours), pool.stopping, aborted)
@@ -285,7 +284,7 @@ def open_stores(
     *,
     resume: bool,
     force: bool,
-) -> tuple[list[Store], dict[str, Record]]:
+) -> tuple[list[RunFolder], dict[str, Record]]:
     """Return the folders to write to and the records that they have, by key.
 
     The first is the run's, the second, if there is one, that of another version's run in it.
@@ -301,8 +300,8 @@ def open_stores(
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
-        return [Store.create(folder) for folder in [out, *base]], {}
-    store = Store.resume(out)
+        return [RunFolder.create(folder) for folder in [out, *base]], {}
+    store = RunFolder.resume(out)
     before = read_run(out)
     for problem in before.problems:
         warn(problem)
@@ -322,7 +321,9 @@ def open_stores(
     for folder in base:  # without facts where a kill came between the two
         if folder.is_symlink():
             raise InputError(f"{folder} is a link, which is not followed; copy what it names here")
-        stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
+        stores.append(
+            (RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create)(folder)
+        )
         records += [record.with_id(version="base") for record in read_run(folder).records]
     return stores, {record.id.key: record for record in records}
 
@@ -341,7 +342,7 @@ def _refuse_other(before: RunFacts, now: RunFacts, out: Path) -> None:
         "what it is measured beside": (before.get("beside"), now.get("beside")),
     }
     differences += [what for what, (then, new) in compared.items() if then != new]
-    if not may_be_same(processor_label(before), processor_label(now)):
+    if not may_be_same(read_processor(before), read_processor(now)):
         differences.append("the machine")
     if differences:
         raise IncompatibleRunsError(

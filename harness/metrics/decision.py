@@ -1,21 +1,24 @@
-"""Decide which triangulator to take in a group: ranking, verdicts, and the ground of the choice.
+"""Decide which triangulator to take in a group: ranking, verdicts, reason, and one sentence.
 
-The table of the terminal, summary.csv, the report and the advice are all made of one `Decision`, so
-that they cannot contradict each other.
+The terminal's table, summary.csv, the report and the recommendation are all made from one
+`Decision`, so that they cannot contradict each other.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from harness.metrics.break_even import BreakEven, break_even
-from harness.metrics.groups import RecordGroup, groups_of
-from harness.metrics.registry import measures, value_of
+from harness.metrics.break_even import BreakEven, compute_break_even
+from harness.metrics.groups import RecordGroup, group_run
+from harness.metrics.registry import find_metric, first_value, list_costs
 from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER, SLOWER, Ratio, Verdict
+from harness.stats.run_quality import QUIET
 
-Ground = Literal["shown", "keep", "counted", "open", "few", "alone", "part"]
+Reason = Literal[
+    "faster", "others slower", "counter", "undecided", "few pixels", "single", "incomplete"
+]
 
 TIME = "draw_ms"
 COVERED = "fragments"
@@ -30,15 +33,15 @@ class Standing:
 
     cost : sort key: time relative to the base's, or main counter relative to the base's
     complete : whether it drew all polygons
-    ratio : paired ratio of times to the base's, None if there is none
-    pays : break-even against the base, None if undefined
+    ratio : paired ratio of times to the base's, or None if undefined
+    break_even : break-even against the base, or None if undefined
     """
 
     record: Record
     cost: float
     complete: bool
     ratio: Ratio | None
-    pays: BreakEven | None
+    break_even: BreakEven | None
 
     @property
     def name(self) -> str:
@@ -47,7 +50,7 @@ class Standing:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Verdict of the ratio, None if there is none."""
+        """Verdict of the ratio, or None if there is no ratio."""
         return self.ratio.verdict if self.ratio else None
 
 
@@ -58,25 +61,27 @@ class Decision:
     standings : measured records: the complete ones first, the cheapest on top; unless the group's
         state is quiet, in the order of the main counter
     base : the standing that the others are compared with
-    ground : "shown": times show that the choice is faster than the base; "keep": that all others
-        are slower; "counted": they show neither, and the choice has the least of an exact counter
-        among those that are not shown to be slower; "open": nothing tells them apart; "few": fewer
-        than `MIN_PIXELS` are covered; "alone": nothing to choose from; "part": each left polygons
-        out. With the last three there is no recommendation
-    choice : what to take: the base if nothing speaks for another
-    alike : names of others that are not shown to be slower than a choice that is "shown"
-    measure : the main counter, None if nothing was counted
+    reason : "faster": the choice is significantly faster than the base; "others slower": all others
+        are significantly slower than the base; "counter": times do not decide, and the choice has
+        the minimum of an exact counter among triangulators that are not slower; "undecided": no
+        significant difference; "few pixels": fewer than `MIN_PIXELS` are covered; "single": only
+        one candidate; "incomplete": every triangulator skipped polygons. The last three give no
+        recommendation
+    choice : the recommended triangulator: the base if nothing speaks for another
+    not_slower : if the reason is "faster": other triangulators that are not significantly slower
+        than the choice
+    measure : the main counter, or None if nothing was counted
     timed : whether times of two or more are compared
-    saving : of "shown": the choice's ratio to the base, with an interval that holds for the best of
-        all others at once: the best of several noisy ratios looks better than it is
+    saving : if the reason is "faster": the choice's ratio to the base, with a simultaneous interval
+        over all candidates, because the best of several noisy ratios looks better than it is
     """
 
     group: RecordGroup
     standings: tuple[Standing, ...]
     base: Standing
-    ground: Ground
+    reason: Reason
     choice: Standing
-    alike: tuple[str, ...]
+    not_slower: tuple[str, ...]
     measure: str | None
     timed: bool
     saving: Ratio | None = None
@@ -87,82 +92,161 @@ def decide(group: RecordGroup) -> Decision | None:
     base_record = group.base
     if base_record is None:
         return None
-    measure = next(iter(measures(base_record.counters)), None)
+    measure = next(iter(list_costs(base_record.counters)), None)
     all_polygons = max(record.all_polygons for record in group.measured)
     complete = [record for record in group.measured if record.polygons == all_polygons]
-    among = sum(record is not base_record for record in complete)
+    compared = sum(record is not base_record for record in complete)
     standings = [
-        _rank(record, group, base_record, all_polygons, among) for record in group.measured
+        _rank(record, group, base_record, all_polygons, compared) for record in group.measured
     ]
-    standings.sort(key=lambda each: (-each.record.polygons, each.cost, each.name))
+    standings.sort(key=lambda s: (-s.record.polygons, s.cost, s.name))
     ranked = tuple(standings)
-    base = next(each for each in ranked if each.record is base_record)
-    rivals = [each for each in ranked if each.complete]
+    base = next(standing for standing in ranked if standing.record is base_record)
+    rivals = [standing for standing in ranked if standing.complete]
     if not rivals and len(ranked) > 1:
-        return Decision(group, ranked, base, "part", ranked[0], (), measure, timed=False)
+        return Decision(group, ranked, base, "incomplete", ranked[0], (), measure, timed=False)
     rivals = rivals or standings
-    ground, choice, saving = _choose(rivals, base, measure)
-    others = [each for each in rivals if each is not choice and each is not base]
-    shown = others if ground == "shown" else []
-    ratios = {each.name: group.compare(each.record, choice.record) for each in shown}
-    alike = tuple(name for name, ratio in ratios.items() if ratio and ratio.verdict != SLOWER)
-    timed = any(each.ratio is not None and each is not base for each in rivals)
-    return Decision(group, ranked, base, ground, choice, alike, measure, timed, saving)
+    reason, choice, saving = _choose(rivals, base, measure)
+    ratios = {
+        rival.name: group.compare(rival.record, choice.record)
+        for rival in rivals
+        if reason == "faster" and rival is not choice and rival is not base
+    }
+    not_slower = tuple(name for name, ratio in ratios.items() if ratio and ratio.verdict != SLOWER)
+    timed = any(rival.ratio is not None and rival is not base for rival in rivals)
+    return Decision(group, ranked, base, reason, choice, not_slower, measure, timed, saving)
 
 
 Decided = tuple[RecordGroup, Decision | None]
-"""A group and what was decided about it, None if nothing was measured."""
+"""A group and its decision, or None if nothing was measured."""
 
 
 def decide_all(run: Run) -> list[Decided]:
-    """Return the groups of a run with what was decided about each."""
-    return [(group, decide(group)) for group in groups_of(run)]
+    """Return the groups of a run with their decisions."""
+    return [(group, decide(group)) for group in group_run(run)]
 
 
 def _rank(
-    record: Record, group: RecordGroup, base: Record, all_polygons: int, among: int
+    record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
     """Rank by the paired ratio if there is one, as the verdict does.
 
     Medians of two drawings may be in another order than the rounds that timed both.
 
-    among : number of complete records that the base is compared with
+    compared : number of complete records that the base is compared with
     """
-    ratio = group.compare(record, base, among)
-    counted = measures(record.counters)
-    if ratio is not None and (ratio.quiet or not counted):
+    ratio = group.compare(record, base, compared)
+    counters = list_costs(record.counters)
+    if ratio is not None and (ratio.quiet or not counters):
         cost = ratio.value
     else:
-        names = [TIME, *counted] if ratio is None else counted
-        cost, usual = value_of(record, names) or 0.0, value_of(base, names)
-        cost = cost / usual if usual else cost
+        names = [TIME, *counters] if ratio is None else counters
+        cost, base_cost = first_value(record, names) or 0.0, first_value(base, names)
+        cost = cost / base_cost if base_cost else cost
     complete = record.polygons == all_polygons
-    return Standing(record, cost, complete, ratio, break_even(record, base, ratio))
+    return Standing(record, cost, complete, ratio, compute_break_even(record, base, ratio))
 
 
 def _choose(
     rivals: Sequence[Standing], base: Standing, measure: str | None
-) -> tuple[Ground, Standing, Ratio | None]:
-    # Strongest ground first: what is too little to judge, then times, then counters, then nothing.
-    others = [each for each in rivals if each is not base]
+) -> tuple[Reason, Standing, Ratio | None]:
+    # Strongest reason first: too little data, then times, then counters.
+    others = [rival for rival in rivals if rival is not base]
     if not others:
-        return "alone", rivals[0], None
-    usual = base if base in rivals else rivals[0]
-    covered = usual.record.counters.get(COVERED)
+        return "single", rivals[0], None
+    default = base if base in rivals else rivals[0]
+    covered = default.record.counters.get(COVERED)
     if covered is not None and covered < MIN_PIXELS:
-        return "few", usual, None
-    for each in others:
-        if each.verdict == FASTER:
-            saving = each.ratio and (each.ratio.joint or each.ratio)
+        return "few pixels", default, None
+    for rival in others:
+        if rival.verdict == FASTER:
+            saving = rival.ratio and (rival.ratio.joint or rival.ratio)
             if saving is not None and saving.verdict == FASTER:
-                return "shown", each, saving
-    if all(each.verdict == SLOWER for each in others):
-        return "keep", base, None
-    open_ = [each for each in rivals if each.verdict != SLOWER]
-    counts = {each.name: each.record.counters.get(measure or "") for each in open_}
-    counted = [(count, each) for each in open_ if (count := counts[each.name]) is not None]
-    # The base first: if no count is less, nothing speaks for a change.
-    counted.sort(key=lambda pair: (pair[0], pair[1] is not base))
-    if counted and counted[0][0] != counted[-1][0]:
-        return "counted", counted[0][1], None
-    return "open", base if base in rivals else open_[0], None
+                return "faster", rival, saving
+    if all(rival.verdict == SLOWER for rival in others):
+        return "others slower", base, None
+    candidates = [rival for rival in rivals if rival.verdict != SLOWER]
+    counts = [
+        (count, rival)
+        for rival in candidates
+        if (count := rival.record.counters.get(measure or "")) is not None
+    ]
+    # The base first: if no count is lower, nothing speaks for a change.
+    counts.sort(key=lambda pair: (pair[0], pair[1] is not base))
+    if counts and counts[0][0] != counts[-1][0]:
+        return "counter", counts[0][1], None
+    return "undecided", base if base in rivals else candidates[0], None
+
+
+def format_advice(decision: Decision | None) -> str:
+    """Return one sentence about a group: which triangulator to take, and why."""
+    if decision is None:
+        return "No recommendation: no case was measured (all were skipped or failed)."
+    group = decision.group.id
+    where = f"{group.scene} on {group.device_name} ({group.rasteriser}, {group.condition})"
+    if decision.reason in ("single", "incomplete", "few pixels"):
+        return f"No recommendation for {where}: {_format_obstacle(decision)}."
+    return f"Recommendation for {where}: {_format_choice(decision)}."
+
+
+def _format_obstacle(decision: Decision) -> str:
+    """Say why the records give no recommendation."""
+    record = decision.choice.record
+    if decision.reason == "single":
+        return f"{record.name} has no other triangulator to compare with"
+    if decision.reason == "incomplete":
+        drawn = f"{record.polygons:,} of {record.all_polygons:,}"
+        return f"every triangulator skipped polygons ({record.name} drew the most: {drawn})"
+    covered = record.counters[COVERED]
+    pixels = f"{covered:,} pixel{'s' * (covered != 1)}"
+    return f"the polygons cover {pixels} in all (at least {MIN_PIXELS} are needed)"
+
+
+def _format_choice(decision: Decision) -> str:
+    choice, base, ratio = decision.choice, decision.base, decision.saving
+    if ratio is not None:
+        text = f"{choice.name} saves {_percent(1 - ratio.value)} % of {base.name}'s draw time "
+        text += f"(95 % CI {_percent(1 - ratio.high)}-{_percent(1 - ratio.low)} %)"
+        if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
+            text += f", break-even {choice.break_even.text}"
+        if decision.not_slower:
+            text += f"; not significantly different from {join_names(decision.not_slower)}"
+        return text
+    if decision.reason == "others slower":
+        return f"{choice.name}; all other triangulators are significantly slower"
+    if decision.reason == "counter":
+        text = f"{choice.name} has the lowest exact count, {_format_count(decision)}"
+        return text + (f"; {_explain_times(decision)}" if decision.timed else "")
+    if decision.timed and decision.group.state != QUIET:
+        return f"{choice.name}; no other has a lower exact count, {_explain_times(decision)}"
+    counted = ", and none has a lower exact count" if choice.record.counters else ""
+    return f"{choice.name}; no other triangulator is significantly faster{counted}"
+
+
+def _explain_times(decision: Decision) -> str:
+    """Say why times did not decide."""
+    state = decision.group.state
+    if state != QUIET:
+        return f"times are {state} and not used (measure again on an idle machine)"
+    if any(s.verdict == FASTER for s in decision.standings if s.complete):
+        return "no time is significantly lower after correction for multiple comparisons"
+    return "no time is significantly lower"
+
+
+def _format_count(decision: Decision) -> str:
+    measure, choice, base = decision.measure, decision.choice, decision.base
+    assert measure is not None
+    count, base_count = choice.record.counters[measure], base.record.counters.get(measure)
+    text = f"{count:,} {find_metric(measure).label}"
+    if base is choice or not base_count or choice.record.polygons != base.record.polygons:
+        return text
+    return f"{text}, {_percent(1 - count / base_count)} % fewer than {base.name}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Return names as an enumeration: a, b and c."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

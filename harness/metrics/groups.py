@@ -11,11 +11,11 @@ from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER, Ratio, of_any_run, paired_ratio
 from harness.stats.run_quality import QUIET, STATES, State, select_rounds
 
-USUAL_BASE = "ear-clipping"
-"""Default base of ratios: what most programs use today."""
+DEFAULT_BASE = "ear-clipping"
+"""Default base of ratios: the method that most programs use today."""
 
-SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
-"""Criteria that are all equal only if two names stand for one triangulation."""
+IDENTIFYING = ("overdraw", "half_perimeter", "edge_length", "shape")
+"""Criteria that are all equal only if two records have the same triangulation."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class RecordGroup:
     """Records that differ in the triangulator alone.
 
     base_name : the base that the user chose, "" if none
-    state : of the machine during the run; unless it was quiet, times show nothing
+    state : of the machine during the run; unless it was quiet, times are not used
     """
 
     id: CaseGroup
@@ -43,14 +43,14 @@ class RecordGroup:
         It is the chosen base, else ear clipping, else the first with the most polygons.
         """
         by_name = {record.name: record for record in self.measured}
-        for name in (self.base_name, USUAL_BASE):
+        for name in (self.base_name, DEFAULT_BASE):
             if name in by_name:
                 return by_name[name]
         return max(self.measured, key=lambda record: record.polygons, default=None)
 
-    def compare(self, record: Record, base: Record | None, among: int = 1) -> Ratio | None:
-        """Return `time_ratio` of two records of the group."""
-        return time_ratio(record, base, among, quiet=self.state == QUIET)
+    def compare(self, record: Record, base: Record | None, candidates: int = 1) -> Ratio | None:
+        """Return `compute_time_ratio` of two records of the group."""
+        return compute_time_ratio(record, base, candidates, quiet=self.state == QUIET)
 
 
 def group_records(
@@ -64,25 +64,23 @@ def group_records(
     ]
 
 
-def groups_of(run: Run) -> list[RecordGroup]:
+def group_run(run: Run) -> list[RecordGroup]:
     """Return the groups of a run's records, with the run's base and state."""
     stored = (run.facts.get("state") or {}).get("state")
-    known: State = QUIET
-    state = next((state for state in STATES if state == stored), known)
-    return group_records(run.records, run.base, state)
+    return group_records(run.records, run.base, stored if stored in STATES else QUIET)
 
 
-def without_twins(records: Sequence[Record]) -> list[Record]:
+def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
     """Return the records of one polygon and view, the first of each triangulation."""
     first: dict[tuple[float, ...], Record] = {}
     for record in records:
         predicted = record.predicted
-        if all(name in predicted for name in SAME):  # damage can take one away
-            first.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
+        if all(name in predicted for name in IDENTIFYING):  # a damaged record may lack one
+            first.setdefault(tuple(round(predicted[name], 6) for name in IDENTIFYING), record)
     return list(first.values())
 
 
-def with_base(run: Run, name: str) -> Run:
+def set_base(run: Run, name: str) -> Run:
     """Return the run with the triangulator `name` as the base of ratios.
 
     Raises
@@ -96,26 +94,25 @@ def with_base(run: Run, name: str) -> Run:
     return replace(run, facts={**run.facts, "base": name})
 
 
-def time_ratio(
-    record: Record, base: Record | None, among: int = 1, *, quiet: bool = True
+def compute_time_ratio(
+    record: Record, base: Record | None, candidates: int = 1, *, quiet: bool = True
 ) -> Ratio | None:
     """Return the paired ratio of two records' times, or None if they are not comparable.
 
-    Its interval is that of any run like theirs (`of_any_run`).
+    The interval includes the scatter between runs (`of_any_run`).
 
-    among : number of ratios of which this one may be chosen by its value; if there are several, a
-        ratio that shows a gain has a `joint` one
-    quiet : False if the run was disturbed, so that the ratio shows nothing
+    candidates : number of ratios from which this one may be chosen by its value; if there are
+        several, a ratio that is significantly below 1 gets a simultaneous one (`joint`)
+    quiet : False if the run was disturbed, so that the ratio is not used
     """
     if base is None or record.polygons != base.polygons:
         return None
-    time, other = record.time, base.time
-    if time is None or other is None or not time.is_paired_with(other):
+    time, base_time = record.time, base.time
+    if time is None or base_time is None or not time.is_paired_with(base_time):
         return None
     parts = (time.epochs or None, time.processes or None)
-    samples = (time.samples_s, other.samples_s, *parts, select_rounds(time, other))
+    samples = (time.samples_s, base_time.samples_s, *parts, select_rounds(time, base_time))
     ratio = replace(of_any_run(paired_ratio(*samples)), quiet=quiet)
-    if among > 1 and ratio.verdict == FASTER:
-        joint = of_any_run(paired_ratio(*samples, among), among)
-        ratio = replace(ratio, joint=joint)
+    if candidates > 1 and ratio.verdict == FASTER:
+        ratio = replace(ratio, joint=of_any_run(paired_ratio(*samples, candidates), candidates))
     return ratio

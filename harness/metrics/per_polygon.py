@@ -1,6 +1,6 @@
-"""Costs of single polygons, in ratio to what another triangulator makes of the same polygon.
+"""Costs of single polygons relative to another triangulation of the same polygon.
 
-Dividing takes the polygon's size out, which would otherwise make every criterion look good.
+The division removes the polygon's size, which would otherwise make every criterion look good.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ Column = NDArray[np.float64]
 Columns = dict[str, Column]
 
 
-def columns_of(run: Run, record: Record) -> Columns | None:
-    """Return a case's columns, each (p,), or None where the run did not keep them."""
+def read_columns(run: Run, record: Record) -> Columns | None:
+    """Return a case's columns, each (p,), or None if they are not stored."""
     arrays = read_arrays(run, record.key)
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
@@ -24,8 +24,8 @@ def columns_of(run: Run, record: Record) -> Columns | None:
     return columns | compute_estimates(columns, PREDICTED)
 
 
-def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
-    """Return (p,) column `name` over that of `base`; NaN where either did not do the polygon."""
+def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
+    """Return (p,) column `name` over that of `base`; NaN if a polygon is missing in either."""
     drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = columns[name] / base[name]
@@ -37,7 +37,7 @@ TIE_TOLERANCE = 1e-9
 triangulations differ by about 1e-15, because their triangles are added in different orders."""
 
 
-def ranks(values: Column) -> Column:
+def compute_ranks(values: Column) -> Column:
     """Return the rank of each value, counted from 1; values within `TIE_TOLERANCE` share the mean.
 
     Rounding to a number of digits would not do: two sums on either side of a rounding boundary
@@ -59,42 +59,42 @@ def spearman(x: Column, y: Column) -> float:
     # Importing `scipy.stats` takes longer than a short run.
     if len(x) < 3:
         return float("nan")
-    of_x, of_y = ranks(x), ranks(y)
-    if np.ptp(of_x) == 0 or np.ptp(of_y) == 0:
+    x_ranks, y_ranks = compute_ranks(x), compute_ranks(y)
+    if np.ptp(x_ranks) == 0 or np.ptp(y_ranks) == 0:
         return float("nan")
-    return float(np.corrcoef(of_x, of_y)[0, 1])
+    return float(np.corrcoef(x_ranks, y_ranks)[0, 1])
 
 
-def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+def rank_correlation(x: Column, y: Column) -> float | None:
     """Return Spearman's coefficient of the finite pairs, or None if it is undefined."""
     finite = np.isfinite(x) & np.isfinite(y)
     coefficient = spearman(x[finite], y[finite])
     return None if np.isnan(coefficient) else coefficient
 
 
-def error_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
-    """Return the root of the mean square of log(x / y), which is the share that x is off by."""
-    fits = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
-    if not fits.any():
+def compute_rms_error(x: Column, y: Column) -> float | None:
+    """Return the root mean square of log(x / y), about the relative error, or None if undefined."""
+    valid = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
+    if not valid.any():
         return None
-    return float(np.sqrt(np.mean(np.log(x[fits] / y[fits]) ** 2)))
+    return float(np.sqrt(np.mean(np.log(x[valid] / y[valid]) ** 2)))
 
 
-def ratio_pairs(
+def pair_ratios(
     columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the ratios of predictions and of counters, one a polygon and triangulator.
+) -> tuple[Column, Column]:
+    """Return the ratios of predictions and of counters, one per polygon and triangulator.
 
-    columns : triangulator -> its columns; those of `base` are what the others are divided by. Where
-        one lacks the criterion, or the base the measure, there are no ratios
+    columns : triangulator -> its columns; the others are divided by those of `base`. The result is
+        empty if a triangulator lacks the criterion, or the base the measure
     """
-    name = PREDICTED + criterion
-    known = measure in columns[base] and all(name in each for each in columns.values())
-    others = [each for other, each in columns.items() if other != base and known]
+    name, base_columns = PREDICTED + criterion, columns[base]
+    complete = measure in base_columns and all(name in column for column in columns.values())
+    others = [column for other, column in columns.items() if other != base and complete]
     if not others:
         return np.empty(0), np.empty(0)
     x, y = (
-        np.concatenate([ratios(each, columns[base], which) for each in others])
-        for which in (name, measure)
+        np.concatenate([compute_ratios(column, base_columns, field) for column in others])
+        for field in (name, measure)
     )
     return x, y

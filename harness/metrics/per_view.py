@@ -1,4 +1,4 @@
-"""Scenes of many pictures, map tiles or views of a model: counters over them, with intervals."""
+"""Counters over the map tiles of a scene, or over the views of a model, with intervals."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -6,7 +6,7 @@ from math import isfinite
 import numpy as np
 
 from harness.metrics.groups import RecordGroup
-from harness.metrics.registry import find_metric, measures
+from harness.metrics.registry import find_metric, list_costs
 from harness.results.record import Record
 from harness.stats.intervals import FEWEST, mean_interval, ratio_interval
 
@@ -15,11 +15,11 @@ DESCRIBED = ("helper_lanes", "quads")
 
 
 @dataclass(frozen=True)
-class OverViews:
-    """A counter of a record over v views, with 95 % intervals over these; NaN if there is none.
+class ViewStatistics:
+    """A counter of a record over its views, with 95 % intervals over the views; NaN if unknown.
 
-    mean : of the views, with `mean_low` and `mean_high`
-    ratio : of the sum to the base's, with `ratio_low` and `ratio_high`
+    mean : mean of the views, with `mean_low` and `mean_high`
+    ratio : ratio of the sum to the base's, with `ratio_low` and `ratio_high`
     """
 
     views: int
@@ -32,14 +32,14 @@ class OverViews:
     ratio_high: float
 
     @property
-    def written(self) -> str:
-        """The ratio, with its interval if it has one."""
+    def text(self) -> str:
+        """The ratio, with its interval if there is one."""
         interval = f" ({self.ratio_low:.3f}-{self.ratio_high:.3f})"
         return f"{self.ratio:.3f}{interval if isfinite(self.ratio_low) else ''}"
 
 
-def over_views(record: Record, base: Record | None, measure: str = "") -> OverViews | None:
-    """Return a counter over the record's views; None if it has none, or lacks polygons.
+def compare_views(record: Record, base: Record | None, measure: str = "") -> ViewStatistics | None:
+    """Return a counter over the record's views, or None without views or with other polygons.
 
     measure : a counter, by default the main one
     """
@@ -48,48 +48,47 @@ def over_views(record: Record, base: Record | None, measure: str = "") -> OverVi
     if record.views is None or base.views is None:
         return None
     sums, base_sums = record.views.counters, base.views.counters
-    both = {*sums} & {*base_sums}
-    measure = measure or next(iter(measures(both)), "")
-    if measure not in both or len(sums[measure]) != len(base_sums[measure]):
+    common = {*sums} & {*base_sums}
+    measure = measure or next(iter(list_costs(common)), "")
+    if measure not in common or len(sums[measure]) != len(base_sums[measure]):
         return None
-    values, usual = (np.array(each[measure], np.float64) for each in (sums, base_sums))
-    if not usual.sum():
+    values = np.array(sums[measure], np.float64)
+    base_values = np.array(base_sums[measure], np.float64)
+    if not base_values.sum():
         return None
-    return OverViews(
+    return ViewStatistics(
         len(values),
         measure,
         float(values.mean()),
         *mean_interval(values),
-        float(values.sum() / usual.sum()),
-        *ratio_interval(values, usual),
+        float(values.sum() / base_values.sum()),
+        *ratio_interval(values, base_values),
     )
 
 
 def describe_views(group: RecordGroup) -> list[str]:
-    """Return how the group's counters compare over views, a line each, and ties of depth."""
+    """Return lines that compare the group's counters over views, and count depth ties."""
     base = group.base
     if base is None:
         return []
-    main = next(iter(measures(base.views.counters if base.views else ())), "")
-    lines = [_line(group, base, name) for name in dict.fromkeys((main, *DESCRIBED))]
+    main = next(iter(list_costs(base.views.counters if base.views else ())), "")
+    lines = [_describe_counter(group, base, name) for name in dict.fromkeys((main, *DESCRIBED))]
     if ties := base.counters.get("depth_ties", 0):
         lines.append(f"{ties:,} depth tests of {base.name} are ties: rounding decides them")
     return [line for line in lines if line]
 
 
-def _line(group: RecordGroup, base: Record, measure: str) -> str:
-    ratios = [
-        (record.name, over)
+def _describe_counter(group: RecordGroup, base: Record, measure: str) -> str:
+    rows = [
+        (statistics.ratio, record.name, statistics)
         for record in group.measured
-        if record is not base and (over := over_views(record, base, measure)) is not None
+        if record is not base and (statistics := compare_views(record, base, measure)) is not None
     ]
-    if not ratios or not measure:
+    if not rows or not measure:
         return ""
-    count, noun = ratios[0][1].views, "tile" if group.id.view.fit == "tile" else "view"
-    nouns = f"{count:,} {noun}{'' if count == 1 else 's'}"
-    how = f"with 95 % intervals over {nouns}"
-    if count < FEWEST:
-        how = f"over {nouns}, too few for intervals"
-    ratios.sort(key=lambda pair: pair[1].ratio)
-    listed = ", ".join(f"{name} {over.written}" for name, over in ratios)
-    return f"{find_metric(measure).label} in ratio to {base.name}'s, {how}: {listed}"
+    views, noun = rows[0][2].views, "tile" if group.id.view.fit == "tile" else "view"
+    nouns = f"{views:,} {noun}{'' if views == 1 else 's'}"
+    note = f"95 % CI over {nouns}" if views >= FEWEST else f"{nouns}, too few for intervals"
+    rows.sort(key=lambda row: row[0])
+    ratios = ", ".join(f"{name} {statistics.text}" for _, name, statistics in rows)
+    return f"{find_metric(measure).label} relative to {base.name} ({note}): {ratios}"

@@ -1,19 +1,44 @@
-"""Processors of software devices: to a software rasteriser the processor is the device.
+"""Processors of runs: times of software devices on different processors are never compared.
 
-Times of software devices on different processors are never compared.
+The speed of a software rasteriser is that of its processor.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
-from harness.results.processors import list_different, processor_label
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
 from harness.stats.run_quality import state_of
 from triangulators.devices import is_software
 
 SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")
-"""Software devices whose driver does not say that they are."""
+"""Software devices that the driver's renderer string does not identify as software."""
+
+
+def read_processor(facts: Mapping[str, Any]) -> str:
+    """Return the processor of a run from its `run.json`, or "" if unknown.
+
+    Older runs have only the processor's name.
+    """
+    processor, environment = facts.get("cpu"), facts.get("environment")
+    label = processor.get("label") if isinstance(processor, Mapping) else None
+    name = environment.get("cpu") if isinstance(environment, Mapping) else None
+    return str(label or name or "")
+
+
+def may_be_same(one: str, other: str) -> bool:
+    """Return whether two labels may name the same processor: one is a prefix of the other."""
+    return not one or not other or one.startswith(other) or other.startswith(one)
+
+
+def list_distinct(labels: Iterable[str]) -> list[str]:
+    """Return the labels of different processors, or [] if all may name the same processor."""
+    distinct: list[str] = []
+    for label in sorted(set(labels), key=len, reverse=True):
+        if not any(may_be_same(label, other) for other in distinct):
+            distinct.append(label)
+    return sorted(distinct) if len(distinct) > 1 else []
 
 
 def is_drawn_by_processor(run: Run, record: Record) -> bool:
@@ -24,42 +49,42 @@ def is_drawn_by_processor(run: Run, record: Record) -> bool:
     return is_software(renderer) or record.id.device in SOFTWARE_DEVICES
 
 
-def _timed_by_processor(run: Run) -> list[Record]:
-    return [each for each in run.records if each.time and is_drawn_by_processor(run, each)]
+def _list_timed_by_processor(run: Run) -> list[Record]:
+    return [record for record in run.records if record.time and is_drawn_by_processor(run, record)]
 
 
-def several_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
+def find_mixed_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
     """Return the software devices that were timed on several processors: name -> processors."""
     labels: dict[str, set[str]] = {}
     for run in runs:
-        for record in _timed_by_processor(run):
-            labels.setdefault(record.id.device_name, set()).add(processor_label(run.facts))
-    return {name: kinds for name, found in labels.items() if (kinds := list_different(found))}
+        for record in _list_timed_by_processor(run):
+            labels.setdefault(record.id.device_name, set()).add(read_processor(run.facts))
+    return {device: distinct for device in labels if (distinct := list_distinct(labels[device]))}
 
 
-def by_processor(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:
+def mark_processors(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:
     """Return the runs with cases of software devices on several processors marked.
 
     mark : (case, processor) -> the case with the processor in one of its fields
     """
-    mixed = several_processors(runs)
+    mixed = find_mixed_processors(runs)
 
-    def marked(run: Run, record: Record) -> Record:
+    def mark_record(run: Run, record: Record) -> Record:
         if record.id.device_name not in mixed or not is_drawn_by_processor(run, record):
             return record
-        return replace(record, id=mark(record.id, processor_label(run.facts)))
+        return replace(record, id=mark(record.id, read_processor(run.facts)))
 
-    return [replace(run, records=[marked(run, each) for each in run.records]) for run in runs]
+    return [replace(run, records=[mark_record(run, r) for r in run.records]) for run in runs]
 
 
 def format_processors(mixed: dict[str, list[str]]) -> str:
-    """Return the devices and their processors in one line."""
-    return "; ".join(f"{device} on {', '.join(kinds)}" for device, kinds in mixed.items())
+    """Return devices and their processors in one line."""
+    return "; ".join(f"{device} on {', '.join(labels)}" for device, labels in mixed.items())
 
 
 def describe_machine(run: Run) -> list[str]:
-    """Return the processor that drew, if one did, and what disturbed the run, a line each."""
-    devices = ", ".join(dict.fromkeys(each.id.device_name for each in _timed_by_processor(run)))
-    label = processor_label(run.facts)
-    lines = [f"times of {devices} are of this processor: {label}"] if devices and label else []
+    """Return lines about the processor of software devices, and about disturbances of the run."""
+    devices = dict.fromkeys(record.id.device_name for record in _list_timed_by_processor(run))
+    label = read_processor(run.facts)
+    lines = [f"processor of {', '.join(devices)}: {label}"] if devices and label else []
     return lines + state_of(run).words

@@ -1,12 +1,12 @@
 """Registry of metrics: name, unit, direction, and the function that computes it from a record.
 
-A record holds raw samples and counters only. Tables, plots, comparisons, studies and reports
-compute through this registry, so that a name means the same everywhere. Metrics are
+A record holds only raw samples and counters. Tables, plots, comparisons, studies and reports use
+this registry, so that a name means the same everywhere. Metrics are
 
-- counters, declared in `harness.rasterisers.counters` or by a third party's rasteriser; a counter
-  that nobody declared is a metric, too;
+- counters, declared in `harness.rasterisers.counters` or by a third party's rasteriser, or
+  undeclared;
 - predictions of `triangulators.criteria`;
-- what is derived from both, and from times: `METRICS` below.
+- metrics derived from counters, predictions and times: `METRICS` below.
 """
 
 import statistics
@@ -26,7 +26,7 @@ Better = Literal["lower", "higher", "none"]
 Read = Callable[[Record], float | None]
 
 PREDICTED = "predicted_"
-"""Prefix of a prediction's column where counters stand beside it."""
+"""Prefix of a prediction's column in tables that also have counters."""
 
 LANES_PER_QUAD = 4
 
@@ -42,14 +42,14 @@ class Metric:
     """A metric of a record.
 
     name : its key and its column in files
-    label, symbol, unit : how tables and plots show it; a ratio's unit is "x"
+    label, symbol, unit : for tables and plots; a ratio's unit is "x"
     function : record -> value, or None if the record lacks it
-    kind : "counter", "ratio" of exact metrics, "prediction", "time", or "count" of something else
-    better : "lower" or "higher" is better, or "none" where neither is
-    best_case : the value no triangulation can beat, None where it depends on the scene
-    heading : its heading in the terminal's table; "" leaves it out
-    form : how the table writes it
-    instead_of : the metric that it replaces in that table, which has no room for both
+    kind : "counter", "ratio" of exact metrics, "prediction", "time", or another "count"
+    better : "lower" or "higher" is better, or "none"
+    best_case : bound that no triangulation can beat, or None if it depends on the scene
+    heading : its heading in the terminal's table, which omits the metric if it is ""
+    form : format string for the table
+    instead_of : metric that it replaces in that table, which lacks room for both
     """
 
     name: str
@@ -76,12 +76,12 @@ class Metric:
 
     @property
     def exact(self) -> bool:
-        """Whether it is the same at every run: everything but times."""
+        """Whether it is the same in every run, unlike times."""
         return self.kind != "time"
 
     @property
     def is_shared(self) -> bool:
-        """Whether every triangulation of a polygon has the same, so that any change is a defect."""
+        """Whether all triangulations of a polygon have the same, so that a change is a defect."""
         return self.kind == "counter" and self.better == "none"
 
     @property
@@ -91,10 +91,9 @@ class Metric:
 
     @property
     def is_cost(self) -> bool:
-        """Whether a change for the worse is a regression without being asked for.
+        """Whether an increase is a regression by default.
 
-        Ratios of counters say nothing that the counters do not, and predictions are not
-        measurements.
+        Ratios follow from counters, and predictions are not measurements.
         """
         return self.kind in ("counter", "count") and self.has_direction
 
@@ -114,18 +113,14 @@ def _median_s(record: Record) -> float | None:
 _quads, _fragments = _read_counter("quads"), _read_counter("fragments")
 
 
-def _over(value: float | None, base: float | None, times: int = 1) -> float | None:
-    return None if value is None or not base else times * value / base
+def _divide(value: float | None, base: float | None, factor: float = 1) -> float | None:
+    return None if value is None or not base else factor * value / base
 
 
-def _in_ms(seconds: float | None) -> float | None:
-    return None if seconds is None else seconds * 1e3
+def compute_lower_bound(record: Record) -> Record | None:
+    """Return a record with the counters of the polygons' outlines, each drawn in one piece.
 
-
-def limit_of(record: Record) -> Record | None:
-    """Return a record of the same polygons, each drawn in one piece: the lower bound of counters.
-
-    It has nothing but counters; None if they are unknown.
+    They are a lower bound for every triangulation; None if they are unknown.
     """
     fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:
@@ -136,35 +131,35 @@ def limit_of(record: Record) -> Record | None:
 
 
 METRICS: dict[str, Metric] = {}
-"""Metrics derived from records; one added here is in every plot, comparison and report, and in the
-terminal's table if it has a `heading`."""
+"""Metrics derived from records, for plots, comparisons, reports and, if they have a `heading`, the
+terminal's table."""
 
 
-def _metric(label: str, unit: str, kind: Kind, **more: Any) -> Callable[[Read], Read]:
-    """Put a function among `METRICS`, by its name; its docstring says what it is."""
+def _metric(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[Read], Read]:
+    """Register a function in `METRICS` by its name; its docstring becomes the description."""
 
-    def put(function: Read) -> Read:
-        name, words = function.__name__, " ".join((function.__doc__ or "").split())
-        more["description"] = words[:1].lower() + words[1:].rstrip(".")
-        METRICS[name] = Metric(name, label, unit, function, kind, **more)
+    def register(function: Read) -> Read:
+        name, text = function.__name__, " ".join((function.__doc__ or "").split())
+        properties["description"] = text[:1].lower() + text[1:].rstrip(".")
+        METRICS[name] = Metric(name, label, unit, function, kind, **properties)
         return function
 
-    return put
+    return register
 
 
 @_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0, heading="lanes/px", form="{:.3f}")
 def overshading(record: Record) -> float | None:
-    """Lanes shaded for each pixel covered."""
-    return _over(_quads(record), _fragments(record), LANES_PER_QUAD)
+    """Lanes shaded per covered pixel."""
+    return _divide(_quads(record), _fragments(record), LANES_PER_QUAD)
 
 
-_SHOWN = {"heading": "regret", "form": "{:.1%}", "instead_of": "overshading"}
+_REGRET = {"heading": "regret", "form": "{:.1%}", "instead_of": "overshading"}
 
 
-@_metric("helper lanes above the fewest there are", "x", "ratio", best_case=0.0, **_SHOWN)
+@_metric("helper lanes above the minimum", "x", "ratio", best_case=0.0, **_REGRET)
 def regret(record: Record) -> float | None:
-    """Helper lanes more than those of the triangulation that shades the fewest quads, in ratio to
-    these, over the polygons of which that is known.
+    """Extra helper lanes relative to the triangulation with the minimum number of quads, over the
+    polygons whose minimum is known.
     """
     least = record.least
     if least is None or LANES_PER_QUAD * least.quads <= least.fragments:
@@ -173,46 +168,46 @@ def regret(record: Record) -> float | None:
     return (LANES_PER_QUAD * least.shaded - least.fragments) / minimum - 1.0
 
 
-@_metric("lanes per pixel above the limit", "x", "ratio", best_case=0.0)
+@_metric("lanes per pixel above the lower bound", "x", "ratio", best_case=0.0)
 def above_limit(record: Record) -> float | None:
-    """Lanes shaded for each pixel covered beyond those of the outline drawn in one piece: what
-    diagonals cost.
+    """Lanes shaded per covered pixel beyond those of the outline drawn in one piece: the cost of
+    diagonals.
     """
     quads, outline = _quads(record), record.outline_quads
     if quads is None or outline is None:
         return None
-    return _over(quads - outline, _fragments(record), LANES_PER_QUAD)
+    return _divide(quads - outline, _fragments(record), LANES_PER_QUAD)
 
 
 @_metric("quads of the outline", "quads", "count", better="none")
 def outline_quads(record: Record) -> float | None:
-    """2x2 quads that the outlines cover: no triangulation shades fewer."""
+    """2x2 quads that the outlines cover: a lower bound for every triangulation."""
     return record.outline_quads
 
 
 @_metric("tests per pixel", "x", "ratio", best_case=1.0)
 def bbox_overdraw(record: Record) -> float | None:
-    """Pixel centres tested for each pixel covered."""
-    return _over(record.counters.get("bbox_tests"), _fragments(record))
+    """Pixel centres tested per covered pixel."""
+    return _divide(record.counters.get("bbox_tests"), _fragments(record))
 
 
 @_metric("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
 def draw_ms(record: Record) -> float | None:
     """Median time of one draw."""
-    return _in_ms(_median_s(record))
+    return _divide(_median_s(record), 1, 1e3)
 
 
-@_metric("draw time, ratio to the reference", "x", "time", best_case=0.0)
+@_metric("draw time relative to the reference", "x", "time", best_case=0.0)
 def draw_of_reference(record: Record) -> float | None:
-    """Median draw over the same run's reference triangle."""
+    """Median draw time over that of the reference triangle of the same run."""
     reference = record.time.reference_s if record.time else ()
-    return _over(_median_s(record), statistics.median(reference) if reference else None)
+    return _divide(_median_s(record), statistics.median(reference) if reference else None)
 
 
 @_metric("time to triangulate", "ms", "time", best_case=0.0)
 def triangulate_ms(record: Record) -> float | None:
     """Time to triangulate the scene."""
-    return _in_ms(record.triangulate_s)
+    return _divide(record.triangulate_s, 1, 1e3)
 
 
 @_metric("triangles", "triangles", "count")
@@ -223,13 +218,13 @@ def triangles(record: Record) -> float | None:
 
 @_metric("coverage error", "pixels", "count", best_case=0.0)
 def coverage_error(record: Record) -> float | None:
-    """Pixels covered too often or not at all: a defect of the triangulation."""
+    """Pixels covered more than once or not at all: a defect of the triangulation."""
     return record.coverage_error
 
 
 @_metric("proven optimal", "polygons", "count", better="higher")
 def proven(record: Record) -> float | None:
-    """Polygons of which no triangulation has less of the criterion, with proof."""
+    """Polygons whose triangulation is proven optimal for its criterion."""
     return record.proven
 
 
@@ -269,80 +264,79 @@ def _of_criterion(criterion: criteria.Criterion) -> Metric:
 
 @cache
 def _of_estimate(name: str) -> Metric:
-    each = ESTIMATES[name]
-    counted = _of_counter(counters.describe(each.measure))
+    estimate = ESTIMATES[name]
+    counter = _of_counter(counters.describe(estimate.measure))
     read = _read_prediction(name)
-    label = f"{counted.label} by {each.formula}"
-    return replace(counted, name=name, label=label, kind="prediction", function=read, heading="")
+    label = f"{counter.label} by {estimate.formula}"
+    return replace(counter, name=name, label=label, kind="prediction", function=read, heading="")
 
 
 @cache
 def _of_feature(column: str) -> Metric:
-    """Return a prediction that is no criterion: a term of fits, or of a criterion since removed."""
+    """Return a prediction that is not a criterion: a term of fits, or of a removed criterion."""
     read = _read_prediction(column)
     label = column.replace("_", " ")
     return Metric(PREDICTED + column, label, "1", read, kind="prediction", better="none")
 
 
-def predictions() -> dict[str, Metric]:
+def list_predictions() -> dict[str, Metric]:
     """Return the metric of each criterion by its column, in the order of display."""
-    return {each.column: _of_criterion(each) for each in criteria.list_predicted()}
+    predicted = criteria.list_predicted()
+    return {criterion.column: _of_criterion(criterion) for criterion in predicted}
 
 
 def find_metric(name: str) -> Metric:
-    """Return the metric called `name`; an unknown name is taken for a counter.
+    """Return the metric called `name`; an unknown name is a counter.
 
-    Criteria may be written as on the command line (half-perimeter), as their column
-    (half_perimeter) or as the column beside counters (predicted_half_perimeter).
+    Criteria are found by their name on the command line (half-perimeter), or by their column with
+    or without a prefix (half_perimeter, predicted_half_perimeter).
     """
     if name in METRICS:
         return METRICS[name]
     column = name.removeprefix(PREDICTED).replace("-", "_")
     if column in ESTIMATES:
         return _of_estimate(column)
-    known = predictions()
-    if column in known:
-        return known[column]
+    if (metric := list_predictions().get(column)) is not None:
+        return metric
     if name.startswith(PREDICTED):
         return _of_feature(column)
     return _of_counter(counters.describe(name))
 
 
 def list_metrics() -> dict[str, Metric]:
-    """Return the metrics that are known before anything is measured, by name."""
-    counted = {name: _of_counter(each) for name, each in counters.COUNTERS.items()}
-    return counted | METRICS | predictions()
+    """Return all metrics of built-in rasterisers and criteria, by name."""
+    builtin = {name: _of_counter(counter) for name, counter in counters.COUNTERS.items()}
+    return builtin | METRICS | list_predictions()
 
 
-def metrics_of(records: Iterable[Record]) -> dict[str, Metric]:
-    """Return the metrics that at least one record has: counters, derived ones, predictions."""
+def find_metrics(records: Iterable[Record]) -> dict[str, Metric]:
+    """Return the metrics that some record has: counters, derived metrics, predictions."""
     records = list(records)
-    counted = {name for record in records for name in record.counters}
-    metrics = {name: _of_counter(counters.describe(name)) for name in in_order(counted)}
-    others = {**METRICS, **predictions()}
-    return metrics | {
+    names = {name for record in records for name in record.counters}
+    counted = {name: _of_counter(counters.describe(name)) for name in sort_counters(names)}
+    return counted | {
         name: metric
-        for name, metric in others.items()
-        if name not in metrics and any(metric(record) is not None for record in records)
+        for name, metric in (METRICS | list_predictions()).items()
+        if name not in counted and any(metric(record) is not None for record in records)
     }
 
 
-def in_order(names: Iterable[str]) -> list[str]:
-    """Return names of counters in the order in which they are shown."""
+def sort_counters(names: Iterable[str]) -> list[str]:
+    """Return names of counters in display order."""
     return sorted(names, key=counters.sort_key)
 
 
-def measures(names: Iterable[str]) -> list[str]:
-    """Return those of `names` that are counters a triangulation can change, the main one first."""
+def list_costs(names: Iterable[str]) -> list[str]:
+    """Return the counters in `names` that a triangulation can change, the main one first."""
     candidates = [name for name in names if not name.startswith(PREDICTED) and name != LEAST]
     first = [name for name in COST_COUNTERS if name in candidates]
     return [
         name
-        for name in dict.fromkeys([*first, *in_order(candidates)])
+        for name in dict.fromkeys([*first, *sort_counters(candidates)])
         if (metric := find_metric(name)).kind == "counter" and metric.better == "lower"
     ]
 
 
-def value_of(record: Record, names: Sequence[str]) -> float | None:
+def first_value(record: Record, names: Sequence[str]) -> float | None:
     """Return the value of the first of the named metrics that `record` has, or None."""
     return next((v for name in names if (v := find_metric(name)(record)) is not None), None)

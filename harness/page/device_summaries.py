@@ -10,12 +10,11 @@ import numpy as np
 
 from harness import atomic
 from harness.errors import IncompatibleRunsError, InputError
-from harness.metrics.groups import RecordGroup, groups_of
+from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.per_polygon import rank_correlation
-from harness.metrics.processors import is_drawn_by_processor
-from harness.metrics.registry import predictions
+from harness.metrics.processors import is_drawn_by_processor, may_be_same, read_processor
+from harness.metrics.registry import list_predictions
 from harness.profile.report import device_model
-from harness.results.processors import may_be_same, processor_label
 from harness.results.run_folder import Run
 from harness.webpages import write_atomically
 
@@ -70,13 +69,13 @@ def summarise(run: Run) -> Summary:
         "rasteriser": rasteriser,
         "device": device,
         "renderer": str(details.get("renderer") or device),
-        "cpu": processor_label(run.facts) if is_drawn_by_processor(run, timed[0]) else "",
+        "cpu": read_processor(run.facts) if is_drawn_by_processor(run, timed[0]) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
         "timer": (known.get("timer") or {}).get("timer"),
         "created": str(run.facts.get("created") or ""),
         "harness": str(environment.get("harness") or ""),
-        "views": [_view(group) for group in groups_of(replace(run, records=timed))],
+        "views": [_view(group) for group in group_run(replace(run, records=timed))],
     }
 
 
@@ -152,7 +151,7 @@ def _name(view: Summary) -> tuple[Any, ...]:
 
 def table(folder: Path) -> str:
     """Return the Markdown table of all summaries in a folder, a row for each view."""
-    titles = (predictions()[name].title for name in CRITERIA)
+    titles = (list_predictions()[name].title for name in CRITERIA)
     head = ["device", "driver", "scene", *SHOWN, *titles]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for file in sorted(folder.glob("*.json")):

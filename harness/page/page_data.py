@@ -14,8 +14,8 @@ from harness import __version__
 from harness.errors import InputError
 from harness.frame import OWN_VIEWS, View
 from harness.measuring.pool import MeasuringPool
-from harness.metrics.groups import USUAL_BASE
-from harness.metrics.registry import predictions
+from harness.metrics.groups import DEFAULT_BASE
+from harness.metrics.registry import list_predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import KEPT, counted_exactly
 from harness.profile import law
@@ -160,9 +160,9 @@ def content_of(run: Run) -> PageContent:
         "harness": __version__,
         "created": str(run.facts.get("created") or ""),
         "scene": str(views[0]["scene"]),
-        "base": USUAL_BASE if USUAL_BASE in names else names[0],
+        "base": DEFAULT_BASE if DEFAULT_BASE in names else names[0],
         "looks": {name: asdict(look) for name, look in looks(names).items()},
-        "criteria": {name: predictions()[name].title for name in SUMMARISED},
+        "criteria": {name: list_predictions()[name].title for name in SUMMARISED},
         "views": views,
     }
 

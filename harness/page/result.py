@@ -35,10 +35,9 @@ from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED, predict
 from harness.results import drawings
 from harness.results.drawings import Geometry
-from harness.results.facts import RunFacts
 from harness.results.parsing import parse_record, record_to_json
-from harness.results.record import Record, Time
-from harness.results.run_folder import Run, Store, read_arrays
+from harness.results.record import Record, RunFacts, Time
+from harness.results.run_folder import Run, RunFolder, read_arrays
 from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"
@@ -185,13 +184,13 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
         if run is not None:
             _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
     again = f"remove {folder} and give the same command again"
-    with Store.create(folder, again) as store:
-        store.write_facts(_facts(result, device))
+    with RunFolder.create(folder, again) as writer:
+        writer.write_facts(_facts(result, device))
         for view in result.views:
             for record, counters in _records(view, device, result):
                 if run is not None:
-                    _add_polygons(store, run, record, counters)
-                store.append(record)
+                    _add_polygons(writer, run, record, counters)
+                writer.append(record)
     return folder
 
 
@@ -308,16 +307,16 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
 
 
 def _add_polygons(
-    store: Store, run: Run, record: Record, counters: Mapping[str, np.ndarray]
+    writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
     """Keep the frame, and the predictions of each polygon beside what was counted of it."""
-    name = drawings.name_of(record.id.view)
-    if not (store.path / drawings.FOLDER / f"{name}.npz").exists():
+    name = drawings.view_name(record.id.view)
+    if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)
         if arrays is not None:
-            store.write_arrays(name, arrays, drawings.FOLDER)
+            writer.write_arrays(name, arrays, drawings.FOLDER)
     known = _find_record(run, record.name, record.id.scene_hash, record.id.view)
     columns = (known and read_arrays(run, known.key)) or {}
     predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
     if {len(kept) for kept in predicted.values()} == {len(counters["quads"])}:
-        store.write_arrays(record.key, {**predicted, **counters})
+        writer.write_arrays(record.key, {**predicted, **counters})

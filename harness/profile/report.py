@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.metrics.advice import listed
+from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
 from harness.style import COLOURS, draw, legend_below, panels, plain_table
@@ -63,7 +63,7 @@ def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
             yield f"{SUM_SENTENCES[term['name']]} {_format_cost(term)} in all."
     free = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if free:
-        yield f"No significant cost: {listed(free)}."
+        yield f"No significant cost: {join_names(free)}."
 
 
 def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -83,7 +83,7 @@ def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
             if value >= MIN_NAMED_SHARE
         ]
         if ratio > 1.0 + MIN_NAMED_SHARE and causes:
-            yield f"Of the extra time, {listed(causes)}."
+            yield f"Of the extra time, {join_names(causes)}."
 
 
 def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -97,11 +97,11 @@ def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
     ]
     by = f"by {name}" if name in CRITERIA else f"by {name} with this file"
     yield (
-        f"Triangulate {by}: by the model, it saves {listed(saved)} of ear clipping's time, "
+        f"Triangulate {by}: by the model, it saves {join_names(saved)} of ear clipping's time, "
         "not counting the draw itself."
     )
     regrets = [f"{CRITERIA[key]} {advice['regret'][key]:.1%}" for key in CRITERIA]
-    yield f"Extra cost over the calibrated optimum, by the model: {listed(regrets)}."
+    yield f"Extra cost over the calibrated optimum, by the model: {join_names(regrets)}."
 
 
 def make_table(profile: Mapping[str, Any]) -> Table:

@@ -1,4 +1,4 @@
-"""What the report of a run shows, as plain values."""
+"""Content of a run's report, as JSON-ready values."""
 
 import json
 import math
@@ -10,31 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.machine.git import commit_of
-from harness.metrics.advice import advice
-from harness.metrics.decision import Decided, Decision, Standing, decide_all
+from harness.metrics.decision import Decided, Decision, Standing, decide_all, format_advice
 from harness.metrics.groups import RecordGroup
 from harness.metrics.per_polygon import (
     Columns,
-    columns_of,
-    error_of,
+    compute_rms_error,
+    pair_ratios,
     rank_correlation,
-    ratio_pairs,
+    read_columns,
 )
 from harness.metrics.per_view import describe_views
+from harness.metrics.processors import read_processor
 from harness.metrics.registry import (
     PREDICTED,
     Metric,
     find_metric,
-    measures,
-    metrics_of,
-    predictions,
+    find_metrics,
+    list_costs,
+    list_predictions,
 )
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report import matrix
-from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
+from harness.report.matrix import (
+    format_best_criterion,
+    format_study_answer,
+    make_run_matrices,
+    read_study_matrices,
+)
 from harness.results import drawings
 from harness.results.drawings import Geometry
-from harness.results.processors import processor_label
 from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.stats.run_quality import state_of
@@ -45,15 +49,15 @@ from harness.webpages import encoded
 from triangulators.polygon_arrays import ranges
 
 MAX_MARKS = 6_000
-"""Marks of one chart: a polygon under one triangulator each."""
+"""Maximum marks of a chart: polygons times triangulators."""
 
 MAX_VALUES = 600_000
-"""Per-polygon numbers that one report carries."""
+"""Maximum per-polygon numbers of a report."""
 
 MIN_POLYGONS = 12
 
 MAX_TRIANGLES = 1_500_000
-"""Triangles that one report carries for its heatmaps, over all triangulators and views."""
+"""Maximum triangles of a report's heatmaps, over all triangulators and views."""
 
 
 class PackedTriangles(TypedDict):
@@ -73,7 +77,7 @@ class Drawing(TypedDict):
 
 
 class ViewContent(TypedDict):
-    """A view: which of its polygons are shown, and each triangulator's predictions of them."""
+    """A view: numbers of the sampled polygons, and each triangulator's predictions for them."""
 
     polygons: int
     chosen: list[int]
@@ -100,7 +104,7 @@ class GroupContent(TypedDict):
 
 
 class CaseContent(TypedDict):
-    """A case: the number of its group, its row of summary.csv, counters of the shown polygons."""
+    """A case: number of its group, row of summary.csv, counters of the sampled polygons."""
 
     group: int
     row: dict[str, Any]
@@ -130,47 +134,47 @@ class Content(TypedDict):
     warnings: list[str]
 
 
-def content_of(run: Run, decided: Sequence[Decided] | None = None) -> Content:
-    """Return everything the report of `run` shows, JSON-ready.
+def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
+    """Return the content of the report of `run`, JSON-ready.
 
-    decided : what `decide_all` returned for the run; None: decide now
+    decided : result of `decide_all` for the run, computed if None
     """
     decided = list(decide_all(run) if decided is None else decided)
-    # A GPU is what most readers ask about, then what was timed; else in the order measured.
+    # Timed GPUs first, then other timed devices, then in the order of measurement.
     position = {id(record): number for number, record in enumerate(run.records)}
-    decided.sort(key=lambda each: (_interest(each[0]), _first_position(each[0], position)))
+    decided.sort(key=lambda pair: (_display_key(pair[0]), _first_position(pair[0], position)))
     polygons = _Polygons(run, [group for group, _ in decided])
-    names = _triangulators(run)
-    shown = metrics_of(run.records)
+    names = _list_triangulators(run)
+    metrics = find_metrics(run.records)
     scenes = [run.facts.get("scene", {}).get("name"), *(r.id.scene for r in run.records[:1])]
     groups: list[GroupContent] = []
     cases: list[CaseContent] = []
     for number, (group, decision) in enumerate(decided):
-        groups.append(_group(group, decision, polygons))
-        ranks = {id(each.record): rank for rank, each in enumerate(_standings(decision), start=1)}
+        groups.append(_make_group(group, decision, polygons))
+        ranks = {id(s.record): rank for rank, s in enumerate(_standings(decision), start=1)}
         cases += [
-            _case(number, record, ranks.get(id(record)), decision, polygons)
+            _make_case(number, record, ranks.get(id(record)), decision, polygons)
             for record in group.records
         ]
-    study = from_study(run.folder)
+    study = read_study_matrices(run.folder)
     return {
         "name": next(filter(None, scenes), run.path.name),
         "figures": {
-            name: _described(metric)
-            for name, metric in (shown | {name: find_metric(name) for name in ESTIMATES}).items()
+            name: _describe_metric(metric)
+            for name, metric in (metrics | {name: find_metric(name) for name in ESTIMATES}).items()
         },
-        "criteria": [name for name, metric in shown.items() if metric.kind == "prediction"],
-        "estimates": {name: each.measure for name, each in ESTIMATES.items()},
-        "measures": measures(shown),
+        "criteria": [name for name, metric in metrics.items() if metric.kind == "prediction"],
+        "estimates": {name: estimate.measure for name, estimate in ESTIMATES.items()},
+        "measures": list_costs(metrics),
         "triangulators": names,
-        "looks": {name: asdict(each) for name, each in looks(names).items()},
+        "looks": {name: asdict(look) for name, look in looks(names).items()},
         "groups": groups,
         "cases": cases,
         "views": polygons.views,
-        "matrices": study or from_run(_correlations_of_first_view(groups)),
-        "study": answer_of_study(study),
-        "environment": rows(run),
-        "key_facts": key_rows(run),
+        "matrices": study or make_run_matrices(_correlations_of_first_view(groups)),
+        "study": format_study_answer(study),
+        "environment": list_facts(run),
+        "key_facts": list_key_facts(run),
         "warnings": [*run.facts.get("warnings", []), *state_of(run).words, *run.problems],
     }
 
@@ -194,58 +198,58 @@ def _correlations_of_first_view(
 
 
 class _Polygons:
-    """Per-polygon columns of the run's cases, and the views that are drawn from them."""
+    """Per-polygon columns of the run's cases, and the content of views made from them."""
 
     def __init__(self, run: Run, groups: Sequence[RecordGroup]) -> None:
         self.run = run
         self.views: dict[str, ViewContent] = {}
         cases = sum(len(group.measured) for group in groups)
-        share = MAX_VALUES // max(1, 8 * cases)  # a case holds some eight columns
+        share = MAX_VALUES // max(1, 8 * cases)  # a case has about eight columns
         widest = max((len(group.records) for group in groups), default=1)
         self._max = max(MIN_POLYGONS, min(share, MAX_MARKS // widest))
-        self._chosen: dict[str, NDArray[np.int64]] = {}
+        self._samples: dict[str, NDArray[np.int64]] = {}
 
     def read(self, record: Record) -> Columns | None:
-        """Return a case's columns; the first time, add its view with drawings and predictions."""
-        columns = columns_of(self.run, record) if record.is_ok else None
+        """Return a case's columns; add its view, with drawings and predictions, on first use."""
+        columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
             return None
-        view = drawings.name_of(record.id.view)
-        if view not in self._chosen:
+        view = drawings.view_name(record.id.view)
+        if view not in self._samples:
             self._add_view(view, record, len(columns[f"{PREDICTED}triangles"]))
         predicted = self.views[view]["predicted"]
         if record.name not in predicted:
-            chosen = self._chosen[view]
+            sample = self._samples[view]
             predicted[record.name] = {
-                name.removeprefix(PREDICTED): list(map(_rounded, column[chosen].tolist()))
+                name.removeprefix(PREDICTED): list(map(_round, column[sample].tolist()))
                 for name, column in columns.items()
                 if name.startswith(PREDICTED)
             }
         return columns
 
     def _add_view(self, name: str, record: Record, polygons: int) -> None:
-        chosen = self._chosen[name] = choose(polygons, self._max)
+        sample = self._samples[name] = choose_sample(polygons, self._max)
         view: ViewContent = {
             "polygons": polygons,
-            "chosen": chosen.tolist(),
+            "chosen": sample.tolist(),
             "predicted": {},
             "drawing": None,
         }
         geometry = drawings.read(self.run, record.id.view)
         if geometry is not None and len(geometry.grid) == polygons:
-            share = len(chosen) / max(1, polygons)
+            share = len(sample) / max(1, polygons)
             triangles = sum(len(rows) for rows in geometry.triangles.values())
             if triangles * share <= MAX_TRIANGLES / (1 + len(self.views)):
-                view["drawing"] = pack(geometry, chosen)
+                view["drawing"] = pack(geometry, sample)
         self.views[name] = view
 
-    def counted(self, record: Record, columns: Columns) -> dict[str, list[int]]:
-        """Return the counters of the chosen polygons."""
-        chosen = self._chosen[drawings.name_of(record.id.view)]
-        return {name: columns[name][chosen].astype(int).tolist() for name in measures(columns)}
+    def sample_counters(self, record: Record, columns: Columns) -> dict[str, list[int]]:
+        """Return the counters of the sampled polygons."""
+        sample = self._samples[drawings.view_name(record.id.view)]
+        return {name: columns[name][sample].astype(int).tolist() for name in list_costs(columns)}
 
 
-def _group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> GroupContent:
+def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> GroupContent:
     columns = {
         record.name: values
         for record in group.records
@@ -253,44 +257,47 @@ def _group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -
     }
     base = group.base
     base_name = base.name if base is not None else next(iter(columns), None)
-    counted = measures(columns[base_name]) if base_name in columns else []
+    counted = list_costs(columns[base_name]) if base_name in columns else []
     correlations = {
         measure: {
-            criterion: _rounded(rank_correlation(*pairs))
-            for criterion in predictions()
+            criterion: _round(rank_correlation(*pairs))
+            for criterion in list_predictions()
             if base_name and f"{PREDICTED}{criterion}" in columns[base_name]
-            for pairs in [ratio_pairs(columns, base_name, criterion, measure)]
+            for pairs in [pair_ratios(columns, base_name, criterion, measure)]
         }
         for measure in counted
         if base_name is not None
     }
-    # One polygon has no columns: its record's totals are its counters.
-    totals = measures((base or group.records[0]).counters)
+    # A single polygon has no columns: the record's totals are its counters.
+    totals = list_costs((base or group.records[0]).counters)
     main = next(iter([*counted, *totals]), None)
-    spread = matrix.read(polygons.run, group.id.view) if main in MEASURES else None
+    spread = matrix.read_spread(polygons.run, group.id.view) if main in MEASURES else None
     return {
         "scene": group.id.scene,
         "rasteriser": group.id.rasteriser,
         "device": group.id.device_name,
-        "view": drawings.name_of(group.id.view),
+        "view": drawings.view_name(group.id.view),
         "condition": group.id.condition,
         "base": base_name,
         "measures": counted,
         "main": main,
         "correlations": correlations,
         "estimated": {
-            name: {"rank": _rounded(rank_correlation(*pairs)), "error": _rounded(error_of(*pairs))}
-            for name, each in ESTIMATES.items()
-            if each.measure in counted and base_name
-            for pairs in [ratio_pairs(columns, base_name, name, each.measure)]
+            name: {
+                "rank": _round(rank_correlation(*pairs)),
+                "error": _round(compute_rms_error(*pairs)),
+            }
+            for name, estimate in ESTIMATES.items()
+            if estimate.measure in counted and base_name
+            for pairs in [pair_ratios(columns, base_name, name, estimate.measure)]
         },
-        "answer": advice(decision),
-        "judged": criteria_of(main, correlations, spread),
+        "answer": format_advice(decision),
+        "judged": format_best_criterion(main, correlations, spread),
         "views": describe_views(group),
     }
 
 
-def _case(
+def _make_case(
     number: int,
     record: Record,
     rank: int | None,
@@ -301,47 +308,47 @@ def _case(
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
     columns = polygons.read(record)
-    complete = any(each.complete for each in _standings(decision) if each.record is record)
+    complete = any(s.complete for s in _standings(decision) if s.record is record)
     return {
         "group": number,
-        "row": {name: _rounded(value) for name, value in (row | predicted).items()},
+        "row": {name: _round(value) for name, value in (row | predicted).items()},
         "rank": rank,
         "complete": complete,
         "warnings": list(record.time.warnings) if record.time else [],
-        "counted": None if columns is None else polygons.counted(record, columns),
+        "counted": None if columns is None else polygons.sample_counters(record, columns),
     }
 
 
-def _interest(group: RecordGroup) -> tuple[bool, bool, bool]:
+def _display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
     timed = any(record.time for record in group.measured)
     gpu = bool(group.measured) and group.id.device.startswith("gpu")
     main = bool(group.measured) and group.id.rasteriser == "opengl"
     return not (gpu and timed), not (main and timed), not timed
 
 
-def _described(metric: Metric) -> dict[str, Any]:
+def _describe_metric(metric: Metric) -> dict[str, Any]:
     names = ("title", "label", "unit", "kind", "better", "description")
     return {name: getattr(metric, name) for name in names} | {"percent": "%}" in metric.form}
 
 
-def _triangulators(run: Run) -> list[str]:
-    """Return the names in the order of the plan, then those that only records have."""
+def _list_triangulators(run: Run) -> list[str]:
+    """Return the names in the order of the plan, then names that only records have."""
     planned = run.facts.get("plan", {}).get("triangulators", [])
-    seen = list(dict.fromkeys(record.name for record in run.records))
-    return [name for name in planned if name in seen] + [n for n in seen if n not in planned]
+    measured = dict.fromkeys(record.name for record in run.records)
+    return list(dict.fromkeys([*(name for name in planned if name in measured), *measured]))
 
 
-def _rounded(value: Any) -> Any:
-    """Return a value with at most 7 significant digits; what JSON cannot hold becomes None."""
+def _round(value: Any) -> Any:
+    """Return a value rounded to 7 significant digits; NaN and infinity become None."""
     if isinstance(value, float):
         return float(f"{value:.7g}") if math.isfinite(value) else None
     return value
 
 
-def choose(polygons: int, most: int) -> NDArray[np.int64]:
-    """Return the numbers, in order, of at most `most` polygons: all, or a fixed random sample."""
-    chosen = np.random.default_rng(0).choice(polygons, min(polygons, most), replace=False)
-    return np.sort(chosen).astype(np.int64)
+def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
+    """Return sorted numbers of at most `limit` polygons: all, or a fixed random sample."""
+    sample = np.random.default_rng(0).choice(polygons, min(polygons, limit), replace=False)
+    return np.sort(sample).astype(np.int64)
 
 
 def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> Drawing:
@@ -349,7 +356,7 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> Drawing:
 
     points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; `sizes` vertices each
     triangles : triangulator -> {"counts", "rows"}: triangles of each polygon, and base64 of
-        uint32 indices into that polygon's own points
+        uint32 indices into the polygon's points
     """
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[chosen], geometry.grid.vertex_counts[chosen]
@@ -375,43 +382,42 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> Drawing:
 Row = tuple[str, str, str]
 
 
-def rows(run: Run) -> list[Row]:
-    """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
+def list_facts(run: Run) -> list[Row]:
+    """Return all facts of `run.json` as (section, name, value), flattened."""
     facts: Mapping[str, Any] = {**run.facts}
-    known = ("created", "schema_version", "interrupted", "resumed")
-    found = [("run", name, _text(facts[name])) for name in known if name in facts]
+    names = ("created", "schema_version", "interrupted", "resumed")
+    rows = [("run", name, _text(facts[name])) for name in names if name in facts]
     for section in ("scene", "environment", "cpu", "state", "plan", "devices", "frames", "seconds"):
         values = facts.get(section)
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
         if isinstance(values, dict):
-            told = flat(values, ": ").items()
-            found += [(section, name, _text(value)) for name, value in told]
-    return found
+            rows += [(section, name, _text(v)) for name, v in flat(values, ": ").items()]
+    return rows
 
 
-def key_rows(run: Run) -> list[tuple[str, str]]:
-    """Return (name, value) of the few facts that times depend on most, where they are known."""
+def list_key_facts(run: Run) -> list[tuple[str, str]]:
+    """Return (name, value) of the known facts that times depend on most."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
-    found = [("processor", processor_label(run.facts)), ("system", machine.get("kernel"))]
+    rows = [("processor", read_processor(run.facts)), ("system", machine.get("kernel"))]
     for label, device in (run.facts.get("devices") or {}).items():
         details = device.get("details") or {}
         timer = (device.get("timer") or {}).get("timer", "not timed")
         names = [details.get("renderer"), details.get("version"), f"timer: {timer}"]
-        found.append((label, ", ".join(str(name) for name in names if name)))
+        rows.append((label, ", ".join(str(name) for name in names if name)))
     gpus = machine.get("gpus") or []
-    found += [("GPU", ", ".join(str(value) for value in gpu.values())) for gpu in gpus]
+    rows += [("GPU", ", ".join(str(value) for value in gpu.values())) for gpu in gpus]
     if scene:
         size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
-        found.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
-    found.append(("commit", commit_of(run.facts)))
+        rows.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
+    rows.append(("commit", commit_of(run.facts)))
     harness = f"{machine.get('harness', '')} {commit_of(run.facts, 'git')}"
-    found.append(("harness", harness.strip()))
-    found.append(("command", " ".join(map(str, machine.get("command") or []))))
-    return [(name, str(value)) for name, value in found if value]
+    rows.append(("harness", harness.strip()))
+    rows.append(("command", " ".join(map(str, machine.get("command") or []))))
+    return [(name, str(value)) for name, value in rows if value]
 
 
 def _text(value: Any) -> str:
-    """Return a text as it is, and anything else as run.json has it."""
+    """Return a text unchanged, and other values as JSON."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -1,7 +1,7 @@
 """The matrix of a report: how well each criterion predicts each measurement.
 
-`study validate` leaves `correlations.csv` beside its run, with intervals; a plain run has the rank
-correlation of its polygons' ratios. One sentence says which predicts the cost best.
+`study validate` writes `correlations.csv` with intervals next to its run; a plain run has the rank
+correlation of its polygons' ratios. One sentence names the criterion that predicts the cost best.
 """
 
 import math
@@ -15,11 +15,12 @@ import pandas as pd
 from harness import atomic
 from harness.errors import InputError
 from harness.frame import View
-from harness.metrics.groups import SAME
-from harness.metrics.registry import find_metric, measures, predictions
+from harness.metrics.groups import IDENTIFYING
+from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results import drawings
 from harness.results.run_folder import Run
 from harness.study.correlations import (
+    PAPER,
     TIME,
     Estimate,
     column,
@@ -28,16 +29,16 @@ from harness.study.correlations import (
     predictors,
     ranks_within,
 )
-from harness.study.subjects import MEASURES, count_ways
+from harness.study.subjects import MEASURES, count_triangulations
 from harness.workers.worker import Worker
 
 FILE = "correlations.csv"
-WHERE = ("rasteriser", "device", "measure")
+TARGET = ("rasteriser", "device", "measure")
 COLUMNS = ("rasteriser", "device", "criterion", "measure", "statistic", "value")
 
 STATISTICS = {
     "spearman_within": "rank correlation within a polygon",
-    "spearman_pooled": "rank correlation over all polygons (misleads: size alone makes it high)",
+    "spearman_pooled": "rank correlation over all polygons (misleading: dominated by size)",
     "spearman_of_ratios": "rank correlation of ratios to the base triangulator",
 }
 
@@ -46,13 +47,13 @@ Cell = tuple[tuple[str, str, str], str, list[float | None]]
 """(rasteriser, device, measure), criterion, and the value with its interval."""
 
 
-def from_study(folder: Path) -> list[Matrix]:
-    """Return one matrix per statistic of the study in `folder`, [] where there is none.
+def read_study_matrices(folder: Path) -> list[Matrix]:
+    """Return one matrix per statistic of the study in `folder`, [] if there is no study.
 
     Raises
     ------
     InputError
-        if `correlations.csv` lacks a column or holds something that is not a number
+        if `correlations.csv` lacks a column or has an invalid number
     """
     file = folder / FILE
     if not file.is_file():
@@ -60,38 +61,40 @@ def from_study(folder: Path) -> list[Matrix]:
     table = pd.read_csv(file)
     missing = [name for name in COLUMNS if name not in table]
     if missing:
-        raise InputError(f"{file} has no column {', '.join(missing)}; validate again")
+        raise InputError(f"{file}: no column {', '.join(missing)}; run study validate again")
     table = table.reindex(columns=[*COLUMNS, "ci_low", "ci_high"])
-    told = table[["value", "ci_low", "ci_high"]]
-    values = told.apply(pd.to_numeric, errors="coerce")
-    wrong = (values.isna() & told.notna()).any(axis=1)
-    if wrong.any():
-        raise InputError(f"{file}, line {wrong.argmax() + 2}: not a number; validate again")
-    wheres = table[list(WHERE)].itertuples(index=False, name=None)
-    kept = values.astype(object).where(np.isfinite(values), None).to_numpy().tolist()
+    texts = table[["value", "ci_low", "ci_high"]]
+    values = texts.apply(pd.to_numeric, errors="coerce")
+    invalid = (values.isna() & texts.notna()).any(axis=1)
+    if invalid.any():
+        line = invalid.argmax() + 2
+        raise InputError(f"{file}, line {line}: not a number; run study validate again")
+    targets = table[list(TARGET)].itertuples(index=False, name=None)
+    numbers = values.astype(object).where(np.isfinite(values), None).to_numpy().tolist()
+    columns = (table["statistic"], targets, table["criterion"], numbers)
     cells: dict[str, list[Cell]] = {}
-    for statistic, *cell in zip(table["statistic"], wheres, table["criterion"], kept, strict=True):
+    for statistic, *cell in zip(*columns, strict=True):
         cells.setdefault(statistic, []).append(tuple(cell))
-    known = [name for name in STATISTICS if name in cells]
-    return [_matrix(name, cells[name]) for name in dict.fromkeys([*known, *cells])]
+    first = [name for name in STATISTICS if name in cells]
+    return [_make_matrix(name, cells[name]) for name in dict.fromkeys([*first, *cells])]
 
 
-def from_run(
-    found: Iterable[tuple[tuple[str, str, str], Mapping[str, float | None]]],
+def make_run_matrices(
+    correlations: Iterable[tuple[tuple[str, str, str], Mapping[str, float | None]]],
 ) -> list[Matrix]:
     """Return the matrix of a run's ((rasteriser, device, measure), criterion -> value) pairs."""
     cells = [
-        (where, criterion, [value, None, None])
-        for where, values in found
+        (target, criterion, [value, None, None])
+        for target, values in correlations
         for criterion, value in values.items()
     ]
-    return [_matrix("spearman_of_ratios", cells)] if cells else []
+    return [_make_matrix("spearman_of_ratios", cells)] if cells else []
 
 
-def _matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
-    table = {(where, criterion): values for where, criterion, values in cells}
-    columns = list(dict.fromkeys(where for where, _ in table))
-    rows = sorted({criterion for _, criterion in table}, key=_place)
+def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
+    table = {(target, criterion): values for target, criterion, values in cells}
+    columns = list(dict.fromkeys(target for target, _ in table))
+    rows = sorted({criterion for _, criterion in table}, key=_sort_key)
     return {
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
@@ -100,13 +103,14 @@ def _matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
             for name in rows
         ],
         "columns": [
-            {**dict(zip(WHERE, where, strict=True)), "title": label(where[2])} for where in columns
+            {**dict(zip(TARGET, target, strict=True)), "title": label(target[2])}
+            for target in columns
         ],
-        "cells": [[table.get((where, name)) for where in columns] for name in rows],
+        "cells": [[table.get((target, name)) for target in columns] for name in rows],
     }
 
 
-def _place(criterion: str) -> tuple[int, str]:
+def _sort_key(criterion: str) -> tuple[int, str]:
     names = [*predictors(), column(criterion)]
     return names.index(column(criterion)), criterion
 
@@ -115,90 +119,92 @@ Correlations = Mapping[str, Mapping[str, float | None]]
 """measure -> criterion -> rank correlation of ratios."""
 
 
-def criteria_of(
+def format_best_criterion(
     measure: str | None,
     correlations: Correlations,
     spread: pd.DataFrame | None = None,
 ) -> str:
-    """Return one sentence about which criterion to use, "" where none was judged.
+    """Return one sentence about the criterion that predicts the cost best, "" if unknown.
 
-    measure : the group's main counter, None if nothing was counted a polygon
-    spread : what `read` gives of the group's view
+    measure : the group's main counter, or None if there are no counters per polygon
+    spread : result of `read_spread` for the group's view
     """
-    within = {} if spread is None or measure is None else ranks(spread, measure)
+    within = {} if spread is None or measure is None else correlate_spread(spread, measure)
     if within:
-        values = {name: each.value for name, each in within.items()}
+        values = {name: estimate.value for name, estimate in within.items()}
     else:
-        told = correlations.get(measure or "", {}).items()
-        values = {name: v for name, v in told if v is not None and name in predictions()}
+        pairs = correlations.get(measure or "", {}).items()
+        values = {name: v for name, v in pairs if v is not None and name in list_predictions()}
     if not values:
         return ""
     best = max(values, key=values.__getitem__)
-    words = "Within a polygon" if within else "Of the criteria"
-    words += f", {find_metric(best).title} predicts {find_metric(measure or '').label} best "
-    words += f"(rank correlation {values[best]:.2f}"
+    text = "Within a polygon" if within else "Of the criteria"
+    text += f", {find_metric(best).title} predicts {find_metric(measure or '').label} best "
+    text += f"(rank correlation {values[best]:.2f}"
     if within:
-        first = within[best]
-        words += "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
-        words += f", over {first.polygons} polygons"
-    if best != "overdraw" and "overdraw" in values:
-        words += f"; {find_metric('overdraw').title} {values['overdraw']:.2f}"
-    return f"{words})."
+        estimate = within[best]
+        if not math.isnan(estimate.low):
+            text += f", 95 % CI {estimate.low:.2f}-{estimate.high:.2f}"
+        text += f", {estimate.polygons} polygons"
+    if best != PAPER and PAPER in values:
+        text += f"; {find_metric(PAPER).title} {values[PAPER]:.2f}"
+    return f"{text})."
 
 
-def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return one sentence about a study's first matrix, None where it has no figure to name.
+def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return one sentence about a study's first matrix, or None if it has no correlation.
 
-    Helper lanes come first, then bounding-box tests, then whatever was measured.
+    The measure is helper lanes, else bounding-box tests, else the first one.
     """
     if not matrices:
         return None
     matrix = matrices[0]
-    columns = [each["measure"] for each in matrix["columns"]]
-    wanted = [*measures(name for name in columns if not name.startswith(TIME)), *columns]
-    place = columns.index(wanted[0])
-    known = {
-        row["title"]: cells[place]
+    columns = [column["measure"] for column in matrix["columns"]]
+    counters = [name for name in columns if not name.startswith(TIME)]
+    index = columns.index(next(iter([*list_costs(counters), *columns])))
+    rows = {
+        row["title"]: cells[index]
         for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
-        if column(row["name"]) in predictions() and cells[place] and cells[place][0] is not None
+        if column(row["name"]) in list_predictions()
+        and cells[index]
+        and cells[index][0] is not None
     }
-    if not known:
+    if not rows:
         return None
-    best = max(known, key=lambda title: known[title][0])
-    value, low, high = known[best]
-    interval = "" if low is None else f", 95 % interval {low:.2f} to {high:.2f}"
-    of = matrix["columns"][place]
-    where = f"{of['rasteriser']} on {of['device']}"
-    words = f"{best} predicts the {of['title']} of {where} best "
-    words += f"({matrix['title']} {value:.2f}{interval})"
-    paper = find_metric("overdraw").title
-    if best != paper and paper in known:
-        words += f"; {paper} reaches {known[paper][0]:.2f}"
-    return f"{words[0].upper()}{words[1:]}."
+    best = max(rows, key=lambda title: rows[title][0])
+    value, low, high = rows[best]
+    interval = "" if low is None else f", 95 % CI {low:.2f}-{high:.2f}"
+    target = matrix["columns"][index]
+    text = f"{best} predicts the {target['title']} of {target['rasteriser']} on {target['device']} "
+    text += f"best ({matrix['title']} {value:.2f}{interval})"
+    paper = find_metric(PAPER).title
+    if best != paper and paper in rows:
+        text += f"; {paper} reaches {rows[paper][0]:.2f}"
+    return f"{text[0].upper()}{text[1:]}."
 
 
 SPREAD = "spread.csv"
 
 
-def write(run: Run) -> Path | None:
-    """Write `SPREAD` for the first view that the run kept drawings of; None where there is none."""
+def write_spread(run: Run) -> Path | None:
+    """Write `SPREAD` for the first view with stored drawings; return its path, or None."""
     for record in run.records:
         view = record.id.view
-        if record.is_ok and (kept := drawings.read(run, view)) is not None:
-            with Worker("the criteria's judge") as worker:
-                rows = worker.call(count_ways, kept, view)
+        if record.is_ok and (geometry := drawings.read(run, view)) is not None:
+            with Worker("the evaluation of criteria") as worker:
+                rows = worker.call(count_triangulations, geometry, view)
             if not rows:
                 return None
-            # Two names for one triangulation must not count twice.
-            table = pd.DataFrame(rows).drop_duplicates(["polygon", *SAME, *MEASURES])
+            # Equal triangulations under several names count once.
+            table = pd.DataFrame(rows).drop_duplicates(["polygon", *IDENTIFYING, *MEASURES])
             file = run.path / SPREAD
             atomic.write(file, table.to_csv(index=False, float_format="%.9g").encode())
             return file
     return None
 
 
-def read(run: Run, view: View) -> pd.DataFrame | None:
-    """Return what `write` wrote of `view`; None where there is nothing, or it is damaged."""
+def read_spread(run: Run, view: View) -> pd.DataFrame | None:
+    """Return the table of `write_spread` for `view`, or None if missing or invalid."""
     file = run.path / SPREAD
     if not file.is_file():
         return None
@@ -206,14 +212,17 @@ def read(run: Run, view: View) -> pd.DataFrame | None:
         table = pd.read_csv(file)
         of_view = (table["resolution"] == view.resolution) & (table["rotation"] == view.rotation)
         table = table[of_view & (table["fit"] == view.fit)]
-        table = table.astype(dict.fromkeys([*predictions(), *MEASURES], np.float64))
+        table = table.astype(dict.fromkeys([*list_predictions(), *MEASURES], np.float64))
     except (KeyError, ValueError, OSError, pd.errors.ParserError):
         return None
     return None if table.empty else table
 
 
-def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
-    """Return the rank correlation within polygons of each criterion that ranks anything."""
-    known = [name for name in predictions() if name in table]
-    found = {name: median_estimate(ranks_within(table, name, measure)) for name in known}
-    return {name: each for name, each in found.items() if np.isfinite(each.value)}
+def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
+    """Return the rank correlation within polygons of each criterion, if it is defined."""
+    estimates = {
+        name: median_estimate(ranks_within(table, name, measure))
+        for name in list_predictions()
+        if name in table
+    }
+    return {name: e for name, e in estimates.items() if np.isfinite(e.value)}

@@ -1,4 +1,4 @@
-"""The report of a run as one page of HTML, which needs no network."""
+"""The report of a run as one self-contained HTML page."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,13 +6,13 @@ from pathlib import Path
 from harness import __version__
 from harness.errors import InputError
 from harness.metrics.decision import Decided
-from harness.report.content import content_of
+from harness.report.content import make_content
 from harness.results.run_folder import Run
 from harness.webpages import packed, static, template, write_atomically
 
 PACKAGE = "harness.report"
 ELEMENTS, SPANS = "elements.js", "spans.js"
-"""What the measuring page uses, too, as it does `CHARTS` and the style."""
+"""Scripts that measuring pages use too, as they do `CHARTS` and the style."""
 FILE = "report.html"
 STYLE = "report.css"
 
@@ -35,27 +35,25 @@ CHARTS = "echarts.common.min.js"
 def write_report(
     run: Run, file: Path | None = None, decided: Sequence[Decided] | None = None
 ) -> Path:
-    """Write the report of `run` as one HTML file; return its path.
+    """Write the report of `run` as one HTML file and return its path.
 
     file : by default `report.html` in the run's folder
-    decided : what `decide_all` returned for the run; None: decide now
+    decided : result of `decide_all` for the run, computed if None
 
     Raises
     ------
     InputError
-        if the run holds nothing to show
+        if the run has no case and no study
     """
-    content = content_of(run, decided)
+    content = make_content(run, decided)
     if not content["cases"] and not content["matrices"]:
-        why = f" ({run.problems[0]})" if run.problems else ""
-        raise InputError(
-            f"{run.path} holds no case and no study yet{why}; run or --resume it first"
-        )
+        detail = f" ({run.problems[0]})" if run.problems else ""
+        raise InputError(f"{run.path} holds no case and no study{detail}; run or --resume it first")
     target = file or run.folder / FILE
     first = content["groups"][0] if content["groups"] else None
     text = template(PACKAGE, "report.html").render(
         content=content,
-        answer=content["study"] or (first["answer"] if first else "A study without a figure."),
+        answer=content["study"] or (first["answer"] if first else "The study has no correlation."),
         failed=sum(case["row"]["status"] == "failed" for case in content["cases"]),
         key_facts=content["key_facts"],
         created=run.facts.get("created", ""),

@@ -1,4 +1,4 @@
-"""What criteria predict against what was measured, as a picture for papers."""
+"""Plots of predictions against measurements, for papers."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.metrics.groups import RecordGroup, groups_of
+from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.per_polygon import (
     Columns,
-    columns_of,
-    error_of,
+    compute_ratios,
+    compute_rms_error,
+    pair_ratios,
     rank_correlation,
-    ratio_pairs,
-    ratios,
+    read_columns,
 )
-from harness.metrics.registry import PREDICTED, find_metric, measures, predictions
+from harness.metrics.registry import PREDICTED, find_metric, list_costs, list_predictions
 from harness.rasterisers.counters import ESTIMATES
 from harness.results.run_folder import Run
+from harness.study.correlations import PAPER
 from harness.style import (
     COLOURS,
     MAX_VECTOR_MARKS,
@@ -39,69 +40,69 @@ if TYPE_CHECKING:
 Marks = NDArray[np.float64]
 
 NAME = "predicted-vs-measured"
-"""Of the files."""
-
-PAPER = "overdraw"
-"""Column of the criterion that the paper minimises."""
+"""Stem of the file names."""
 
 
 def plot_run(run: Run) -> list[Path]:
-    """Draw the plots of a run folder into its `plots`; returns the files written."""
+    """Draw the plots of a run into its folder `plots`; return the files."""
     files = []
-    chosen = [group for group in groups_of(run) if group.measured]
+    groups = [group for group in group_run(run) if group.measured]
     position = {id(record): number for number, record in enumerate(run.records)}
-    chosen.sort(key=lambda group: min(position[id(record)] for record in group.records))
-    for number, group in enumerate(chosen):
+    groups.sort(key=lambda group: min(position[id(record)] for record in group.records))
+    for number, group in enumerate(groups):
         case = group.id
         names = (case.rasteriser, case.device_name, case.view.resolution)
         view = "-".join(map(str, (*names, f"{case.view.rotation:g}")))
         stem = f"{NAME}-{view}" if number else NAME
-        files += draw(run.path / "plots", stem, predicted_against_measured, run, group)
+        files += draw(run.path / "plots", stem, draw_predictions, run, group)
     return files
 
 
-def predicted_against_measured(run: Run, group: RecordGroup) -> Figure | None:
-    """Draw, for each polygon, what criteria and cost are against the base triangulator's.
+def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
+    """Draw each polygon's criteria and cost relative to the base, or return None without data.
 
-    Predictions in the unit of the cost have a panel each; where there are none or one, the paper's
-    criterion and the one that ranks best fill up. The last panel shows how well every criterion
-    ranks. Dividing by the base's value on the same polygon takes the polygon's size out, which
-    would otherwise make every criterion look good. None where there is nothing to draw.
+    Up to two panels show estimates in the unit of the cost, then the paper's criterion and the
+    criterion with the best rank correlation. The last panel shows the rank correlation of every
+    criterion. The division by the base's value on the same polygon removes the polygon's size,
+    which would otherwise make every criterion look good.
     """
     columns = {
         record.name: arrays
         for record in group.measured
-        if (arrays := columns_of(run, record)) is not None
+        if (arrays := read_columns(run, record)) is not None
     }
     base = group.base.name if group.base and group.base.name in columns else None
     base = base or next(iter(columns), None)
-    measure = next(iter(measures(columns[base])), None) if base else None
+    measure = next(iter(list_costs(columns[base])), None) if base else None
     if base is None or measure is None or len(columns) < 2:
         return None
     ranks = {
         name: rank
-        for name in predictions()
-        if (rank := rank_correlation(*ratio_pairs(columns, base, name, measure))) is not None
+        for name in list_predictions()
+        if (rank := rank_correlation(*pair_ratios(columns, base, name, measure))) is not None
     }
     best = max((n for n in ranks if n != PAPER), key=ranks.__getitem__, default=PAPER)
-    of_it = [name for name, each in ESTIMATES.items() if each.measure == measure]
-    estimates = [name for name in of_it if PREDICTED + name in columns[base]]
+    estimates = [
+        name
+        for name, estimate in ESTIMATES.items()
+        if estimate.measure == measure and PREDICTED + name in columns[base]
+    ]
     panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
     figure, axes = grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
-        _scatter(panel, columns, base, criterion, measure)
+        _draw_scatter(panel, columns, base, criterion, measure)
         in_unit = criterion in estimates
-        pairs = ratio_pairs(columns, base, criterion, measure)
-        panel.set_title(_fit(*pairs, in_unit=in_unit), fontsize=7)
-        words = "predicted" if in_unit else "predicted by"
-        panel.set_xlabel(f"{words}\n{find_metric(criterion).title},\nratio to {base}")
+        pairs = pair_ratios(columns, base, criterion, measure)
+        panel.set_title(_format_fit(*pairs, in_unit=in_unit), fontsize=7)
+        verb = "predicted" if in_unit else "predicted by"
+        panel.set_xlabel(f"{verb}\n{find_metric(criterion).title},\nratio to {base}")
     axes[0].set_ylabel(f"counted {find_metric(measure).label},\nratio to {base}")
     _share_axes(axes[: len(panels)])
-    _rank_bars(axes[-1], ranks, measure)
-    where = group.id
+    _draw_rank_bars(axes[-1], ranks, measure)
+    case = group.id
     figure.suptitle(
-        f"Which criterion predicts {find_metric(measure).label}? {where.scene}, "
-        f"{where.condition},\n{where.rasteriser} on {where.device_name}; "
+        f"Which criterion predicts {find_metric(measure).label}? {case.scene}, "
+        f"{case.condition},\n{case.rasteriser} on {case.device_name}; "
         "one mark per polygon and triangulator",
         fontsize=9,
     )
@@ -109,34 +110,34 @@ def predicted_against_measured(run: Run, group: RecordGroup) -> Figure | None:
     return figure
 
 
-def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
-    """Say how well marks are ranked and, in one unit, by how many per cent they are off."""
-    rank, error = rank_correlation(x, y), error_of(x, y)
-    words = "" if rank is None else f"rank correlation {rank:.2f}"
+def _format_fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
+    """Return the rank correlation of marks and, in the same unit, their RMS error in per cent."""
+    rank, error = rank_correlation(x, y), compute_rms_error(x, y)
+    text = "" if rank is None else f"rank correlation {rank:.2f}"
     if not in_unit or error is None:
-        return words
-    return f"{words},\na polygon's ratio off by {100 * error:.1f} %"
+        return text
+    return f"{text},\nRMS error of a polygon's ratio {100 * error:.1f} %"
 
 
-def _scatter(
+def _draw_scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> None:
-    shown = looks(list(columns))
+    styles = looks(list(columns))
     for name in (name for name in columns if name != base):
-        x = ratios(columns[name], columns[base], PREDICTED + criterion)
-        y = ratios(columns[name], columns[base], measure)
-        fits = np.isfinite(x) & np.isfinite(y)
+        x = compute_ratios(columns[name], columns[base], PREDICTED + criterion)
+        y = compute_ratios(columns[name], columns[base], measure)
+        finite = np.isfinite(x) & np.isfinite(y)
         many = (len(columns) - 1) * len(x) > MAX_VECTOR_MARKS
-        scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
+        scatter(panel, x[finite], y[finite], styles[name], name, rasterized=many)
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:
-    """Give scatter plots the same logarithmic axes, so that their dashed lines can be compared."""
+    """Give scatter plots the same logarithmic axes and a dashed line of equal ratios."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    marks = [np.asarray(each.get_offsets()) for panel in panels for each in panel.collections]
-    ends = [1.0, *(float(end) for each in marks if len(each) for end in (each.min(), each.max()))]
-    low, high = min(ends) / 1.05, max(ends) * 1.05
+    marks = [np.asarray(c.get_offsets()).ravel() for panel in panels for c in panel.collections]
+    ends = np.concatenate([[1.0], *marks])
+    low, high = float(ends.min()) / 1.05, float(ends.max()) * 1.05
     for panel in panels:
         panel.set_xscale("log", base=2)
         panel.set_yscale("log", base=2)
@@ -147,12 +148,12 @@ def _share_axes(panels: Sequence[Axes]) -> None:
             axis.set_major_formatter("{x:.3g}")
             axis.set_minor_formatter(NullFormatter())
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
-    words: Any = {"textcoords": "offset points", "fontsize": 6, "ha": "right", "va": "top"}
-    panels[0].annotate("equal ratios", (high, high), (-3, -8), **words)
+    style: Any = {"textcoords": "offset points", "fontsize": 6, "ha": "right", "va": "top"}
+    panels[0].annotate("equal ratios", (high, high), (-3, -8), **style)
 
 
-def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
-    """Draw how well each criterion ranks, the best on top."""
+def _draw_rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
+    """Draw the rank correlation of each criterion, the best on top."""
     names = sorted(ranks, key=lambda name: ranks[name])
     colours = [COLOURS[1] if name == PAPER else COLOURS[0] for name in names]
     panel.barh(range(len(names)), [ranks[name] for name in names], color=colours, height=0.6)

@@ -1,4 +1,4 @@
-"""What was drawn, kept beside the counters, so that a report can show where it cost."""
+"""Frames and triangulations stored in a run folder, for heatmaps and measuring pages."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View
-from harness.results.run_folder import Run, Store, read_arrays
+from harness.results.run_folder import Run, RunFolder, read_arrays
 from triangulators.polygon_arrays import PolygonArray
 
 FOLDER = "frames"
@@ -16,15 +16,15 @@ FOLDER = "frames"
 _TRIANGLES = "triangles "
 
 _COLUMNS = ("points", "offsets", "source", "ring_ends")
-"""Arrays of a file: see docs/reference/files.md."""
+"""Arrays of a file (docs/reference/files.md)."""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A frame's polygons and what the triangulators made of them, as read back.
+    """A frame's polygons and their triangulations.
 
     grid : the p polygons, int32 coordinates in 1/256 px, y up
-    source : (p,) int64, for each polygon its number in the scene
+    source : (p,) int64, numbers of the polygons in the scene
     triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
     """
 
@@ -34,27 +34,27 @@ class Geometry:
 
     @property
     def points(self) -> NDArray[np.int32]:
-        """(n, 2) int32, all polygons' vertices one after another."""
+        """Vertices of all polygons, (n, 2) int32."""
         return self.grid.coords
 
 
-def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
-    """Keep the frame and each triangulator's (m, 3) rows of `frame.points` in the run folder.
+def write(writer: RunFolder, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
+    """Store the frame and each triangulator's (m, 3) rows of `frame.points` in the run folder.
 
-    Triangulations that the run kept before, of the same frame, stay.
+    Stored triangulations of the same frame are retained.
     """
-    before = read(Run(store.path, {}, []), frame.view)
-    if before is not None and np.array_equal(before.points, frame.points):
-        triangles = {**before.triangles, **triangles}
+    stored = read(Run(writer.path, {}, []), frame.view)
+    if stored is not None and np.array_equal(stored.points, frame.points):
+        triangles = {**stored.triangles, **triangles}
     arrays = (frame.points, frame.grid.vertex_offsets, frame.source, frame.grid.ring_offsets[1:])
     columns: dict[str, NDArray[Any]] = dict(zip(_COLUMNS, arrays, strict=True))
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
-    store.write_arrays(name_of(frame.view), columns | named, FOLDER)
+    writer.write_arrays(view_name(frame.view), columns | named, FOLDER)
 
 
 def read(run: Run, view: View) -> Geometry | None:
-    """Return what was drawn in `view`, or None where the run did not keep it."""
-    arrays = read_arrays(run, name_of(view), FOLDER)
+    """Return the stored geometry of `view`, or None if there is none."""
+    arrays = read_arrays(run, view_name(view), FOLDER)
     if arrays is None or not {*_COLUMNS} <= set(arrays):
         return None
     triangles = {
@@ -68,6 +68,6 @@ def read(run: Run, view: View) -> Geometry | None:
     return Geometry(grid, source, triangles)
 
 
-def name_of(view: View) -> str:
-    """Return the name of a view's file: 1024px-30deg-box."""
+def view_name(view: View) -> str:
+    """Return the file name of a view: 1024px-30deg-box."""
     return f"{view.resolution}px-{view.rotation:g}deg-{view.fit}"

@@ -1,6 +1,6 @@
-"""JSON of records and of `run.json`: checked once, where it is read.
+"""Records and `run.json` as JSON: parsing, validation and writing.
 
-Damage costs the damaged record, or the damaged part of `run.json`, and nothing else.
+An invalid record, or an invalid part of `run.json`, is skipped; the others are used.
 """
 
 import hashlib
@@ -15,12 +15,12 @@ from typing import Any, TypeVar, cast, get_args
 from harness.errors import UsageError
 from harness.frame import View
 from harness.rasterisers.base import Options
-from harness.results.facts import RunFacts
 from harness.results.record import (
     HOST_MARK,
     CaseId,
     LeastQuads,
     Record,
+    RunFacts,
     Status,
     Time,
     ViewCounters,
@@ -28,41 +28,40 @@ from harness.results.record import (
 )
 
 MAX_NUMBER = 2**63
-"""Numbers of a record are smaller: their readers compute with 64 bits."""
+"""Upper limit of the numbers of a record, because readers compute with 64 bits."""
 
 _KEY = re.compile("[0-9a-f]{16}")
 _STATUSES: tuple[str, ...] = get_args(Status)
-_OPTIONS = {each.name for each in fields(Options)}
+_OPTIONS = {option.name for option in fields(Options)}
 
 T = TypeVar("T")
 
 
 class FieldError(ValueError):
-    """A field of a record that cannot be used; the message is `<field>: <problem>`."""
+    """A field of a record is invalid; the message is `<field>: <problem>`."""
 
     def __init__(self, field: str, problem: str) -> None:
         super().__init__(f"{field}: {problem}")
 
 
 def parse_json(content: bytes) -> Any:
-    """Parse JSON such that the result can be written again.
+    """Parse JSON into values that can be written as JSON.
 
-    NaN and infinite numbers become None, halves of surrogate pairs question marks.
+    NaN and infinite numbers become None, unpaired surrogates question marks.
 
     Raises
     ------
     ValueError
-        if it is not JSON, or nested too deeply
+        if it is invalid, or nested too deeply
     """
     try:
         value = json.loads(content, parse_float=_finite, parse_constant=lambda _: None)
-        # Half a surrogate pair comes from an escape, or from bytes that begin with 0xED: only then
-        # is a second pass needed.
+        # Only unpaired surrogates, written as escapes or as bytes from 0xED on, need a second pass.
         if b"\\u" not in content and b"\xed" not in content:
             return value
         return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
     except RecursionError:
-        raise ValueError("nested too deep") from None
+        raise ValueError("nested too deeply") from None
 
 
 def _finite(text: str) -> float | None:
@@ -107,7 +106,7 @@ class _Fields:
         return self._integer(name, self.number(name))
 
     def count(self, name: str) -> int:
-        """Return an integer, 0 if there is none."""
+        """Return an integer, 0 if absent."""
         return self.integer(name) if self.has(name) else 0
 
     def flag(self, name: str) -> bool:
@@ -117,7 +116,7 @@ class _Fields:
         return value
 
     def numbers(self, name: str) -> tuple[float, ...]:
-        """Return a list of numbers, () if there is none."""
+        """Return a list of numbers, () if absent."""
         values = self._values.get(name)
         if values is None:
             return ()
@@ -132,12 +131,12 @@ class _Fields:
         values = self._values.get(name)
         if values is None:
             return ()
-        if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
+        if not isinstance(values, list) or not all(isinstance(text, str) for text in values):
             raise self.error(name, "is not a list of texts")
         return tuple(values)
 
     def sums(self, name: str) -> dict[str, float]:
-        """Return an object of numbers, {} if there is none."""
+        """Return an object of numbers, {} if absent."""
         values = self._values.get(name)
         if values is None:
             return {}
@@ -150,7 +149,7 @@ class _Fields:
         return {key: self._integer(name, value) for key, value in sums.items()}
 
     def part(self, name: str, parse: Callable[["_Fields"], T]) -> T | None:
-        """Return what `parse` makes of an inner object, or None if there is none."""
+        """Return `parse` of an inner object, or None if absent."""
         if not self.has(name):
             return None
         return parse(_Fields(self._values[name], f"{self._prefix}{name}."))
@@ -165,22 +164,22 @@ class _Fields:
 
 
 def _are_numbers(values: Iterable[Any]) -> bool:
-    """Return whether all are numbers in range; in C, since a record has thousands."""
+    """Return whether all are numbers in range; without a Python loop: a record has thousands."""
     values = list(values)
     in_range = set(map(type, values)) <= {int, float}
     return in_range and max(map(abs, values), default=0) < MAX_NUMBER
 
 
 def parse_record(values: Mapping[str, Any]) -> Record:
-    """Return the record that a line of `cases.jsonl` holds.
+    """Return the record of a line of `cases.jsonl`.
 
     Fields of other versions are ignored. Names of older versions, which contain a number, `@0` or
-    a host, are taken apart.
+    a host, are split.
 
     Raises
     ------
     FieldError
-        if a field is missing or cannot be used
+        if a field is missing or invalid
     """
     fields = _Fields(values)
     key, status = fields.text("key"), fields.text("status")
@@ -191,7 +190,7 @@ def parse_record(values: Mapping[str, Any]) -> Record:
     gap = fields.optional("largest_gap", fields.number)
     return Record(
         id=_parse_id(fields),
-        status=status,  # type: ignore[arg-type]  # it is one of these
+        status=status,  # type: ignore[arg-type]  # checked above
         reason=fields.optional("reason", fields.text),
         polygons=fields.count("polygons"),
         polygons_skipped=fields.count("polygons_skipped"),
@@ -263,8 +262,8 @@ def _parse_least(fields: _Fields) -> LeastQuads:
 def _parse_views(fields: _Fields) -> ViewCounters:
     counters = {name: fields.numbers(name) for name in fields.names() if name != "names"}
     names = fields.texts("names")
-    if len({len(each) for each in (*counters.values(), *([names] if names else []))}) > 1:
-        raise FieldError("views", "has lists of several lengths")
+    if len({len(column) for column in (*counters.values(), *([names] if names else []))}) > 1:
+        raise FieldError("views", "has lists of different lengths")
     return ViewCounters(counters, names)
 
 
@@ -302,9 +301,9 @@ def _parse_time(fields: _Fields) -> Time:
 
 
 def identify_rounds(reference_s: Iterable[float]) -> str:
-    """Return the `round_group` of what was timed with these reference draws; "" for none.
+    """Return the `round_group` of cases timed with these reference draws, "" if there are none.
 
-    It is a digest of the reference draws' times in s, so that files without it get it when read.
+    It is a digest of the reference draws' times in s, so that older files get one when read.
     """
     values = list(reference_s)
     if not values:
@@ -318,7 +317,7 @@ _OF_MEASURED = (
     *("t_junctions", "proven", "largest_gap", "coverage_error", "outline_quads"),
 )
 _OPTIONAL = ("triangulate_samples_s", "proven", "largest_gap")
-"""Fields of measured cases, in the order in which they are written; and those left out if empty."""
+"""Fields of measured cases in the order of the file, and fields that are omitted if empty."""
 
 
 def record_to_json(record: Record) -> dict[str, Any]:
@@ -342,7 +341,7 @@ def record_to_json(record: Record) -> dict[str, Any]:
         if name not in _OPTIONAL or value not in (None, ()):
             values[name] = list(value) if isinstance(value, tuple) else value
     if record.proven is not None:
-        values["largest_gap"] = record.largest_gap  # None: no bound is known
+        values["largest_gap"] = record.largest_gap  # None: unknown bound
     if record.least is not None:
         values["least"] = asdict(record.least)
     if record.views is not None:
@@ -366,21 +365,21 @@ _LISTS = ("frames", "resumed", "merged", "warnings")
 
 
 def check_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
-    """Return the content of `run.json` without the parts that readers cannot use.
+    """Return the content of `run.json` without its invalid parts.
 
-    problems : gets a line for each part that is left out
+    problems : receives a line for each invalid part
     """
     usable: dict[str, Any] = {"environment": {}, "devices": {}, "warnings": []}
     for name, part in facts.items():
-        if (problem := _problem_of(name, part)) is not None:
-            problems.append(f"run.json: {name} is not usable ({problem}); ignored")
+        if (problem := _find_problem(name, part)) is not None:
+            problems.append(f"run.json: {name}: invalid ({problem}); ignored")
         elif part is not None:
             usable[name] = part
     return cast(RunFacts, usable)
 
 
-def _problem_of(name: str, part: Any) -> str | None:
-    """Return why a part of `run.json` cannot be used, or None if it can."""
+def _find_problem(name: str, part: Any) -> str | None:
+    """Return why a part of `run.json` is invalid, or None if it is valid."""
     if part is None or name not in (*_OBJECTS, *_LISTS):
         return None
     if name in _OBJECTS and not isinstance(part, Mapping):
@@ -412,6 +411,6 @@ def _problem_of(name: str, part: Any) -> str | None:
 
 def _require_objects(values: Any, name: str) -> None:
     if values is not None and not (
-        isinstance(values, list) and all(isinstance(each, Mapping) for each in values)
+        isinstance(values, list) and all(isinstance(value, Mapping) for value in values)
     ):
         raise FieldError(name, "is not a list of objects")

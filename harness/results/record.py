@@ -1,4 +1,4 @@
-"""Records: for each case its identity, its counters and its times.
+"""Records: identity, counters and times of each case; and the parts of `run.json`.
 
 A case is one triangulation of a scene in one view, drawn by one rasteriser on one device.
 `harness.results.parsing` reads records from JSON and writes them.
@@ -10,16 +10,16 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypedDict
 
 from harness.frame import View
 from harness.rasterisers.base import Options
 
 Status = Literal["ok", "skipped", "failed", "counted"]
-"""How a case ended; "counted": its counters are known, and it is still to be timed."""
+"""Status of a case; "counted": it is still to be timed."""
 
 Version = Literal["", "base"]
-"""Version of the code that triangulated: the present one, or the one given to `run --beside`."""
+"""Version of the code that triangulated: the current one, or that of `run --beside`."""
 
 NUMBER_MARK, UPRIGHT_MARK, HOST_MARK, BASE_MARK = "#", "@0", "@", "BASE "
 _NAME = re.compile(r"(?P<base>.*?)(?:#(?P<number>\d+))?(?P<upright>@0)?", re.DOTALL)
@@ -36,7 +36,7 @@ _UNUSUAL = {
 
 
 def printable(text: object) -> str:
-    """Return `text` in one line in which neither a terminal nor XML finds a control character."""
+    """Return `text` as one line without control characters, for terminals and XML."""
     line = " ".join(str(text).split())
     return "".join(letter if letter.isprintable() else "\ufffd" for letter in line)
 
@@ -80,8 +80,8 @@ class CaseGroup:
         values = {**vars(self.view), **vars(self.options)}
         unusual = (
             text.format(values[name])
-            for name, (usual, text) in _UNUSUAL.items()
-            if values[name] != usual
+            for name, (default, text) in _UNUSUAL.items()
+            if values[name] != default
         )
         return ", ".join([f"{self.view.resolution} px", *unusual])
 
@@ -98,8 +98,7 @@ class CaseId:
     triangulator : name with its criterion, without number and marks
     number : seed of `random`, position in `pareto` or `listed`; None if the name has none
     upright : True if polygons were triangulated at rotation 0 and then turned
-    version : version of the code that triangulated
-    scene_hash : hash of the scene's content, "" if unknown; part of `key` alone
+    scene_hash : hash of the scene's content, "" if unknown; only part of `key`
     """
 
     scene: str
@@ -168,7 +167,7 @@ class Time:
     disturbed : samples that waited for a core too long
     stolen_s, others_s, timing_s : of all rounds: time taken by the host, CPU time of other
         processes, duration
-    round_group : identifies what was timed in the same rounds; equal ones can be paired
+    round_group : identifies the rounds; cases with equal ones can be paired
     """
 
     timer: str = ""
@@ -201,8 +200,8 @@ class Time:
 class LeastQuads:
     """Sums over the polygons whose minimum quad count is known.
 
-    polygons : how many they are; quads : their minimum
-    shaded, fragments : quads and pixels of the record's own triangles
+    polygons : their number; quads : their minimum
+    shaded, fragments : quads and pixels of the record's triangles
     """
 
     polygons: int
@@ -224,9 +223,9 @@ class ViewCounters:
 
 @dataclass(frozen=True)
 class Record:
-    """Result of a case; None or an empty value if something was not measured.
+    """Result of a case; fields that were not measured are None or empty.
 
-    docs/reference/files.md describes each field. `key` names the record's arrays in its run folder.
+    docs/reference/files.md describes the fields. `key` names the record's arrays in its run folder.
     """
 
     id: CaseId
@@ -254,7 +253,7 @@ class Record:
     key: str = ""
 
     def __post_init__(self) -> None:
-        """Use the identity's key unless the file has another one."""
+        """Use the identity's key unless the file has a different one."""
         if not self.key:
             object.__setattr__(self, "key", self.id.key)
 
@@ -274,5 +273,28 @@ class Record:
         return self.polygons + self.polygons_skipped + self.polygons_failed
 
     def with_id(self, **changes: Any) -> "Record":
-        """Return the record with another identity; its `key` stays that of its arrays."""
+        """Return the record with a changed identity; its `key` still names its arrays."""
         return replace(self, id=replace(self.id, **changes))
+
+
+class RunFacts(TypedDict, total=False):
+    """Parts of `run.json` (docs/reference/files.md); a part is absent if missing or invalid."""
+
+    schema_version: int
+    created: str
+    imported: bool
+    plan: dict[str, Any]
+    scene: dict[str, Any]
+    environment: dict[str, Any]
+    cpu: dict[str, Any]
+    state: dict[str, Any]
+    warnings: list[str]
+    frames: list[Any]
+    devices: dict[str, dict[str, Any]]
+    seconds: dict[str, Any]
+    resumed: list[str]
+    interrupted: bool
+    merged: list[Any]
+    base: str
+    beside: dict[str, Any]
+    written: dict[str, Any]

@@ -1,11 +1,11 @@
-"""A run on disk: a plain folder that any tool can read and no crash can spoil.
+"""A run on disk: a plain folder that any tool can read and that survives a crash.
 
-`run.json` holds environment and plan, `cases.jsonl` one record a line. A record is written in one
+`run.json` holds environment and plan, `cases.jsonl` one record per line. A record is written in one
 append and forced to the disk before the next case starts, so a kill loses at most the case in
-flight; a last line that was torn by one is ignored on reading and cut off before more is added.
+progress; an incomplete last line is ignored on reading and removed before records are added.
 
-While cases are timed, which takes long, `counted.jsonl` holds the records of those that are counted
-but not finished: what a resumed run need not count again. It goes when the run is complete.
+While cases are timed, which takes long, `counted.jsonl` holds the records of cases that are counted
+but not timed, so that a resumed run need not count them again. A complete run deletes it.
 """
 
 import contextlib
@@ -16,8 +16,8 @@ import json
 import os
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from harness import atomic
 from harness.errors import InputError, StorageError, UsageError
 from harness.machine import system
-from harness.results.facts import RunFacts
 from harness.results.parsing import (
     FieldError,
     check_facts,
@@ -35,20 +34,20 @@ from harness.results.parsing import (
     parse_record,
     record_to_json,
 )
-from harness.results.record import Record
+from harness.results.record import CaseId, Record, RunFacts
 
 SCHEMA_VERSION = 1
 
 FACTS = "run.json"
 CASES = "cases.jsonl"
 COUNTED = "counted.jsonl"
-"""Records of finished cases, and of those that are counted but not finished."""
+"""Files of finished records, and of records that are counted but not timed."""
 
 WRITTEN = "written"
-"""In the facts of a run that is done: length and digest of its records, and `ARRAYS`."""
+"""Part of the facts of a complete run: length and digest of its records, and `ARRAYS`."""
 
 ARRAYS = "arrays"
-"""Digests of the files of arrays that were written."""
+"""Digests of the array files."""
 
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
@@ -62,26 +61,26 @@ UNREADABLE = (
 
 @dataclass(frozen=True)
 class Run:
-    """A run as read back.
+    """A stored run.
 
-    path : its folder, or its `cases.jsonl` where only that file was given
-    facts : the content of `run.json`, {} where there is none
+    path : its folder, or its `cases.jsonl` if only that file was named
+    facts : the content of `run.json`, {} if it is missing
     records : in the order written
-    problems : one line for each thing that could not be read
-    changed : names of files of arrays that something else than the run has written
-    cut_off : what says that records of a run that was done are lost; "" where none are
+    problems : a line for each unreadable part
+    modified : names of array files whose checksum differs
+    truncation : message if records of a complete run are missing, or ""
     """
 
     path: Path
     facts: RunFacts
     records: Sequence[Record]
     problems: list[str] = field(default_factory=list)
-    changed: frozenset[str] = frozenset()
-    cut_off: str = ""
+    modified: frozenset[str] = frozenset()
+    truncation: str = ""
 
     @property
     def base(self) -> str:
-        """The triangulator that --base chose, "" if none."""
+        """The triangulator selected by --base, or ""."""
         return str(self.facts.get("base") or "")
 
     @property
@@ -90,8 +89,8 @@ class Run:
         return self.path if self.path.is_dir() else self.path.parent
 
 
-class _Lines:
-    """A file of records that only grows: one a line, each whole or not at all."""
+class _RecordFile:
+    """An append-only file of records, one per line."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -100,41 +99,41 @@ class _Lines:
         self._bytes = 0
 
     def open(self) -> None:
-        """Open it for more records, cutting off a torn last line; no other process may.
+        """Lock the file and open it for appending; remove an incomplete last line.
 
         Raises
         ------
         StorageError
-            if another process has it open
+            if another process has locked it
         """
         folder, name = self.path.parent, self.path.name
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self._descriptor = atomic.open_inside(folder, name, flags)
         if not system.lock(self._descriptor, wait=False):
             self.close()
-            raise StorageError(f"{self.path.parent} is in use: another process measures into it")
+            raise StorageError(f"{self.path.parent} is in use by another run; choose another --out")
         content = atomic.read_inside(folder, name)
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            os.ftruncate(self._descriptor, whole)
-        self._digest, self._bytes = hashlib.sha256(content[:whole]), whole
+        end = content.rfind(b"\n") + 1
+        if end < len(content):
+            os.ftruncate(self._descriptor, end)
+        self._digest, self._bytes = hashlib.sha256(content[:end]), end
 
     @property
     def written(self) -> dict[str, Any]:
-        """Length and digest of what is in the file if nobody else has written to it."""
+        """Length and digest of the content written by this process."""
         return {"bytes": self._bytes, "sha256": self._digest.hexdigest()}
 
     def append(self, record: Record, *, forced: bool) -> None:
-        """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
+        """Add a record; if `forced`, it also survives a power failure."""
         if self._descriptor < 0:
             self.open()
         values = record_to_json(record)
         line = (json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n").encode()
         size = os.fstat(self._descriptor).st_size
-        left = line
+        remaining = line
         try:
-            while left:
-                left = left[os.write(self._descriptor, left) :]
+            while remaining:
+                remaining = remaining[os.write(self._descriptor, remaining) :]
             if forced:
                 os.fsync(self._descriptor)
         except OSError:
@@ -150,21 +149,21 @@ class _Lines:
             self._descriptor = -1
 
 
-class Store:
-    """The folder of a run that is being written.
+class RunFolder:
+    """The folder of a run, open for writing.
 
-    again : if the folder cannot be resumed, what to do once a full disk has space again
+    remedy : for a folder that cannot be resumed, the advice after a full disk
     """
 
-    def __init__(self, path: Path, again: str = "") -> None:
+    def __init__(self, path: Path, remedy: str = "") -> None:
         self.path = path
-        self._again = again
-        self._cases = _Lines(path / CASES)
-        self._counted = _Lines(path / COUNTED)
+        self._remedy = remedy
+        self._cases = _RecordFile(path / CASES)
+        self._counted = _RecordFile(path / COUNTED)
         self._arrays: dict[str, str] = {}
 
     @classmethod
-    def create(cls, path: Path, again: str = "") -> "Store":
+    def create(cls, path: Path, remedy: str = "") -> "RunFolder":
         """Make a new folder at `path`.
 
         Raises
@@ -172,19 +171,19 @@ class Store:
         UsageError
             if it cannot be written or already holds a run
         """
-        store = cls(path, again)
-        with clear_errors(path, again):
+        writer = cls(path, remedy)
+        with translate_errors(path, remedy):
             path.mkdir(parents=True, exist_ok=True)
-            # A process that was killed at once leaves an empty file.
-            cases = store._cases.path
+            # A process that was killed immediately leaves an empty file.
+            cases = writer._cases.path
             if (cases.exists() and cases.stat().st_size) or (path / FACTS).exists():
-                raise UsageError(f"{path} already holds a run; give another --out, or --resume it")
-            store._cases.open()
-        return store
+                raise UsageError(f"{path} already holds a run; choose another --out or --resume it")
+            writer._cases.open()
+        return writer
 
     @classmethod
-    def resume(cls, path: Path) -> "Store":
-        """Open the run at `path` for more records, cutting off a torn last line.
+    def resume(cls, path: Path) -> "RunFolder":
+        """Open the run at `path` for more records.
 
         Raises
         ------
@@ -193,30 +192,30 @@ class Store:
         """
         if not (path / FACTS).is_file():
             raise InputError(f"{path} holds no run to resume (no {FACTS} in it)")
-        store = cls(path)
-        with clear_errors(path):
-            store._cases.open()
-        store._arrays |= _digests(read_facts(path, []))
-        return store
+        writer = cls(path)
+        with translate_errors(path):
+            writer._cases.open()
+        writer._arrays |= _read_digests(read_facts(path, []))
+        return writer
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:
-        """Replace `run.json`, whole or not at all; of a run that is done, what its records are."""
+        """Replace `run.json` atomically; in a complete run, add the checksums of its files."""
         content = {"schema_version": SCHEMA_VERSION, **facts}
         content.pop(WRITTEN, None)
         if facts.get("interrupted") is False:
             content[WRITTEN] = {**self._cases.written, ARRAYS: self._arrays}
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        with clear_errors(self.path, self._again):
+        with translate_errors(self.path, self._remedy):
             atomic.write(self.path / FACTS, (text + "\n").encode(), forced=True)
 
     def write_arrays(
         self, key: str, arrays: Mapping[str, NDArray[Any]], folder: str = POLYGONS
     ) -> None:
-        """Store arrays as `<folder>/<key>.npz`; by default a case's columns, each (p,)."""
+        """Write arrays to `<folder>/<key>.npz`; by default a case's columns, each (p,)."""
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **arrays)
         name = f"{folder}/{key}.npz"
-        with clear_errors(self.path, self._again):
+        with translate_errors(self.path, self._remedy):
             if (self.path / folder).is_symlink():
                 raise OSError(errno.ELOOP, "a link, which is not followed", str(self.path / folder))
             (self.path / folder).mkdir(exist_ok=True)
@@ -229,20 +228,20 @@ class Store:
         Raises
         ------
         UsageError
-            if the disk is full or gone; what was written before stays readable
+            if the disk is full or gone; earlier records stay readable
         """
-        with clear_errors(self.path, self._again):
+        with translate_errors(self.path, self._remedy):
             self._cases.append(record, forced=True)
 
     def append_counted(self, record: Record) -> None:
-        """Add the record of a case that is counted but not finished; raises as `append` does."""
-        with clear_errors(self.path, self._again):
+        """Add the record of a case that is counted but not timed; raises as `append` does."""
+        with translate_errors(self.path, self._remedy):
             self._counted.append(record, forced=False)
 
-    def drop_counted(self) -> None:
-        """Remove what `append_counted` kept: every case is finished."""
+    def delete_counted(self) -> None:
+        """Delete the records of `append_counted`, because every case is finished."""
         self._counted.close()
-        with clear_errors(self.path, self._again):
+        with translate_errors(self.path, self._remedy):
             self._counted.path.unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -250,7 +249,7 @@ class Store:
         self._cases.close()
         self._counted.close()
 
-    def __enter__(self) -> "Store":
+    def __enter__(self) -> "RunFolder":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -260,23 +259,23 @@ class Store:
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
 
-    Damaged records and parts of `run.json` are left out, with a problem each.
+    Invalid records and parts of `run.json` are skipped, with a problem each.
 
     Raises
     ------
     InputError
-        if nothing is there, or it was written by a newer schema
+        if there is no run, or its schema is newer
     """
     cases = path / CASES if path.is_dir() else path
     if not cases.exists() and not cases.with_name(FACTS).exists():
         raise InputError(f"{path} holds no run (neither {FACTS} nor {CASES})")
     problems: list[str] = []
     facts = read_facts(cases.parent, problems)
-    with clear_errors(path):
+    with translate_errors(path):
         content = b""
         if path.is_dir() and os.path.lexists(cases):
             content = atomic.read_inside(path, CASES)
-        elif cases.exists():  # which may be a link if the user names it
+        elif cases.exists():  # a file that the user names may be a link
             content = atomic.read(cases)
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
@@ -285,36 +284,60 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
-    written, cut_off = facts.get("written") or {}, ""
+    written, truncation = facts.get("written") or {}, ""
     size = written.get("bytes")
     if isinstance(size, int) and len(content) < size:
-        cut_off = f"{cases} was cut off: it has {len(content):,} of {size:,} bytes"
-        problems.append(cut_off)
+        truncation = (
+            f"{cases}: incomplete, {len(content):,} of {size:,} bytes (truncated, or modified "
+            "after the run)"
+        )
+        problems.append(truncation)
     elif written and hashlib.sha256(content).hexdigest() != written.get("sha256"):
         problems.append(
-            f"{cases} is not as the run left it: something else, such as a plugin's process, has "
-            "written there; trust none of its records that you did not measure again"
+            f"{cases}: modified after the run (checksum mismatch), for example by a plugin's "
+            "process; measure again before relying on its records"
         )
-    changed = frozenset(_changed(cases.parent, _digests(facts)))
-    for name in sorted(changed):
-        problems.append(f"{cases.parent / name} is not as the run left it, and is not used")
+    modified = frozenset(_find_modified(cases.parent, _read_digests(facts)))
+    for name in sorted(modified):
+        problems.append(
+            f"{cases.parent / name}: modified after the run (checksum mismatch); ignored"
+        )
     if not path.is_dir() and not records:
-        raise InputError(
-            f"{path} holds no record of a run{': ' if problems else ''}"
-            f"{problems[0] if problems else ''}"
-        )
-    return Run(path, facts, records, problems, changed, cut_off)
+        raise InputError(": ".join([f"{path} holds no record of a run", *problems[:1]]))
+    return Run(path, facts, records, problems, modified, truncation)
 
 
-def _digests(facts: Mapping[str, Any]) -> dict[str, str]:
-    """Return the digests of the run's files of arrays by name, {} where it tells none."""
+def select_latest(run: Run) -> Run:
+    """Return the run with the last record of each case, and a problem for each skipped record.
+
+    A run that was resumed by force may hold two contents of a scene.
+    """
+    problems = list(run.problems)
+    records: dict[CaseId, Record] = {}
+    for record in run.records:
+        if records.pop(record.id, None) is not None:
+            problems.append(f"{record.id}: measured twice; the later record is used")
+        records[record.id] = record
+    return replace(run, records=list(records.values()), problems=problems)
+
+
+def read_latest(path: Path, warn: Callable[[str], None]) -> Run:
+    """Read the latest records of the run at `path` as `read_run`; pass each problem to `warn`."""
+    run = select_latest(read_run(path))
+    for problem in run.problems:
+        warn(problem)
+    return run
+
+
+def _read_digests(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return the digests of the run's array files by name, {} if not stored."""
     digests = (facts.get(WRITTEN) or {}).get(ARRAYS)
     items = digests.items() if isinstance(digests, dict) else ()
     return {name: value for name, value in items if isinstance(value, str) and len(value) == 64}
 
 
-def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
-    """Yield the names of files of arrays that something else than the run has written."""
+def _find_modified(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
+    """Yield the names of array files whose checksum differs."""
     for name, digest in digests.items():
         try:
             with os.fdopen(atomic.open_inside(folder, name), "rb") as file:
@@ -322,44 +345,44 @@ def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
                     continue
         except FileNotFoundError:
             continue
-        except OSError:  # a link, or a name outside of the folder
+        except OSError:  # a link, or a name outside the folder
             pass
         yield name
 
 
 def read_facts(folder: Path, problems: list[str]) -> RunFacts:
-    """Return the content of a run's `run.json`, {} where there is none.
+    """Return the content of a run's `run.json`, {} if it is missing.
 
-    problems : gets a line for each thing that could not be used
+    problems : receives a line for each invalid part
     """
     file = folder / FACTS
     if not os.path.lexists(file):
         return {}
-    with clear_errors(folder):
+    with translate_errors(folder):
         content = atomic.read_inside(folder, FACTS)
     try:
-        found = parse_json(content)
+        facts = parse_json(content)
     except ValueError as error:
         problems.append(f"{file} is not JSON: {error}")
         return {}
-    if not isinstance(found, dict):
+    if not isinstance(facts, dict):
         problems.append(f"{file} does not hold an object")
         return {}
-    return check_facts(found, problems)
+    return check_facts(facts, problems)
 
 
 def read_counted(path: Path) -> dict[str, Record]:
-    """Return by key what the unfinished run at `path` had counted; see `Store.append_counted`."""
+    """Return the counted records of the unfinished run at `path`, by key."""
     file = path / COUNTED
-    with clear_errors(path):
+    with translate_errors(path):
         content = atomic.read_inside(path, COUNTED) if os.path.lexists(file) else b""
     return {record.key: record for record in _parse_lines(content, file, [])}
 
 
 def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record]:
-    """Return the usable records of a file's complete lines; of one case the later counts.
+    """Return the valid records of a file's complete lines, the last one of each key.
 
-    A case that failed and was run again on resume stands twice.
+    A case that failed and was measured again on resume has two records.
     """
     end = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
@@ -382,12 +405,9 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
 
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
-    """Return the per-polygon columns of the case `key`, or None if they were not kept whole.
-
-    What something else than the run has written there is not used (`Run.changed`).
-    """
+    """Return the per-polygon columns of the case `key`, or None if missing, damaged or modified."""
     name = f"{folder}/{key}.npz"
-    if name in run.changed:
+    if name in run.modified:
         return None
     try:
         with (
@@ -402,27 +422,24 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
 
 
 def file_stem(text: str) -> str:
-    """Return a name with whatever a file's name had better not have as hyphens.
-
-    Letters and digits of any alphabet stay, and so do hyphens, underscores and dots.
-    """
+    """Return a file name: letters and digits of any alphabet, `-`, `_`, `.`; others become `-`."""
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in text)
 
 
 @contextlib.contextmanager
-def clear_errors(path: Path, advice: str = "") -> Iterator[None]:
-    """Turn an OSError about the folder into one clear line.
+def translate_errors(path: Path, remedy: str = "") -> Iterator[None]:
+    """Turn an OSError about the folder into a `StorageError` of one line.
 
-    advice : how to go on once there is space on a disk that is full; by default by --resume
+    remedy : advice after a full disk, by default --resume
     """
     try:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            safe = "" if advice else " what was measured so far is safe:"
+            safe = "" if remedy else " finished cases are stored;"
             raise StorageError(
                 f"the disk of {path} is full;{safe} "
-                f"free some space, then {advice or f'--resume {path}'}"
+                f"free some space, then {remedy or f'--resume {path}'}"
             ) from error
         inside = error.filename and Path(str(error.filename)).is_relative_to(path)
         file = error.filename if inside else path

@@ -22,18 +22,18 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from harness import atomic
-from harness.atomic import BEGUN
+from harness.atomic import TEMPORARY_PREFIX
 from harness.errors import (
     HarnessError,
     IncompatibleRunsError,
     InputError,
     StorageError,
     UsageError,
-    of_system,
+    format_os_error,
 )
 from harness.machine import environment
 from harness.progress import Reporter
-from harness.results.run_folder import clear_errors
+from harness.results.run_folder import translate_errors
 from harness.scaling.executors import Executor
 from scenes import SceneError
 from scenes.slices import Slices, is_folder
@@ -157,7 +157,7 @@ class PartWork:
         except OSError as error:
             if (existing := self.read(place)) is not None:  # written by another process
                 return existing
-            raise StorageError(of_system(error)) from error
+            raise StorageError(format_os_error(error)) from error
         _release()
         return replace(done, seconds=time.perf_counter() - begun)
 
@@ -249,7 +249,7 @@ class Dataset:
         self._unreadable: dict[str, str] = {}
         self._pruned = 0
         paths = files(pattern)
-        with clear_errors(self.out, "run the same command again"):
+        with translate_errors(self.out, "run the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
         self._cut(paths)
         if not self.parts and self._unreadable:
@@ -391,7 +391,7 @@ class Dataset:
             "summary": {name: getattr(summary, name) for name in totals} | {"counts": counts}
         }
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-        with clear_errors(self.out, "run the same command again"):
+        with translate_errors(self.out, "run the same command again"):
             atomic.write(self.out / MANIFEST, text.encode(), forced=True)
             if summary.left_out:
                 table = pd.DataFrame(summary.left_out, columns=["file", "kind", "which", "reason"])
@@ -403,6 +403,6 @@ class Dataset:
 
         Those of other parts may belong to a running command.
         """
-        for folder in self.out.glob(f"{BEGUN}*"):
-            if folder.name.removeprefix(BEGUN).partition("-")[0] in self.done:
+        for folder in self.out.glob(f"{TEMPORARY_PREFIX}*"):
+            if folder.name.removeprefix(TEMPORARY_PREFIX).partition("-")[0] in self.done:
                 shutil.rmtree(folder, ignore_errors=True)

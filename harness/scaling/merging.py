@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import IncompatibleRunsError, InputError, UsageError
-from harness.metrics.processors import format_processors, several_processors
+from harness.metrics.processors import find_mixed_processors, format_processors
 from harness.results import drawings
-from harness.results.facts import RunFacts
 from harness.results.parsing import record_to_json
-from harness.results.record import HOST_MARK, CaseGroup, Record
-from harness.results.run_folder import POLYGONS, Run, Store, file_stem, read_arrays
+from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
+from harness.results.run_folder import POLYGONS, Run, RunFolder, file_stem, read_arrays
 
 STATUSES = ("ok", "skipped", "failed")
 """A record of the first wins over one of the others, which say only that it did not work there."""
@@ -62,7 +61,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     """
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
-    if mixed := several_processors(runs):
+    if mixed := find_mixed_processors(runs):
         raise IncompatibleRunsError(
             f"times of a software rasteriser are the processor's: {format_processors(mixed)}; "
             "keep the runs apart with --hosts"
@@ -73,7 +72,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     names = facts["plan"]["triangulators"]
     sources.sort(key=lambda source: _sort_key(source.record, names))
     again = f"remove {out} and give the same command again"
-    with Store.create(out, again) as store:
+    with RunFolder.create(out, again) as store:
         store.write_facts({**facts, "interrupted": True})  # until all of it is there
         _keep_drawings(store, runs)
         for source in sources:
@@ -212,7 +211,7 @@ def _sort_key(record: Record, names: Sequence[str]) -> tuple[CaseGroup, int, str
     return record.id.group, position, record.id.key
 
 
-def _keep_drawings(store: Store, runs: Iterable[Run]) -> None:
+def _keep_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
     """Keep the frames of all runs, with the triangulations of all."""
     columns: dict[str, dict[str, Any]] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):

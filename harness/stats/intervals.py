@@ -140,10 +140,10 @@ def median_over(values: NDArray[np.float64]) -> tuple[float, float]:
     return UNKNOWN if len(values) < FEWEST else median_interval(values.tolist())
 
 
-Verdict = Literal["faster", "slower", "no difference shown"]
+Verdict = Literal["faster", "slower", "not significant"]
 FASTER: Final = "faster"
 SLOWER: Final = "slower"
-UNDECIDED: Final = "no difference shown"
+UNDECIDED: Final = "not significant"
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.metrics.groups import SAME
+from harness.metrics.groups import IDENTIFYING
 from harness.metrics.per_polygon import spearman
-from harness.metrics.registry import find_metric, measures, predictions
+from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
 from harness.stats.intervals import UNKNOWN, median_over
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
@@ -68,10 +68,10 @@ class Estimate(NamedTuple):
         """Of a difference: above or below 0, not shown, or too few polygons."""
         if np.isnan(self.low):
             return TOO_FEW
-        return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SHOWN
+        return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SIGNIFICANT
 
 
-ABOVE, BELOW, NOT_SHOWN, TOO_FEW = "better", "worse", "no difference shown", "too few"
+ABOVE, BELOW, NOT_SIGNIFICANT, TOO_FEW = "better", "worse", "not significant", "too few"
 
 
 def median_estimate(values: ArrayLike) -> Estimate:
@@ -100,7 +100,7 @@ def ranks_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series
 def predictors() -> dict[str, str]:
     """Return what predicts, column -> title: the criteria, and what the CPU counts exactly."""
     exact = {name: f"{find_metric(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
-    return {name: figure.title for name, figure in predictions().items()} | exact
+    return {name: figure.title for name, figure in list_predictions().items()} | exact
 
 
 def written(predictor: str) -> str:
@@ -134,7 +134,7 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
         values = (case.scene, *view, case.rasteriser, case.device_name, record.name)
         row: dict[str, Any] = dict(zip(KEYS, values, strict=True))
         row |= {n: predicted[n] for n in (*predictors(), *AUXILIARY_FEATURES) if n in predicted}
-        row |= {name: counted[name] for name in measures(counted)}
+        row |= {name: counted[name] for name in list_costs(counted)}
         if record.time is not None:
             row[f"{TIME}{case.options.work}"] = record.time.median_s
         rows.append(row)
@@ -143,7 +143,7 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     # Drawings that differ in their work alone are one row, with a time for each.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     same = [name for name in KEYS if name != "triangulator"]
-    twins = pd.concat([table[same], table[list(SAME)].round(6)], axis=1).duplicated()
+    twins = pd.concat([table[same], table[list(IDENTIFYING)].round(6)], axis=1).duplicated()
     return _with_exact(table[~twins])
 
 
@@ -167,7 +167,7 @@ def _each_measure(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.Dat
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
     others = {*KEYS, *times, *predictors(), *AUXILIARY_FEATURES}
-    counted = measures(name for name in columns if name not in others)
+    counted = list_costs(name for name in columns if name not in others)
     for where, part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in counted + times:
             if part[measure].notna().any():
@@ -198,7 +198,7 @@ def compare_all(table: pd.DataFrame) -> pd.DataFrame:
     names = ["rasteriser", "device", "measure", "criterion", "other", "difference"]
     rows = []
     for where, part, measure in _each_measure(table):
-        known = [name for name in predictions() if name in table]
+        known = [name for name in list_predictions() if name in table]
         ranked = {name: ranks_within(part, name, measure) for name in known}
         for one, other in combinations(ranked, 2):
             found = median_estimate(ranked[one] - ranked[other])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.metrics.groups import RecordGroup, groups_of
+from harness.metrics.groups import RecordGroup, group_run
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER
@@ -41,7 +41,7 @@ def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     rows = []
     seen: set[CaseGroup] = set()
     for run in runs:
-        groups = groups_of(run)
+        groups = group_run(run)
         for group in (group for group in groups if group.id not in seen):
             by_name = {record.name: record for record in group.measured}
             pairs = (

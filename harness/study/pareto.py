@@ -17,8 +17,8 @@ from rich.console import Console
 from harness.errors import InputError
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
-from harness.metrics.groups import RecordGroup, groups_of
-from harness.metrics.per_polygon import columns_of
+from harness.metrics.groups import RecordGroup, group_run
+from harness.metrics.per_polygon import read_columns
 from harness.metrics.registry import PREDICTED
 from harness.results.record import Record
 from harness.results.run_folder import Run
@@ -117,7 +117,7 @@ def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """
     table: list[dict[str, object]] = []
     position = {record.id.scene: number for number, record in enumerate(reversed(run.records))}
-    for group in sorted(groups_of(run), key=lambda group: -position[group.id.scene]):
+    for group in sorted(group_run(run), key=lambda group: -position[group.id.scene]):
         most = max((record.polygons for record in group.measured), default=0)
         complete = [record for record in group.measured if record.polygons == most]
         by_name = {record.name: record for record in complete}
@@ -168,7 +168,7 @@ def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
 
     Areas and numbers of triangles are the base's, so that all are divided by the same.
     """
-    own, others = columns_of(run, record), columns_of(run, base)
+    own, others = read_columns(run, record), read_columns(run, base)
     if own is None or others is None:  # one polygon: its columns are its record's totals
         sums, scale = record.predicted, base.predicted
         return sums["overdraw"] / scale["area"], sums["shape"] / scale["triangles"]

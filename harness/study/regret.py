@@ -22,7 +22,7 @@ from rich.console import Console
 
 from harness.metrics.groups import group_records
 from harness.metrics.per_polygon import Column
-from harness.metrics.registry import measures, predictions
+from harness.metrics.registry import list_costs, list_predictions
 from harness.results.record import Record, Time
 from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.study.correlations import TIME, by_criterion
@@ -96,7 +96,7 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
         # Counters do not depend on the work a fragment does: once for all of them.
         if (*where, case.scene) not in counted:
             counted.add((*where, case.scene))
-            for measure in measures(good[0].counters):
+            for measure in list_costs(good[0].counters):
                 values = [record.counters[measure] for record in good if measure in record.counters]
                 if len(values) == len(good):
                     regrets[measure] = _of_counter(values)
@@ -116,7 +116,7 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
 
 def _choices(good: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
     """Yield (kind, name, index in `good`) of what each criterion and triangulator chooses."""
-    for criterion in predictions():
+    for criterion in list_predictions():
         known = [k for k, record in enumerate(good) if criterion in record.predicted]
         values = [good[k].predicted[criterion] for k in known]
         if known and min(values) < max(values):  # otherwise it chooses none

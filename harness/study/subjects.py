@@ -22,7 +22,7 @@ from shapely import Polygon
 from harness.errors import InputError
 from harness.frame import View
 from harness.grid import SUBPIXEL
-from harness.metrics.registry import predictions
+from harness.metrics.registry import list_predictions
 from harness.rasterisers.reference import Reference, predict
 from harness.results import drawings
 from harness.settings import StudySize
@@ -117,7 +117,7 @@ MEASURES = Reference.counters
 """What can be judged: what the reference counts."""
 
 
-def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
+def count_triangulations(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
     """Return each triangulation's criteria and counts, of polygons at steps through all sizes."""
     sizes = kept.grid.vertex_counts
     simple = kept.grid.ring_counts == 1
@@ -134,7 +134,9 @@ def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
                     "rotation": view.rotation,
                     "fit": view.fit,
                     "triangulator": name,
-                    **{name: predicted[name] for name in (*predictions(), "area", "triangles")},
+                    **{
+                        name: predicted[name] for name in (*list_predictions(), "area", "triangles")
+                    },
                     **{name: int(counts[name].sum()) for name in MEASURES},
                 }
             )

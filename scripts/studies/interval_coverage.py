@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from harness.compare.model import Settings
 from harness.compare.times import Pair, compare_group
 from harness.frame import View
-from harness.metrics.break_even import break_even
+from harness.metrics.break_even import compute_break_even
 from harness.metrics.decision import decide
-from harness.metrics.groups import group_records, time_ratio
+from harness.metrics.groups import compute_time_ratio, group_records
 from harness.metrics.per_polygon import spearman
 from harness.rasterisers.base import Options
 from harness.results.record import CaseId, Record, Time
@@ -320,7 +320,7 @@ def _simulate_machine_in_use(machine: Machine, tail: bool, rng: np.random.Genera
     base, head = simulate_run(rng, machine, (1.0, 0.9), tail)
     assert base.time is not None
     assert head.time is not None
-    interval = time_ratio(head, base)
+    interval = compute_time_ratio(head, base)
     simpler = paired_ratio(head.time.samples_s, base.time.samples_s)
     assert interval is not None
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), 0.9)
@@ -334,7 +334,7 @@ def _simulate_winner(rng: np.random.Generator) -> Trial:
     if decision is None or decision.saving is None:
         return Trial(UNKNOWN, None, 1.0)
     number = int(decision.choice.name.split()[1])
-    simpler = time_ratio(records[number], records[0])
+    simpler = compute_time_ratio(records[number], records[0])
     assert simpler is not None
     interval = decision.saving
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), factors[number])
@@ -380,7 +380,7 @@ def _simulate_break_even(
         return Record(case, "ok", polygons=1, time=time, **fields)
 
     base, other = record(rng, DRAW_S, ONCE_S), record(rng, ratio * DRAW_S, LONGER_S)
-    estimate = break_even(other, base, time_ratio(other, base))
+    estimate = compute_break_even(other, base, compute_time_ratio(other, base))
     if estimate is None or estimate.kind != "after" or estimate.high is None:
         return Trial(UNKNOWN, None, truth)
     return Trial((estimate.low or 0.0, estimate.high), None, truth)

@@ -105,5 +105,8 @@ def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
     with Path("head/cases.jsonl").open("a") as stream:
         stream.write(json.dumps(later) + "\n")
     out, _ = require_ok(harness("compare", "base", "head"))
-    assert "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later counts" in out
+    assert (
+        "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later record is used"
+        in out
+    )
     assert "1 case of changed content" in out

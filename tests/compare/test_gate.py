@@ -16,7 +16,7 @@ from harness.compare.model import CaseChange, Settings
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import classify
 from harness.compare.wording import groups, headline
-from harness.metrics.groups import SAME
+from harness.metrics.groups import IDENTIFYING
 from harness.rasterisers.reference import Binning
 from harness.results.run_folder import Run, read_run
 from scripts.repeated_runs import compare_repeated
@@ -311,7 +311,7 @@ def test_verdicts_that_repeat_are_counted_pair_by_pair():
     def run(**draws):
         found = [base(), *(made(name, how) for name, how in draws.items())]
         return [
-            make_record(**each | {"predicted": dict.fromkeys(SAME, float(number))})
+            make_record(**each | {"predicted": dict.fromkeys(IDENTIFYING, float(number))})
             for number, each in enumerate(found)
         ]
 

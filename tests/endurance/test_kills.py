@@ -149,7 +149,7 @@ def test_killed_commands_can_be_repeated(name, scale_count, report_counts, tmp_p
         code = execute(command.resume if can_resume else command.arguments)
         log = Path("log.txt").read_text()
         # The output folder exists if the command finished before the kill.
-        assert code == 0 or (code == 2 and "is there already" in log.splitlines()[-1]), log[-2000:]
+        assert code == 0 or (code == 2 and "already exists" in log.splitlines()[-1]), log[-2000:]
         assert command.read_result(target) == expected, Path.cwd()
         assert not [each for each in Path().iterdir() if ".unfinished" in each.name]
         os.chdir(tmp_path)

@@ -102,7 +102,7 @@ def test_where_no_pixel_is_covered_nothing_is_measured(harness):
     code, out, err = harness("run", "--scene", "far.wkt", "--rasterisers", "reference", "--quick")
     assert code == 4
     assert_one_line(err, "no pixel is covered in any case", "leave it out by --where or --limit")
-    assert "nothing is advised for far.wkt: it covers 0 pixels, too few to tell" in out
+    assert "the polygons cover 0 pixels in all (at least 64 are needed)" in out
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")

@@ -16,7 +16,7 @@ from shapely import box
 from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
 from harness.results import drawings
-from harness.results.run_folder import Run, Store, read_run
+from harness.results.run_folder import Run, RunFolder, read_run
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import measure, plan_for
@@ -171,7 +171,7 @@ def test_damaged_drawings_are_drawings_that_were_not_kept(harness, stored, damag
     run = read_run(stored)
     view = View()
     assert drawings.read(run, view) is None
-    with Store.resume(stored) as store:
+    with RunFolder.resume(stored) as store:
         drawings.write(store, make_frame([box(0, 0, 8, 8)], view), {})
         store.write_facts(run.facts)
     assert drawings.read(read_run(stored), view) is not None

@@ -13,7 +13,7 @@ from harness.errors import IncompatibleRunsError
 from harness.history import read_series, run_label
 from harness.machine import environment
 from harness.machine.git import COMMITS, commit_of, describe_project
-from harness.results import processors
+from harness.metrics import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
 from tests.compare.runs import MACHINE, slower, write_run
@@ -143,10 +143,10 @@ def test_a_run_that_tells_less_is_of_the_same_processor():
     assert processors.may_be_same("AMD EPYC", EPYC)
     assert processors.may_be_same("", EPYC)
     assert not processors.may_be_same(XEON, EPYC)
-    assert processors.list_different(["AMD EPYC", EPYC]) == []
-    assert processors.list_different(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
-    assert processors.processor_label({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
-    assert processors.processor_label({"cpu": "damaged", "environment": 3}) == ""
+    assert processors.list_distinct(["AMD EPYC", EPYC]) == []
+    assert processors.list_distinct(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert processors.read_processor({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
+    assert processors.read_processor({"cpu": "damaged", "environment": 3}) == ""
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from harness.metrics.decision import decide_all
-from harness.metrics.groups import groups_of, with_base
+from harness.metrics.groups import group_run, set_base
 from harness.results.run_folder import read_run
 from harness.summary import print_summary
 from tests.conftest import assert_refused, require_ok
@@ -159,8 +159,8 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     assert "vs delaunay" in out
     found = read_run(Path("out"))
     assert found.base == "delaunay"
-    for run, name in ((found, "delaunay"), (with_base(found, "ear-clipping"), "ear-clipping")):
-        assert [group.base.name for group in groups_of(run)] == [name]
+    for run, name in ((found, "delaunay"), (set_base(found, "ear-clipping"), "ear-clipping")):
+        assert [group.base.name for group in group_run(run)] == [name]
     assert_refused(
         harness("report", "out", "--base", "ear-cliping"),
         "unknown base 'ear-cliping'; did you mean 'ear-clipping'?",
@@ -186,6 +186,6 @@ def test_what_is_proven_is_said_below():
     said = " ".join(text.split())
     assert "every polygon: optimal:overdraw, optimal:half-perimeter" in said
     assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in said
-    assert "0 of 500 polygons: optimal:edge-length; some of the others have no bound" in said
+    assert "0 of 500 polygons: optimal:edge-length; some others have no bound" in said
     assert "499 of 500 polygons: optimal:expected-quads; some of the others have no" in said
     assert "proven" not in printed(RECORDS)

@@ -26,7 +26,7 @@ from harness.measuring.run import RunOptions, RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.results.run_folder import Store, read_arrays, read_run
+from harness.results.run_folder import RunFolder, read_arrays, read_run
 from harness.triangulating.recipes import Recipe, parse_all
 from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
@@ -211,14 +211,14 @@ def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_pa
 
 def interrupt_after_one(monkeypatch):
     """Send Ctrl-C when the first record is written."""
-    append = Store.append
+    append = RunFolder.append
 
-    def append_and_interrupt(self: Store, record: dict[str, object]) -> None:
+    def append_and_interrupt(self: RunFolder, record: dict[str, object]) -> None:
         append(self, record)
         if len(lines_of(read_run(self.path))) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(Store, "append", append_and_interrupt)
+    monkeypatch.setattr(RunFolder, "append", append_and_interrupt)
 
 
 def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 
 from harness.frame import View
 from harness.measuring.pool import MeasuringPool
-from harness.results.run_folder import Store, read_arrays, read_run
+from harness.results.run_folder import RunFolder, read_arrays, read_run
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
@@ -100,13 +100,13 @@ def test_what_was_counted_by_other_code_is_counted_again_if_forced(block, tmp_pa
 
 
 def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
-    append = Store.append
+    append = RunFolder.append
 
-    def append_and_stop(self: Store, record: dict[str, object]) -> None:
+    def append_and_stop(self: RunFolder, record: dict[str, object]) -> None:
         append(self, record)
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr(Store, "append", append_and_stop)
+    monkeypatch.setattr(RunFolder, "append", append_and_stop)
     names = ("--triangulators", "ear-clipping,delaunay", "--rasterisers", MOCK, "--quick", "-q")
     code, out, err = harness("run", "--scene", str(block), "--out", "out", *names)
     assert code == 130

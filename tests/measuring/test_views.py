@@ -11,8 +11,8 @@ from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredErr
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
 from harness.measuring.lower_limits import fewest, limits
 from harness.measuring.plan import Plan
-from harness.metrics.groups import groups_of
-from harness.metrics.per_view import describe_views, over_views
+from harness.metrics.groups import group_run
+from harness.metrics.per_view import compare_views, describe_views
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers import Options
@@ -73,14 +73,14 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
         assert "index" not in record
     assert best["proven"] == best["polygons"] == base["polygons"]
     typed = {record.name: record for record in stored.records}
-    ratio = over_views(typed["optimal:edge-length"], typed["original"], "helper_lanes")
+    ratio = compare_views(typed["optimal:edge-length"], typed["original"], "helper_lanes")
     lanes = [each["counters"]["helper_lanes"] for each in (best, base)]
     assert ratio.ratio == pytest.approx(lanes[0] / lanes[1])
     assert 0.5 < ratio.ratio < 1.0
-    (group,) = groups_of(stored)
+    (group,) = group_run(stored)
     told = describe_views(group)
-    few = "helper lanes in ratio to original's, over 4 views, too few for intervals: "
-    assert told[0].startswith(f"{few}optimal:edge-length {ratio.written}, delaunay ")
+    few = "helper lanes relative to original (4 views, too few for intervals): "
+    assert told[0].startswith(f"{few}optimal:edge-length {ratio.text}, delaunay ")
 
 
 def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
@@ -189,7 +189,7 @@ def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, 
     told, err = require_ok(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
     names = [each["triangulator"] for each in lines_of(read_run(tmp_path / "out"))]
     assert names == list(MODEL_TRIANGULATORS)
-    assert "helper lanes in ratio to original's, over 4 views, too few" in told
+    assert "helper lanes relative to original (4 views, too few" in told
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
 
 

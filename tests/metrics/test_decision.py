@@ -10,13 +10,12 @@ from rich.console import Console
 
 from harness.metrics import break_even as break_even_module
 from harness.metrics import decision as decision_module
-from harness.metrics.advice import advice
-from harness.metrics.break_even import BreakEven, _end
-from harness.metrics.decision import decide_all
-from harness.metrics.groups import time_ratio
-from harness.report.content import content_of
+from harness.metrics.break_even import BreakEven, _solve_end
+from harness.metrics.decision import decide_all, format_advice
+from harness.metrics.groups import compute_time_ratio
+from harness.report.content import make_content
 from harness.stats.intervals import RUN_SCATTER
-from harness.summary import WORDS, print_summary, rows_of
+from harness.summary import VERDICTS, print_summary, rows_of
 from tests.harness.test_summary import SAMPLES, printed, record
 from tests.records import make_group, make_record, make_run
 
@@ -56,7 +55,7 @@ def break_even(record, base):
     typed = [make_record(**each) for each in (record, base)]
     if record is base:
         typed[1] = typed[0]
-    return break_even_module.break_even(*typed, time_ratio(*typed))
+    return break_even_module.compute_break_even(*typed, compute_time_ratio(*typed))
 
 
 def table_of(records):
@@ -72,16 +71,16 @@ EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 
 
 @pytest.mark.parametrize(
-    ("alike", "said"),
+    ("alike", "ending"),
     [
-        (["a"], "no difference to a is shown"),
-        (["a", "b"], "no difference to a and b is shown"),
-        (["a", "b", "c"], "no difference to a, b and c is shown"),
+        (["a"], "different from a"),
+        (["a", "b"], "different from a and b"),
+        (["a", "b", "c"], "different from a, b and c"),
     ],
 )
-def test_those_that_draw_alike_are_listed(alike, said):
+def test_those_that_draw_alike_are_listed(alike, ending):
     quick = [made(name, "faster") for name in ("delaunay", *alike)]
-    assert advice(decide([base(), *quick])).endswith(f"; {said}.")
+    assert format_advice(decide([base(), *quick])).endswith(f"; not significantly {ending}.")
 
 
 @pytest.mark.parametrize(("draws", "triangulating", "counts"), EVERY)
@@ -94,9 +93,9 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
         del first["time"]
     records = [first, other, slow]
     decision = decide(records)
-    sentence = advice(decision)
+    sentence = format_advice(decision)
     order, rows, lines = table_of(records)
-    content = content_of(make_run(records))
+    content = make_content(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
     # one order everywhere, one sentence everywhere
     assert order == [each.name for each in decision.standings]
@@ -109,30 +108,31 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
             continue
         assert row["verdict"] == each.ratio.verdict
         pays = row.get("break_even")
-        assert (pays is None) == (each.pays is None)
+        assert (pays is None) == (each.break_even is None)
         if pays is not None:
-            assert rows[each.name].rstrip().endswith(each.pays.short)
-            assert pays == each.pays.written
+            assert rows[each.name].rstrip().endswith(each.break_even.short_text)
+            assert pays == each.break_even.text
             shown = pays.startswith(("after", "at once"))
             assert shown == (each.ratio.verdict == "faster")
-            assert (pays == "not shown") == (each.ratio.verdict == "no difference shown")
+            assert (pays == "not significant") == (each.ratio.verdict == "not significant")
             slower = pays.startswith(("never", "up to"))
             assert slower == (each.ratio.verdict == "slower")
-        elif any(other.pays for other in decision.standings):
-            assert rows[each.name].rstrip().endswith(WORDS[each.ratio.verdict])
+        elif any(other.break_even for other in decision.standings):
+            assert rows[each.name].rstrip().endswith(VERDICTS[each.ratio.verdict])
     # what to do
-    assert ("shown to save" in sentence) == (draws == "faster")
+    assert (" saves " in sentence) == (draws == "faster")
     if draws == "faster":
-        assert "triangulate city by delaunay" in sentence
-        pays = {"quicker": "and pays at once", "once": "pays after about", "untold": " %)"}
-        assert pays.get(triangulating, "and pays after ") in sentence
+        assert ": delaunay saves " in sentence
+        pays = {"quicker": ", break-even at once", "once": ", break-even after about"}
+        pays["untold"] = " %)"
+        assert pays.get(triangulating, ", break-even after ") in sentence
     elif draws == "slower":
-        assert "by ear-clipping: every other triangulator is shown to draw slower" in sentence
+        assert ": ear-clipping; all other triangulators are significantly slower" in sentence
     elif counts == "fewer":
-        assert "by delaunay: it has the least by exact count, 900 helper lanes, 10.0 %" in sentence
-        assert ("times show none" in sentence) == (draws == "level")
+        assert ": delaunay has the lowest exact count, 900 helper lanes, 10.0 %" in sentence
+        assert ("no time is significantly lower" in sentence) == (draws == "level")
     else:
-        assert "triangulate city by ear-clipping" in sentence
+        assert ": ear-clipping; no other" in sentence or ": ear-clipping has the" in sentence
         assert "criteri" not in sentence
 
 
@@ -149,16 +149,16 @@ def test_the_choice_is_what_is_shown_and_not_what_ranks_first():
 
 def test_what_is_not_told_apart_from_the_choice_is_named():
     twins = [made("delaunay", "faster"), made("greedy", "faster")]
-    assert decide([base(), *twins]).alike == (decide([base(), *twins]).standings[1].name,)
+    assert decide([base(), *twins]).not_slower == (decide([base(), *twins]).standings[1].name,)
     apart = [made("delaunay", "faster"), made("greedy", "slower")]
-    assert decide([base(), *apart]).alike == ()
+    assert decide([base(), *apart]).not_slower == ()
 
 
 def test_what_left_polygons_out_is_not_taken():
     part = made("delaunay", "faster", polygons=400)
     decision = decide([base(), part])
     assert decision.choice.name == "ear-clipping"
-    assert "alone" in advice(decide([base(), part]))
+    assert "ear-clipping has no other triangulator" in format_advice(decide([base(), part]))
     assert not decision.standings[-1].complete
 
 
@@ -173,8 +173,8 @@ def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
     assert [each.name for each in decision.standings] == ["delaunay", "fan", "strip"]
     assert not any(each.complete for each in decision.standings)
     assert not decision.timed
-    told = "each triangulator left polygons out, delaunay the fewest (499 of 500 are drawn)."
-    assert advice(decision).endswith(f"nothing is advised for city: {told}")
+    obstacle = "every triangulator skipped polygons (delaunay drew the most: 499 of 500)."
+    assert format_advice(decision).endswith(f": {obstacle}")
     records.append(base())
     assert decide(records).choice.name == "ear-clipping"
     assert decide(records).standings[0].name == "ear-clipping"
@@ -185,11 +185,11 @@ def test_too_few_pixels_say_nothing(covered, advised):
     records = [base(), made("delaunay", "faster")]
     for each in records:
         each["counters"] |= {"fragments": covered}
-    sentence = advice(decide(records))
-    assert ("triangulate city by delaunay" in sentence) is advised
+    sentence = format_advice(decide(records))
+    assert (": delaunay saves " in sentence) is advised
     pixels = "1 pixel" if covered == 1 else f"{covered} pixels"
-    told = f"nothing is advised for city: it covers {pixels}, too few to tell."
-    assert sentence.endswith(told) is not advised
+    ending = f": the polygons cover {pixels} in all (at least 64 are needed)."
+    assert sentence.endswith(ending) is not advised
 
 
 def test_where_pixels_are_few_the_first_stands_for_a_base_that_left_polygons_out():
@@ -198,7 +198,7 @@ def test_where_pixels_are_few_the_first_stands_for_a_base_that_left_polygons_out
     for each in records:
         each["counters"] |= {"fragments": 9}
     decision = decide(records)
-    assert (decision.ground, decision.choice.name) == ("few", "delaunay")
+    assert (decision.reason, decision.choice.name) == ("few pixels", "delaunay")
 
 
 @pytest.mark.parametrize(
@@ -208,27 +208,29 @@ def test_equal_counters_and_times_speak_for_no_change(draws, faster):
     first, other = base(), made("delaunay", draws)
     if draws == "untimed":
         del first["time"]
-    sentence = advice(decide([first, other]))
-    told = "ear-clipping: no other is shown to be faster, and none costs less by exact count."
-    assert sentence.endswith(f"triangulate city by {told}") is not faster
+    sentence = format_advice(decide([first, other]))
+    ending = ": ear-clipping; no other triangulator is significantly faster, and none has a lower"
+    assert sentence.endswith(f"{ending} exact count.") is not faster
     assert decide([first, other]).choice.name == ("delaunay" if faster else "ear-clipping")
 
 
 def test_a_count_is_told_beside_the_bases_only_of_as_many_polygons():
     whole, part = base(), base() | {"polygons": 400, "polygons_skipped": 100}
     fewer, more = made("delaunay", counts="fewer"), made("greedy", counts="more")
-    told = "it has the least by exact count, 900 helper lanes"
-    assert f"{told}, 10.0 % fewer than ear-clipping" in advice(decide([whole, fewer, more]))
+    count = "delaunay has the lowest exact count, 900 helper lanes"
+    assert f"{count}, 10.0 % fewer than ear-clipping" in format_advice(decide([whole, fewer, more]))
     for records in ([part, fewer, more], [whole, more]):
         decision = decide(records)
-        assert decision.ground == "counted"
-        assert "fewer than" not in advice(decision)
+        assert decision.reason == "counter"
+        assert "fewer than" not in format_advice(decision)
 
 
 def test_nothing_and_one():
     assert decide([]) is None
-    assert advice(decide([])).startswith("Nothing was measured")
-    assert "triangulated by ear-clipping alone" in advice(decide([base()]))
+    assert format_advice(decide([])).startswith("No recommendation: no case was measured")
+    assert "ear-clipping has no other triangulator to compare with" in format_advice(
+        decide([base()])
+    )
 
 
 def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
@@ -243,7 +245,7 @@ def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
 def test_two_that_cost_alike_cost_less_than_a_third():
     found = [made(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
     decision = decide([made("ear-clipping", "untimed"), *found])
-    assert (decision.ground, decision.choice.name) == ("counted", "delaunay")
+    assert (decision.reason, decision.choice.name) == ("counter", "delaunay")
 
 
 def test_where_the_usual_base_left_polygons_out_another_is_taken():
@@ -284,12 +286,12 @@ def test_it_is_what_triangulating_took_longer_over_what_a_draw_saves():
     saved = 0.1 * (1 - 0.8 * np.exp([RUN_SCATTER * 1.96, -RUN_SCATTER * 1.96]))
     low, high = sorted(0.99 / saved)
     assert (even.draws, even.low, even.high) == pytest.approx((49.5, low, high), rel=1e-4)
-    assert even.written == "after 50 draws (48 to 51)"
-    assert even.short == "50 (48-51)"
+    assert even.text == "after 50 draws (48 to 51)"
+    assert even.short_text == "50 (48-51)"
 
 
 def test_what_may_save_nothing_may_never_pay():
-    assert _end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
+    assert _solve_end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
 
 
 def test_either_uncertainty_widens_the_interval():
@@ -321,22 +323,22 @@ def test_either_uncertainty_widens_the_interval():
         (0.8, 1.49, "after 50 draws (48 to 51)"),
         (0.8, 0.4, "at once"),
         (0.8, 0.5, "at once"),
-        (1.0, 1.5, "not shown"),
-        (1.0, 0.4, "not shown"),
-        (1.25, 1.5, "never (shown to be slower)"),
-        (1.25, 0.5, "never (shown to be slower)"),
+        (1.0, 1.5, "not significant"),
+        (1.0, 0.4, "not significant"),
+        (1.25, 1.5, "never (slower)"),
+        (1.25, 0.5, "never (slower)"),
         (1.25, 0.24, "up to 10 draws (10 to 11)"),
     ],
 )
 def test_every_combination_has_its_words(factor, seconds, written):
-    assert break_even(triangulated("other", seconds, factor), BASE).written == written
+    assert break_even(triangulated("other", seconds, factor), BASE).text == written
 
 
 def test_triangulating_once_tells_no_interval():
     base = record("ear-clipping", triangulate_s=0.5)
     even = break_even(record("optimal", 0.8, triangulate_s=1.49), base)
-    assert even.written == "after about 50 draws (triangulated once)"
-    assert even.short == "50 (?)"
+    assert even.text == "after about 50 draws (triangulated once)"
+    assert even.short_text == "50 (?)"
     assert (even.low, even.high) == (None, None)
 
 
@@ -344,7 +346,7 @@ def test_where_triangulating_may_take_no_longer_the_least_is_no_draw():
     even = break_even(triangulated("other", 0.51, 0.8, scatter=0.1), BASE)
     assert even.low == 0
     assert 0 < even.draws < even.high
-    assert even.written.startswith("after 1 draw (0 to ")
+    assert even.text.startswith("after 1 draw (0 to ")
 
 
 def test_where_it_is_not_defined():
@@ -355,12 +357,12 @@ def test_where_it_is_not_defined():
 
 
 def test_an_interval_is_never_one_number_and_may_have_no_end():
-    assert BreakEven("after", 4.0, 4.0, 4.0).written == "after 4 draws (3 to 4)"
-    assert BreakEven("after", 3.6, 3.4, 3.9).written == "after 4 draws (3 to 4)"
-    assert BreakEven("after", 10.2, 4.0, math.inf).written == "after 11 draws (3 or more)"
-    assert BreakEven("after", 0.3, 0.2, 0.4).written == "after 1 draw (0 to 1)"
-    assert BreakEven("after", -0.2, -2.0, 2.4).written == "at once (0 to 3 draws)"
-    assert BreakEven("after", 0.0, 0.0, math.inf).written == "at once (0 or more draws)"
+    assert BreakEven("after", 4.0, 4.0, 4.0).text == "after 4 draws (3 to 4)"
+    assert BreakEven("after", 3.6, 3.4, 3.9).text == "after 4 draws (3 to 4)"
+    assert BreakEven("after", 10.2, 4.0, math.inf).text == "after 11 draws (3 or more)"
+    assert BreakEven("after", 0.3, 0.2, 0.4).text == "after 1 draw (0 to 1)"
+    assert BreakEven("after", -0.2, -2.0, 2.4).text == "at once (0 to 3 draws)"
+    assert BreakEven("after", 0.0, 0.0, math.inf).text == "at once (0 or more draws)"
 
 
 def test_the_table_has_it_beside_each_row():
@@ -372,10 +374,10 @@ def test_the_table_has_it_beside_each_row():
         triangulated("greedy", 0.9, 1.0),
     ]
     lines = {line.split()[0]: line.rstrip() for line in printed(records).splitlines() if line}
-    assert "pays after" in lines["triangulator"]
+    assert "break-even" in lines["triangulator"]
     assert lines["optimal:half-perimeter"].endswith("0.800 (0.795-0.805) 50 (48-51)")
     assert lines["delaunay"].endswith("at once")
-    assert lines["greedy"].endswith("not shown")
+    assert lines["greedy"].endswith("n.s.")
     assert lines["worst:half-perimeter"].endswith("never")
 
 
@@ -384,13 +386,13 @@ def test_each_pair_of_records_is_compared_at_most_once(monkeypatch):
 
     def counted(record, base, *rest, **more):
         pairs.append((record.name, base.name))
-        return time_ratio(record, base, *rest, **more)
+        return compute_time_ratio(record, base, *rest, **more)
 
-    monkeypatch.setattr("harness.metrics.groups.time_ratio", counted)
+    monkeypatch.setattr("harness.metrics.groups.compute_time_ratio", counted)
     names = ("delaunay", "greedy", "fan", "strip", "sweep")
     run = make_run([base(), *(made(name, "faster") for name in names)])
     decided = decide_all(run)
     print_summary(decided, Console(file=io.StringIO()))
     assert len(rows_of(decided)) == 1 + len(names)
-    content_of(run, decided)
+    make_content(run, decided)
     assert len(pairs) == len(set(pairs)) >= 2 * len(names)

@@ -4,7 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from harness.metrics.groups import SAME, group_records, time_ratio, without_twins
+from harness.metrics.groups import (
+    IDENTIFYING,
+    compute_time_ratio,
+    drop_equal_triangulations,
+    group_records,
+)
 from tests.records import make_record
 
 SAMPLES = [1e-3 + 1e-6 * k for k in range(20)]
@@ -27,26 +32,26 @@ def test_groups_are_in_order_and_records_keep_theirs():
 def test_two_records_of_the_same_rounds_have_a_ratio():
     base = make_record(polygons=3, time=TIME)
     slower = make_record("fan", polygons=3, time=TIME | {"samples_s": [2 * s for s in SAMPLES]})
-    assert time_ratio(slower, base).value == pytest.approx(2.0)
-    assert time_ratio(slower, replace(base, polygons=2)) is None
-    assert time_ratio(slower, replace(base, time=None)) is None
+    assert compute_time_ratio(slower, base).value == pytest.approx(2.0)
+    assert compute_time_ratio(slower, replace(base, polygons=2)) is None
+    assert compute_time_ratio(slower, replace(base, time=None)) is None
     for lacking in ({"reference_s": []}, {"reference_s": [1.0] * 20}, {"samples_s": [1.0]}):
         other = make_record(polygons=3, time=TIME | lacking)
-        assert time_ratio(slower, other) is None
-        assert time_ratio(other, slower) is None
+        assert compute_time_ratio(slower, other) is None
+        assert compute_time_ratio(other, slower) is None
 
 
 def test_a_stored_group_of_rounds_counts_more_than_equal_reference_draws():
     one, same, other = (
         make_record(polygons=3, time=TIME | {"round_group": group}) for group in "aab"
     )
-    assert time_ratio(one, same) is not None
-    assert time_ratio(one, other) is None
+    assert compute_time_ratio(one, same) is not None
+    assert compute_time_ratio(one, other) is None
 
 
 def test_twins_are_one_and_what_lacks_a_criterion_is_none():
-    whole = make_record(predicted=dict.fromkeys(SAME, 1.0))
-    twin = make_record(predicted=dict.fromkeys(SAME, 1.0 + 1e-9))
-    other = make_record(predicted={**dict.fromkeys(SAME, 1.0), "shape": 1.1})
+    whole = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0))
+    twin = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0 + 1e-9))
+    other = make_record(predicted={**dict.fromkeys(IDENTIFYING, 1.0), "shape": 1.1})
     damaged = make_record(predicted={"shape": 1.0})
-    assert without_twins([whole, damaged, twin, other]) == [whole, other]
+    assert drop_equal_triangulations([whole, damaged, twin, other]) == [whole, other]

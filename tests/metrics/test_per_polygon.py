@@ -7,15 +7,15 @@ import pytest
 import scipy.stats
 
 from harness.metrics.per_polygon import (
-    columns_of,
-    error_of,
+    compute_ranks,
+    compute_ratios,
+    compute_rms_error,
+    pair_ratios,
     rank_correlation,
-    ranks,
-    ratio_pairs,
-    ratios,
+    read_columns,
     spearman,
 )
-from harness.results.run_folder import Run, Store
+from harness.results.run_folder import Run, RunFolder
 from tests.records import make_record
 
 
@@ -46,20 +46,20 @@ def test_a_column_of_any_width_is_ranked():
 
 def test_ratios_of_polygons_that_both_drew():
     other = columns([1, 2, 3, 8], [5, 0, 15, 20], [4, 4, 0, 4])
-    assert ratios(other, BASE, "quads").tolist() == pytest.approx(
+    assert compute_ratios(other, BASE, "quads").tolist() == pytest.approx(
         [0.5, np.nan, np.nan, 2], nan_ok=1
     )
 
 
 def test_a_prediction_is_set_against_a_counter_over_the_base():
     both = {"base": BASE, "other": OTHER}
-    pairs = ratio_pairs(both, "base", "half_perimeter", "quads")
+    pairs = pair_ratios(both, "base", "half_perimeter", "quads")
     assert rank_correlation(*pairs) == pytest.approx(1)
-    assert error_of(*pairs) == pytest.approx(0)
+    assert compute_rms_error(*pairs) == pytest.approx(0)
     double = {"base": BASE, "other": OTHER | {"quads": 2 * OTHER["quads"]}}
-    error = error_of(*ratio_pairs(double, "base", "half_perimeter", "quads"))
+    error = compute_rms_error(*pair_ratios(double, "base", "half_perimeter", "quads"))
     assert error == pytest.approx(np.log(2))
-    assert error_of(np.array([np.nan, 0.0]), np.ones(2)) is None
+    assert compute_rms_error(np.array([np.nan, 0.0]), np.ones(2)) is None
 
 
 def test_what_one_of_them_lacks_is_not_compared():
@@ -72,7 +72,7 @@ def test_what_one_of_them_lacks_is_not_compared():
         {"base": no_cost, "other": OTHER},
         {"base": BASE},
     ):
-        pairs = ratio_pairs(known, "base", "half_perimeter", "quads")
+        pairs = pair_ratios(known, "base", "half_perimeter", "quads")
         assert [len(each) for each in pairs] == [0, 0]
         assert rank_correlation(*pairs) is None
 
@@ -80,22 +80,24 @@ def test_what_one_of_them_lacks_is_not_compared():
 def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_not():
     base = columns([2, 2], [10, 10], [1, 0])
     other = columns([1, 2], [5, 10], [1, 4])
-    assert ratios(other, base, "quads").tolist() == pytest.approx([0.5, np.nan], nan_ok=True)
+    assert compute_ratios(other, base, "quads").tolist() == pytest.approx(
+        [0.5, np.nan], nan_ok=True
+    )
 
 
 def test_an_error_is_the_root_of_the_mean_square_of_logarithms():
     x = np.array([0.5, 1.0, 4.0, np.nan, 3.0, 0.0])
     y = np.array([1.0, 1.0, 2.0, 1.0, 0.0, 1.0])
-    assert error_of(x, y) == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+    assert compute_rms_error(x, y) == pytest.approx(np.log(2) * np.sqrt(2 / 3))
 
 
 def test_columns_without_triangles_are_none(tmp_path):
     """A run may have kept none of a case, or what an older version kept."""
-    with Store.create(tmp_path / "run") as store:
+    with RunFolder.create(tmp_path / "run") as store:
         store.write_arrays("0" * 16, {"quads": np.arange(3)})
         store.write_arrays("1" * 16, {"quads": np.arange(3), "predicted_triangles": np.ones(3)})
     run = Run(tmp_path / "run", {}, [])
-    found = [columns_of(run, make_record(key=str(key) * 16)) for key in range(3)]
+    found = [read_columns(run, make_record(key=str(key) * 16)) for key in range(3)]
     assert found[0] is None
     assert found[2] is None
     assert found[1]["quads"].tolist() == [0, 1, 2]
@@ -112,7 +114,7 @@ def test_what_is_short_or_constant_has_none(x, y):
 
 def test_ranks_and_spearman_equal_scipys_if_values_tie():
     x, y = np.array([3.0, 1, 1, 7, 2, 2, 2]), np.array([2.0, 2, 1, 9, 4, 3, 3])
-    assert ranks(x).tolist() == scipy.stats.rankdata(x).tolist()
+    assert compute_ranks(x).tolist() == scipy.stats.rankdata(x).tolist()
     assert spearman(x, y) == pytest.approx(scipy.stats.spearmanr(x, y).statistic)
 
 
@@ -122,5 +124,5 @@ def test_sums_that_differ_in_the_last_bits_share_a_rank(factor):
     boundary = 2.0000000050
     sums = np.array([0.1 + 0.2, 0.3, np.nextafter(boundary, 0), boundary, 2.00000002, 0.0])
     expected = [2.5, 2.5, 4.5, 4.5, 6, 1] if factor > 0 else [4.5, 4.5, 2.5, 2.5, 1, 6]
-    assert ranks(factor * sums).tolist() == expected
+    assert compute_ranks(factor * sums).tolist() == expected
     assert np.isnan(spearman(factor * sums[[0, 1, 1]], np.arange(3.0))), "a constant column"

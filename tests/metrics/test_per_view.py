@@ -18,8 +18,8 @@ from tests.records import make_group, make_record
 VIEWS = "views"
 
 
-def over_views(*records: dict) -> per_view.OverViews | None:
-    return per_view.over_views(*(make_record(**each) for each in records))
+def compare_views(*records: dict) -> per_view.ViewStatistics | None:
+    return per_view.compare_views(*(make_record(**each) for each in records))
 
 
 def said(records: list[dict]) -> list[str]:
@@ -83,7 +83,7 @@ def test_a_tile_without_lanes_counts_as_any_other():
 
 
 def test_figures_are_sums_over_views_and_intervals_over_views():
-    over = over_views(OTHER, BASE)
+    over = compare_views(OTHER, BASE)
     lanes = np.array(OTHER[VIEWS]["helper_lanes"], float)
     usual = np.array(BASE[VIEWS]["helper_lanes"], float)
     assert (over.measure, over.views) == ("helper_lanes", 8)
@@ -95,15 +95,15 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
     assert row["view_ratio_low"] == over.ratio_low
     assert row["view_mean_high"] == over.mean_high
     line, quads = said([BASE, OTHER])
-    assert quads.startswith("quads in ratio to ear-clipping's, with 95 %")
+    assert quads.startswith("quads relative to ear-clipping (95 % CI over 8 tiles): ")
     assert line == (
-        "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
+        "helper lanes relative to ear-clipping (95 % CI over 8 tiles): "
         f"flips:l1 0.769 ({over.ratio_low:.3f}-{over.ratio_high:.3f})"
     )
     fewest = [record(name, [*range(9, 9 + FEWEST)]) for name in "ab"]
-    assert f"intervals over {FEWEST} tiles" in said(fewest)[0]
+    assert f"(95 % CI over {FEWEST} tiles)" in said(fewest)[0]
     tests = [{**each, VIEWS: {"bbox_tests": each[VIEWS]["quads"]}} for each in (BASE, OTHER)]
-    assert said(tests)[0].startswith("bounding-box tests in ratio")
+    assert said(tests)[0].startswith("bounding-box tests relative to")
 
 
 @pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])
@@ -112,18 +112,18 @@ def test_few_tiles_tell_no_interval(tiles, few):
         record(each["triangulator"], each[VIEWS]["helper_lanes"][:tiles]) for each in (BASE, OTHER)
     )
     line = said([base, other])[0]
-    assert f"over {few} too few for intervals: flips:l1 0." in line
-    assert "(" not in line
+    assert f"({few} too few for intervals): flips:l1 0." in line
+    assert line.count("(") == 1
     row = row_of(other, base)
     assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 
 def test_other_scenes_and_other_polygons_say_nothing():
     assert said([{**BASE, VIEWS: None}, OTHER]) == []
-    assert over_views({**OTHER, "polygons": 8}, BASE) is None
+    assert compare_views({**OTHER, "polygons": 8}, BASE) is None
     assert said([BASE]) == []
     short = record("flips:l1", [1, 2])
-    assert over_views(short, BASE) is None
+    assert compare_views(short, BASE) is None
 
 
 @pytest.mark.parametrize("tiles", [[1], {"quads": 3}, {"quads": [1, "2"]}, {"a": [1], "b": [1, 2]}])

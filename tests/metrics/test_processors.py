@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from harness.metrics.processors import (
-    by_processor,
     describe_machine,
+    find_mixed_processors,
     format_processors,
     is_drawn_by_processor,
-    several_processors,
+    mark_processors,
 )
 from harness.results.run_folder import Run
 from tests.records import make_record, make_run
@@ -54,11 +54,11 @@ def mark(case, processor):
 
 def test_only_what_processors_were_timed_on_is_kept_apart():
     runs = runs_of("Xeon", "EPYC")
-    mixed = several_processors(runs)
+    mixed = find_mixed_processors(runs)
     assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
     assert format_processors(mixed) == "llvmpipe on EPYC, Xeon"
-    assert several_processors(runs[:1]) == {}
-    devices = [[each.id.device for each in run.records] for run in by_processor(runs, mark)]
+    assert find_mixed_processors(runs[:1]) == {}
+    devices = [[each.id.device for each in run.records] for run in mark_processors(runs, mark)]
     assert devices == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
 
 
@@ -66,12 +66,12 @@ def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
     runs = runs_of("Xeon", "EPYC")
     facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
     real = Run(Path("run"), facts, runs[0].records)
-    assert by_processor([*runs, real], mark)[2].records == real.records
+    assert mark_processors([*runs, real], mark)[2].records == real.records
 
 
 def test_a_run_says_which_processor_its_times_are_of():
     (run,) = runs_of("Xeon")
-    assert describe_machine(run) == ["times of llvmpipe are of this processor: Xeon"]
+    assert describe_machine(run) == ["processor of llvmpipe: Xeon"]
     assert describe_machine(replace(run, records=run.records[1:])) == []
     assert describe_machine(replace(run, facts={})) == []
     slow = {"state": "disturbed", "why": ["it was slow"], "draws": []}

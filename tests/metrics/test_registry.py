@@ -19,14 +19,14 @@ from harness.metrics.registry import (
     LEAST,
     METRICS,
     Metric,
+    compute_lower_bound,
     find_metric,
-    limit_of,
-    measures,
-    metrics_of,
-    predictions,
+    find_metrics,
+    list_costs,
+    list_predictions,
 )
 from harness.rasterisers import counters
-from harness.report.content import content_of
+from harness.report.content import make_content
 from harness.results.parsing import record_to_json
 from harness.results.run_folder import read_run
 from harness.study import correlations
@@ -41,7 +41,9 @@ NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter
 
 def a_record(name: str, number: int, counted: dict[str, int], **changes: Any) -> dict[str, Any]:
     """Return a complete record of a triangulator whose every figure grows with `number`."""
-    predicted = dict.fromkeys([*predictions(), *criteria.AUXILIARY_FEATURES], 100.0 + 7 * number)
+    predicted = dict.fromkeys(
+        [*list_predictions(), *criteria.AUXILIARY_FEATURES], 100.0 + 7 * number
+    )
     return record(
         name,
         1 + 0.1 * number,
@@ -103,7 +105,7 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
     ]
     found = correlations.correlate(correlations.measure_table(make_run(records).records))
     assert "sparkle-length" in set(found["criterion"])
-    content = content_of(read_run(a_run(tmp_path / "run", records)))
+    content = make_content(read_run(a_run(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
     assert content["figures"]["sparkle_length"]["title"] == "sparkle K"
     write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
@@ -116,7 +118,7 @@ def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
     write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
     assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
     base = read_run(a_run(tmp_path / "base", records))
-    assert content_of(base)["figures"]["glow"]["unit"] == "lumens"
+    assert make_content(base)["figures"]["glow"]["unit"] == "lumens"
     found = compare_runs(base, base, Settings())
     assert "glow" in {change.metric for case in found.cases for change in case.counters}
 
@@ -150,7 +152,7 @@ def test_a_rasteriser_says_how_its_counters_are_shown():
     counters.register([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find_metric("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
-    assert measures(["mirror_hits", "quads", LEAST]) == ["quads"], (
+    assert list_costs(["mirror_hits", "quads", LEAST]) == ["quads"], (
         "the fewest are no cost of theirs"
     )
     counters.register([counters.Counter("quads", "stolen", "x")])
@@ -171,9 +173,9 @@ def test_every_figure_has_a_label_and_a_unit():
 
 
 def test_figures_of_records_are_those_that_they_have():
-    assert list(metrics_of([])) == []
+    assert list(find_metrics([])) == []
     rows = [a_record("fan", 0, {"quads": 5, "samples_passed": 2})]
-    found = metrics_of(make_run(rows).records)
+    found = find_metrics(make_run(rows).records)
     assert next(iter(found)) == "quads"
     assert found["samples_passed"].better == "none"
     assert "bbox_overdraw" not in found
@@ -217,10 +219,10 @@ def test_regret_needs_a_triangulation_with_a_helper_lane():
 
 def test_the_limit_is_the_outline_drawn_in_one_piece():
     known = {"counters": {"fragments": 30}, "outline_quads": 11}
-    limit = limit_of(make_record(**known))
+    limit = compute_lower_bound(make_record(**known))
     assert limit.counters == {"fragments": 30, "quads": 11, "helper_lanes": 14}
-    assert limit_of(make_record(**{**known, "counters": {}})) is None
-    assert limit_of(make_record(counters={"fragments": 30})) is None
+    assert compute_lower_bound(make_record(**{**known, "counters": {}})) is None
+    assert compute_lower_bound(make_record(counters={"fragments": 30})) is None
 
 
 def test_what_every_triangulation_has_alike_is_a_counter_without_direction():
@@ -232,7 +234,7 @@ def test_what_every_triangulation_has_alike_is_a_counter_without_direction():
 
 def test_a_figure_is_described_by_its_functions_words():
     figure = METRICS["above_limit"]
-    assert figure.description.startswith("lanes shaded for each pixel covered beyond those of the")
+    assert figure.description.startswith("lanes shaded per covered pixel beyond those of the")
     told = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
     assert figure(make_record(**told)) == 4 * (30 - 25) / 80
     assert figure(make_record(**{**told, "outline_quads": None})) is None

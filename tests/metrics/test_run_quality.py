@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from harness.measuring.reference_draws import default_path
-from harness.metrics.advice import advice
-from harness.metrics.decision import decide
+from harness.metrics.decision import decide, format_advice
 from harness.stats.run_quality import (
     DISTURBED,
     MIN_QUIET_ROUNDS,
@@ -36,7 +35,8 @@ def test_the_best_of_several_is_not_shown_by_chance(name):
     rng = np.random.default_rng(3)
     count = 150
     shown = sum(
-        decide(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).ground == "shown"
+        decide(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).reason
+        == "faster"
         for _ in range(count)
     )
     assert shown / count <= 0.05
@@ -162,15 +162,15 @@ def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
     records[2] = replace(records[2], counters={"quads": 50})
     assert decide(make_group(records)).choice.name == "rival 1"
     decision = decide(make_group(records, state=DISTURBED))
-    assert (decision.ground, decision.choice.name) == ("counted", "rival 2")
+    assert (decision.reason, decision.choice.name) == ("counter", "rival 2")
     assert [each.name for each in decision.standings] == ["rival 2", "ear-clipping", "rival 1"]
-    sentence = advice(decision)
-    assert "its times are disturbed and show nothing" in sentence
+    sentence = format_advice(decision)
+    assert "times are disturbed and not used" in sentence
     assert "measure again" in sentence
     equal = [replace(record, counters={"quads": 9}) for record in records]
     decision = decide(make_group(equal, state=DISTURBED))
-    assert decision.ground == "open"
-    assert "its times are disturbed and show nothing" in advice(decision)
+    assert decision.reason == "undecided"
+    assert "times are disturbed and not used" in format_advice(decision)
 
 
 def test_runs_in_different_states_are_not_compared():

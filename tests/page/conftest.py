@@ -14,13 +14,12 @@ from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.run import run as measure_run
 from harness.measuring.timing import TimingSettings
-from harness.metrics.per_polygon import columns_of
+from harness.metrics.per_polygon import read_columns
 from harness.page.page_data import content_of_profile, write_page
 from harness.page.result import FORMAT, KEPT, TOLD, Result, import_result
 from harness.page.saved import VERSION, read_saved
 from harness.progress import Reporter
-from harness.results.cases import latest
-from harness.results.run_folder import Run, read_run
+from harness.results.run_folder import Run, read_run, select_latest
 from harness.triangulating.recipes import parse_all
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.inline import InlineWorker
@@ -49,7 +48,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         timing=TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2),
     )
     measure_run(plan, folder, Reporter(quiet=True), open_worker=lambda *_: InlineWorker())
-    return latest(read_run(folder))
+    return select_latest(read_run(folder))
 
 
 def make_result(run: Run) -> dict[str, Any]:
@@ -66,7 +65,7 @@ def make_result(run: Run) -> dict[str, Any]:
             (record["resolution"], record["rotation"]),
             {**view_fields, "cases": {}, "times": control_times, "epochs": [2] * 6},
         )
-        columns = columns_of(run, typed)
+        columns = read_columns(run, typed)
         assert columns is not None
         name = record["triangulator"]
         view["cases"][name] = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
-from harness.metrics.per_polygon import columns_of
+from harness.metrics.per_polygon import read_columns
 from harness.page.result import counted_exactly, import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
@@ -487,7 +487,7 @@ def test_imported_run_has_frames_and_predictions(imported, small_run):
         assert imported_drawing.points.tolist() == drawing.points.tolist()
     before = {(each.name, each.id.view): each for each in small_run.records}
     for record in run.records:
-        columns = columns_of(run, record)
-        drawing = columns_of(small_run, before[record.name, record.id.view])
+        columns = read_columns(run, record)
+        drawing = read_columns(small_run, before[record.name, record.id.view])
         for name in ("predicted_half_perimeter", "quads", "fragments"):
             assert columns[name].tolist() == drawing[name].tolist()

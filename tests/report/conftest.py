@@ -18,7 +18,7 @@ from harness.rasterisers.base import sum_per_polygon
 from harness.rasterisers.reference import predict
 from harness.report.page import write_report
 from harness.results import drawings
-from harness.results.run_folder import Store, read_run
+from harness.results.run_folder import RunFolder, read_run
 from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.result import predict_polygons
 from harness.triangulating.triangulate import triangulate_polygons
@@ -82,7 +82,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def write_many(path: Path, devices: int) -> Path:
     """Write a run of 1,000 cases per device: 200 views of 5 triangulators, one with polygons."""
-    store = Store.create(path)
+    store = RunFolder.create(path)
     store.write_facts({"plan": {"triangulators": list(NAMES)}, "scene": {"name": "city"}})
     frame = make_frame(load("city:buildings=600", seed=0).polygons, View(256))
     triangles, columns = {}, {}

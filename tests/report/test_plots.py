@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.metrics.per_polygon import columns_of, error_of, ratio_pairs
+from harness.metrics.per_polygon import compute_rms_error, pair_ratios, read_columns
 from harness.metrics.registry import PREDICTED, find_metric
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report.plots import NAME, plot_run
@@ -95,18 +95,20 @@ def test_estimates_have_the_unit_of_their_counter():
 
 def test_error_is_relative():
     measured = np.array([1.0, 2.0, 4.0, np.nan])
-    assert error_of(measured * 1.05, measured) == pytest.approx(np.log(1.05))
-    assert error_of(measured * [1.05, 1 / 1.05, 1.05, 1.0], measured) == pytest.approx(np.log(1.05))
-    assert error_of(np.array([np.nan]), np.array([1.0])) is None
+    assert compute_rms_error(measured * 1.05, measured) == pytest.approx(np.log(1.05))
+    assert compute_rms_error(measured * [1.05, 1 / 1.05, 1.05, 1.0], measured) == pytest.approx(
+        np.log(1.05)
+    )
+    assert compute_rms_error(np.array([np.nan]), np.array([1.0])) is None
 
 
 def test_estimate_is_closer_than_its_criterion(folder):
     """Expected quads have another unit than helper lanes; 4Q - S has the same."""
     run = read_run(folder)
     records = [record for record in run.records if record.id.view.resolution == 256]
-    columns = {record.name: columns_of(run, record) for record in records}
+    columns = {record.name: read_columns(run, record) for record in records}
     error = {
-        name: error_of(*ratio_pairs(columns, "ear-clipping", name, "helper_lanes"))
+        name: compute_rms_error(*pair_ratios(columns, "ear-clipping", name, "helper_lanes"))
         for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
     }
     assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]

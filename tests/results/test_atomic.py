@@ -1,4 +1,4 @@
-"""Files appear whole or not at all; what is no regular file is written into, or never replaced."""
+"""Output is atomic; pipes, devices and sockets are never replaced."""
 
 import errno
 import os
@@ -57,7 +57,7 @@ def test_a_folder_is_added_to_another_file_by_file_the_outermost_last(tmp_path, 
     moved = []
     rename = atomic.move
     monkeypatch.setattr(atomic, "move", lambda one, two: (moved.append(two.name), rename(one, two)))
-    with atomic.folder(place, added=True) as made:
+    with atomic.create_folder(place, merge=True) as made:
         (made / "plots").mkdir()
         (made / "plots" / "a.png").write_text("new")
         (made / "table.csv").write_text("new")
@@ -68,20 +68,20 @@ def test_a_folder_is_added_to_another_file_by_file_the_outermost_last(tmp_path, 
 
 
 def half_of_it(place):
-    with atomic.folder(place, added=True) as made:
+    with atomic.create_folder(place, merge=True) as made:
         (made / "table.csv").write_text("ha")
         raise KeyboardInterrupt
 
 
 def test_what_was_not_finished_changes_nothing_that_was_there(tmp_path):
     place = tmp_path / "out"
-    with atomic.folder(place, added=True) as made:  # nothing is there yet
+    with atomic.create_folder(place, merge=True) as made:  # nothing is there yet
         (made / "table.csv").write_text("old")
     with pytest.raises(KeyboardInterrupt):
         half_of_it(place)
     assert (place / "table.csv").read_text() == "old"
     assert list(tmp_path.iterdir()) == [place]
-    with pytest.raises(HarnessError, match="there already"), atomic.folder(place):
+    with pytest.raises(HarnessError, match="there already"), atomic.create_folder(place):
         pass
 
 
@@ -94,7 +94,7 @@ def test_the_content_is_on_the_disk_before_the_name(tmp_path, monkeypatch):
 
 @pytest.fixture
 def endpoint(tmp_path, monkeypatch):
-    """A socket's file: like a device node it is no regular file, and anybody may make one."""
+    """A socket is not a regular file, as a device node, and any user can create one."""
     monkeypatch.chdir(tmp_path)
     with socket.socket(socket.AF_UNIX) as made:
         made.bind("endpoint")
@@ -102,7 +102,7 @@ def endpoint(tmp_path, monkeypatch):
 
 
 def test_devices_and_sockets_stay(endpoint):
-    with pytest.raises(FileExistsError, match=r"it is no regular file: .*endpoint"):
+    with pytest.raises(FileExistsError, match=r"not a regular file: .*endpoint"):
         write_atomically(endpoint, "text")
     with pytest.raises(FileExistsError):
         atomic.write(endpoint, b"text")
@@ -153,7 +153,7 @@ def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, c
 def test_a_pipe_is_no_calibration_no_summary_no_pages_result_and_no_columns(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for read in (read_coefficients, device_summaries._read, read_result):
-        with pytest.raises(InputError, match=r"no regular file|pipe or device, not a file"):
+        with pytest.raises(InputError, match=r"not a regular file|pipe or device, not a file"):
             read(tmp_path / "pipe")
     (tmp_path / POLYGONS).mkdir()
     os.mkfifo(tmp_path / POLYGONS / "key.npz")

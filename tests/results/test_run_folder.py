@@ -15,7 +15,7 @@ from harness.report.page import write_report
 from harness.results.record import Record
 from harness.results.run_folder import (
     SCHEMA_VERSION,
-    Store,
+    RunFolder,
     file_stem,
     read_arrays,
     read_counted,
@@ -38,7 +38,7 @@ A, B, C = (letter * 16 for letter in "abc")
 
 
 def test_what_is_appended_is_read_back(tmp_path):
-    with Store.create(tmp_path / "run") as store:
+    with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({"plan": {"scene": "city"}})
         store.append(stored("a", scene="Straße"))
         store.append(stored("b"))
@@ -59,7 +59,7 @@ def test_what_is_appended_is_read_back(tmp_path):
 def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
     """As a triangulator could that knows where the run is: it says that it has done well."""
     forged = json.dumps(record("b")) + "\n"
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.append(stored("a"))
         if when == "meanwhile":
             with (tmp_path / "cases.jsonl").open("a") as file:
@@ -73,8 +73,8 @@ def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
         content = (tmp_path / "cases.jsonl").read_text()
         (tmp_path / "cases.jsonl").write_text(content.replace("cccc", "bbbb"))
     told = "".join(read_run(tmp_path).problems)
-    assert ("something else, such as a plugin's process, has written" in told) == (when != "never")
-    with Store.resume(tmp_path) as store:  # whoever goes on with it was told
+    assert ("modified after the run" in told) == (when != "never")
+    with RunFolder.resume(tmp_path) as store:  # whoever goes on with it was told
         store.append(stored("d"))
         store.write_facts({"interrupted": False})
     assert read_run(tmp_path).problems == []
@@ -85,7 +85,7 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
     def forge() -> None:
         np.savez(tmp_path / "polygons" / f"{A}.npz", fragments=np.array([1, 1]))
 
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.append(stored("a"))
         for key in (A, B):
             store.write_arrays(key, {"fragments": np.array([1, 2])})
@@ -96,13 +96,13 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
         forge()
     for _ in range(2):
         run = read_run(tmp_path)
-        told = f"polygons/{A}.npz is not as the run left it, and is not used"
+        told = f"polygons/{A}.npz: modified after the run (checksum mismatch); ignored"
         assert (told in "".join(run.problems)) == (when != "never")
         assert (read_arrays(run, A) is None) == (when != "never")
         assert read_arrays(run, B) is not None
-        with Store.resume(tmp_path) as store:  # what was not written again is still the other's
+        with RunFolder.resume(tmp_path) as store:  # what was not written again is still the other's
             store.write_facts({"interrupted": False})
-    with Store.resume(tmp_path) as store:
+    with RunFolder.resume(tmp_path) as store:
         store.write_arrays(A, {"fragments": np.array([1, 2])})
         store.write_facts({"interrupted": False})
     assert read_run(tmp_path).problems == []
@@ -110,7 +110,7 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
 
 @pytest.mark.parametrize("arrays", [None, [], 3, {"../x": 3, "polygons": "", "": None}])
 def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.append(stored("a"))
         store.write_facts({"interrupted": False})
     facts = json.loads((tmp_path / "run.json").read_text())
@@ -121,7 +121,7 @@ def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
 
 def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
     for name in ("base", "head"):
-        with Store.create(tmp_path / name) as store:
+        with RunFolder.create(tmp_path / name) as store:
             store.append(stored("a"))
             store.append(stored("b"))
             store.write_facts({"interrupted": False})
@@ -131,25 +131,26 @@ def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
     for kept in (whole[: len(whole) // 2 + 9], whole[:7], b""):
         cases.write_bytes(kept)
         head = read_run(tmp_path / "head")
-        told = f"{cases} was cut off: it has {len(kept):,} of {len(whole):,} bytes"
+        sizes = f"{len(kept):,} of {len(whole):,} bytes"
+        told = f"{cases}: incomplete, {sizes} (truncated, or modified after the run)"
         assert head.problems == [told]
         for pair in ((base, head), (head, base)):
-            with pytest.raises(InputError, match=r"was cut off.*measure again"):
+            with pytest.raises(InputError, match=r"incomplete.*measure again"):
                 compare_runs(*pair)
-    with pytest.raises(InputError, match=r"holds no case and no study yet .*was cut off"):
+    with pytest.raises(InputError, match=r"holds no case and no study yet .*incomplete"):
         write_report(head)
     cases.write_bytes(whole)
-    assert read_run(tmp_path / "head").cut_off == ""
+    assert read_run(tmp_path / "head").truncation == ""
 
 
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.write_facts({})
         store.append(stored("a"))
     with (tmp_path / "cases.jsonl").open("a") as file:
         file.write('{"key": "b", "stat')
     assert [entry["key"] for entry in lines_of(read_run(tmp_path))] == [A]
-    with Store.resume(tmp_path) as store:
+    with RunFolder.resume(tmp_path) as store:
         store.append(stored("c"))
     run = read_run(tmp_path)
     assert [entry["key"] for entry in lines_of(run)] == [A, C]
@@ -166,7 +167,7 @@ def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
 
 
 def test_the_later_record_of_a_case_counts(tmp_path):
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         for letter, status in (("a", "failed"), ("b", "ok"), ("a", "ok")):
             store.append(stored(letter, status=status))
     found = lines_of(read_run(tmp_path))
@@ -179,14 +180,14 @@ def test_a_single_file_of_records_is_a_run(tmp_path):
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
-    Store.create(tmp_path).close()  # killed at once: there is nothing to lose
-    with Store.create(tmp_path) as store:
+    RunFolder.create(tmp_path).close()  # killed at once: there is nothing to lose
+    with RunFolder.create(tmp_path) as store:
         store.write_facts({})
     with pytest.raises(UsageError, match="already holds a run"):
-        Store.create(tmp_path)
+        RunFolder.create(tmp_path)
 
 
-@pytest.mark.parametrize("call", [Store.resume, read_run])
+@pytest.mark.parametrize("call", [RunFolder.resume, read_run])
 def test_a_folder_without_a_run_is_refused(tmp_path, call):
     with pytest.raises(InputError, match="holds no run"):
         call(tmp_path)
@@ -195,11 +196,11 @@ def test_a_folder_without_a_run_is_refused(tmp_path, call):
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match=r"cannot use .*file/run: Not a directory"):
-        Store.create(tmp_path / "file" / "run")
+        RunFolder.create(tmp_path / "file" / "run")
 
 
 def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
-    store = Store.create(tmp_path)
+    store = RunFolder.create(tmp_path)
     store.append(stored("a"))
     real_write = os.write
 
@@ -219,7 +220,7 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
 
 
 def test_facts_are_replaced_whole(tmp_path):
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.write_facts({"step": 1})
         store.write_facts({"step": 2})
     assert json.loads((tmp_path / "run.json").read_text())["step"] == 2
@@ -255,12 +256,12 @@ def test_a_time_without_its_median_gets_it_from_its_samples(tmp_path):
 
 
 def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.write_facts({})
         store.append(stored("a"))
-        with pytest.raises(StorageError, match="in use: another process"):
-            Store.resume(tmp_path)
-    with Store.resume(tmp_path) as store:
+        with pytest.raises(StorageError, match="in use by another run"):
+            RunFolder.resume(tmp_path)
+    with RunFolder.resume(tmp_path) as store:
         store.append(stored("b"))
     assert [each["key"] for each in lines_of(read_run(tmp_path))] == [A, B]
 
@@ -270,7 +271,7 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     [({"samples": 4}, 1), ({}, 1), ({"samplec": 4}, 0), ({"work": 1.5}, 0), ({"seed": True}, 0)],
 )
 def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kept):
-    with Store.create(tmp_path / "run") as store:
+    with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({})
     line = json.dumps(record("a", options=options)) + "\n"
     (tmp_path / "run" / "cases.jsonl").write_text(line)
@@ -280,7 +281,7 @@ def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kep
 
 
 def _write_more(folder: Path) -> None:
-    with Store.resume(folder) as store:
+    with RunFolder.resume(folder) as store:
         store.append_counted(stored("b"))
         store.write_arrays(A, {"fragments": np.array([1, 2])})
 
@@ -291,7 +292,7 @@ def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
     """A foreign file would lose its last line, or get records."""
     foreign = tmp_path / "foreign"
     foreign.write_text("a line\nthe last, without a line break")
-    with Store.create(tmp_path / "run") as store:
+    with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({"plan": {}})
     link = tmp_path / "run" / name
     link.unlink(missing_ok=True)
@@ -314,20 +315,20 @@ def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
 @pytest.mark.parametrize("name", ["/proc/self/status", "../outside.npz", "polygons/link.npz"])
 def test_reads_only_inside_the_folder(tmp_path, name):
     (tmp_path / "outside.npz").write_bytes(b"")
-    with Store.create(tmp_path / "run") as store:
+    with RunFolder.create(tmp_path / "run") as store:
         (tmp_path / "run/polygons").mkdir()
         (tmp_path / "run/polygons/link.npz").symlink_to(tmp_path / "outside.npz")
         store._arrays[name] = hashlib.sha256(b"").hexdigest()
         store.write_facts({"interrupted": False})
     run = read_run(tmp_path / "run")
-    assert run.changed == {name}
-    assert any(name in line and "not as the run left it" in line for line in run.problems)
+    assert run.modified == {name}
+    assert any(name in line and "modified after the run" in line for line in run.problems)
     assert read_arrays(run, "link") is None
 
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     """As of a file with holes, or an archive of zeros that are compressed a thousandfold."""
-    with Store.create(tmp_path) as store:
+    with RunFolder.create(tmp_path) as store:
         store.write_arrays(A, {"fragments": np.zeros(100_000, np.int64)})
     run = read_run(tmp_path)
     assert read_arrays(run, A) is not None
@@ -341,7 +342,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 
 def test_a_full_disk_while_merging_names_the_way_on(tmp_path, monkeypatch):
     """What is half merged cannot be resumed."""
-    with Store.create(
+    with RunFolder.create(
         tmp_path / "merged", "remove merged and give the same command again"
     ) as store:
         monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))

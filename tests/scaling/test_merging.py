@@ -10,7 +10,7 @@ import pytest
 
 from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
-from harness.results.run_folder import Store, read_arrays, read_facts, read_run
+from harness.results.run_folder import RunFolder, read_arrays, read_facts, read_run
 from harness.scaling.merging import merge, on_host
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.measuring.test_run import measure, plan_for
@@ -207,14 +207,14 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     harness, runs, monkeypatch, no_plots
 ):
     command = ("merge", str(runs["first"]), str(runs["second"]), "--hosts", "a,b", "-o", "merged")
-    append = Store.append
+    append = RunFolder.append
 
     def cut_off(store, record):
         append(store, record)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "append", cut_off)
+        patch.setattr(RunFolder, "append", cut_off)
         code, _, err = harness(*command)
         assert code == 130, err
     assert not Path("merged").exists()
@@ -224,7 +224,7 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     assert harness(*command)[0] == 0
     assert len(lines_of(read_run(Path("merged")))) == 8
     assert not left.parent.exists()
-    assert_refused(harness(*command), "merged is there already")
+    assert_refused(harness(*command), "merged already exists")
 
 
 def test_a_run_without_records_adds_none(runs, tmp_path):
@@ -258,7 +258,7 @@ def test_a_merge_that_was_cut_off_says_so(runs, monkeypatch, tmp_path):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "append", cut_off)
+        patch.setattr(RunFolder, "append", cut_off)
         with pytest.raises(KeyboardInterrupt):
             merge(hosted(runs, "first"), tmp_path / "out")
     assert read_facts(tmp_path / "out", [])["interrupted"] is True

@@ -11,13 +11,14 @@ from harness.grid import SUBPIXEL
 from harness.metrics.per_polygon import spearman
 from harness.rasterisers.reference import predict
 from harness.report import matrix
-from harness.report.content import content_of
-from harness.report.matrix import criteria_of
+from harness.report.content import make_content
+from harness.report.matrix import format_best_criterion
 from harness.results.run_folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
     FEWEST,
-    SAME,
+    IDENTIFYING,
+    NOT_SIGNIFICANT,
     TIME,
     Estimate,
     by_resolution,
@@ -106,7 +107,7 @@ def test_paired_differences_tell_more_than_two_intervals():
     assert not median_estimate(one).low > median_estimate(two).high
     assert median_estimate(one - two).verdict == "better"
     assert median_estimate(two - one).verdict == "worse"
-    assert median_estimate(one - one).verdict == "no difference shown"
+    assert median_estimate(one - one).verdict == "not significant"
     assert median_estimate(one[:5] - two[:5]).verdict == "too few"
 
 
@@ -123,7 +124,7 @@ def run_folder(tmp_path_factory):
 
 
 def test_polygons_are_triangulated_in_many_ways(run_folder):
-    table = matrix.read(read_run(run_folder), View(1024))
+    table = matrix.read_spread(read_run(run_folder), View(1024))
     assert table["polygon"].nunique() == subjects.POLYGONS
     by_polygon = table.groupby("polygon").size()
     assert by_polygon.max() > 20
@@ -133,7 +134,7 @@ def test_polygons_are_triangulated_in_many_ways(run_folder):
 
 
 def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
-    table = matrix.read(read_run(run_folder), View(1024))
+    table = matrix.read_spread(read_run(run_folder), View(1024))
     frame = make_frame(load(SCENE).polygons, View(1024))
     number = int(table["polygon"].iloc[-1])
     polygon = frame.polygons[frame.source.tolist().index(number)]
@@ -147,8 +148,8 @@ def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
 
 
 def test_criteria_are_ranked_within_polygons(run_folder):
-    table = matrix.read(read_run(run_folder), View(1024))
-    found = matrix.ranks(table, "helper_lanes")
+    table = matrix.read_spread(read_run(run_folder), View(1024))
+    found = matrix.correlate_spread(table, "helper_lanes")
     q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
@@ -159,7 +160,7 @@ def test_criteria_are_ranked_within_polygons(run_folder):
 
 
 def test_the_report_says_which_criterion_to_use(run_folder):
-    content = content_of(read_run(run_folder))
+    content = make_content(read_run(run_folder))
     sentence = content["groups"][0]["judged"]
     assert sentence.startswith("Within a polygon, ")
     assert "expected quads Q predicts helper lanes best (rank correlation 0.9" in sentence
@@ -168,21 +169,21 @@ def test_the_report_says_which_criterion_to_use(run_folder):
 
 def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
     run = read_run(run_folder)
-    assert matrix.read(run, View(512)) is None
+    assert matrix.read_spread(run, View(512)) is None
     for name, content in (("a", "polygon,resolution\n1,256\n"), ("b", "\0\0"), ("c", "")):
         folder = tmp_path / name
         folder.mkdir()
         for file in ("run.json", "cases.jsonl"):
             (folder / file).write_bytes((run_folder / file).read_bytes())
         (folder / matrix.SPREAD).write_text(content)
-        assert matrix.read(read_run(folder), View(1024)) is None
-        assert "Within a polygon" not in content_of(read_run(folder))["groups"][0]["judged"]
+        assert matrix.read_spread(read_run(folder), View(1024)) is None
+        assert "Within a polygon" not in make_content(read_run(folder))["groups"][0]["judged"]
 
 
 def test_without_a_spread_the_sentence_is_that_of_ratios():
-    words = criteria_of("quads", {"quads": {"half_perimeter": 0.5}})
+    words = format_best_criterion("quads", {"quads": {"half_perimeter": 0.5}})
     assert words == "Of the criteria, half-perimeter H predicts quads best (rank correlation 0.50)."
-    assert criteria_of("quads", {}) == ""
+    assert format_best_criterion("quads", {}) == ""
 
 
 def test_the_table_is_a_plain_file(run_folder):
@@ -212,7 +213,7 @@ def test_two_criteria_differ_by_their_ranks():
         ranks_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
     )
     assert found["difference"] == np.median(one - other)
-    assert found["verdict"] != SAME
+    assert found["verdict"] != NOT_SIGNIFICANT
 
 
 def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
@@ -296,5 +297,5 @@ def test_what_is_counted_exactly_is_that_of_the_rasteriser_that_does_with_one_sa
 def judged() -> list[dict]:
     good = records_of("p")
     for length, entry in enumerate(good):
-        entry["predicted"] |= dict.fromkeys(SAME, float(length))
+        entry["predicted"] |= dict.fromkeys(IDENTIFYING, float(length))
     return good

@@ -117,7 +117,7 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     # The scripted rasteriser takes as long for as many triangles.
     timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
-    assert (timed.loc[list(SWEEP), "verdict"] == "no difference shown").all()
+    assert (timed.loc[list(SWEEP), "verdict"] == "not significant").all()
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in lines_of(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()

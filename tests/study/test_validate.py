@@ -205,7 +205,7 @@ def scripted(name: str, seconds: list[float], quads: int = 5) -> Record:
 
 
 def test_two_runs_agree_where_both_decide(monkeypatch):
-    monkeypatch.setattr("scripts.repeated_runs.without_twins", list)
+    monkeypatch.setattr("scripts.repeated_runs.drop_equal_triangulations", list)
     steady = [1.0] * 12
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
     swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]

@@ -22,7 +22,7 @@ function rankedOf(view) {
   return rows.sort((p, q) => q.complete - p.complete || cost(p) - cost(q) || helpersOf(p.counters) - helpersOf(q.counters));
 }
 
-const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slower" : "no difference shown");
+const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slower" : "not significant");
 
 function rankingOf(view) {
   const told = (row) => row.ratio && row.complete;

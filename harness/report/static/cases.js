@@ -11,7 +11,7 @@ function allFields() {
   const shown = Object.keys(figures).filter((name) => figures[name].kind !== "prediction" && figures[name].better !== "none");
   const withUnit = (name) => (figures[name].kind === "time" && figures[name].unit !== "x" ? `${words(name)} [${figures[name].unit}]` : words(name));
   return [["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
-    ["time ratio", "time_ratio"], ["verdict", "verdict"], ["pays", "break_even"], ...shown.map((name) => [withUnit(name), name]), ["notes", "reason"]];
+    ["time ratio", "time_ratio"], ["verdict", "verdict"], ["break-even", "break_even"], ...shown.map((name) => [withUnit(name), name]), ["notes", "reason"]];
 }
 
 function fieldOf(each, name) {

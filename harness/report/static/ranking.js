@@ -75,7 +75,7 @@ function rankingOf(at, index) {
     ["verdict", "verdict", (each) => (each === base ? "the base" : each.complete ? each.verdict : `${number(each.row.polygons)} of ${number(each.most)} polygons`)],
     [`${timed ? "time" : words(at.main || "")} against ${at.base}`, "picture",
       (each) => (each.ratio && known.length > 1 ? intervalPicture(each.ratio, low, high, each.colour) : null)],
-    ...(rows.some((each) => each.row.break_even) ? [["pays", "pays", (each) => (each.complete ? each.row.break_even ?? "" : ""), meaning("break_even")]] : []),
+    ...(rows.some((each) => each.row.break_even) ? [["break-even", "pays", (each) => (each.complete ? each.row.break_even ?? "" : ""), meaning("break_even")]] : []),
     ...rankingColumns(at, rows).map(([title, what, show]) => [title, "number", (each) => show(each.row), what]),
   ];
   return element("div", {}, rankingTable(`Ranking: ${at.rasteriser} on ${at.device}`, `${at.rasteriser} on ${at.device}, ${at.condition}`, columns, rows),
