@@ -187,5 +187,5 @@ def test_what_is_proven_is_said_below():
     assert "every polygon: optimal:overdraw, optimal:half-perimeter" in said
     assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in said
     assert "0 of 500 polygons: optimal:edge-length; some others have no bound" in said
-    assert "499 of 500 polygons: optimal:expected-quads; some of the others have no" in said
+    assert "499 of 500 polygons: optimal:expected-quads; some others have no" in said
     assert "proven" not in printed(RECORDS)

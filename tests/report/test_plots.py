@@ -20,7 +20,7 @@ from triangulators import criteria
 LABELS = (
     "helper lanes by 4Q - S,",
     "helper lanes by H + T,",
-    "off by ",
+    "RMS error of a polygon&#x27;s ratio ",
     "the paper&#x27;s overdraw A",
     "counted helper lanes,",
 )

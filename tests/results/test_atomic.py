@@ -81,7 +81,7 @@ def test_what_was_not_finished_changes_nothing_that_was_there(tmp_path):
         half_of_it(place)
     assert (place / "table.csv").read_text() == "old"
     assert list(tmp_path.iterdir()) == [place]
-    with pytest.raises(HarnessError, match="there already"), atomic.create_folder(place):
+    with pytest.raises(HarnessError, match="already exists"), atomic.create_folder(place):
         pass
 
 
