@@ -80,7 +80,7 @@ ENTRIES = {
         Entry(
             "helsinki-tiles",
             "scenes.tiles.read:helsinki",
-            "map tiles of central Helsinki, each a view of its own",
+            "map tiles of central Helsinki, each a separate view",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="tiles",
             package="pmtiles",
@@ -133,7 +133,7 @@ ENTRIES = {
 
 
 def names() -> list[str]:
-    """Return the names of all scenes: built-in ones, then those of installed packages.
+    """Return the names of all scenes: built-in scenes, then scenes of installed packages.
 
     >>> names()[:3]
     ['city', 'helsinki', 'helsinki-tiles']

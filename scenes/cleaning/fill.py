@@ -50,7 +50,7 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
 def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
     """Return the area of simple rings by the rings around each, or None if rings cross.
 
-    A ring bounds the area if the rule says "inside" on one of its sides only.
+    A ring bounds the area if the rule says "inside" on exactly one side.
     """
     tree, count = shapely.STRtree(rings), len(rings)
     outer, inner = tree.query(rings, predicate="contains")
@@ -73,10 +73,12 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
 
 
 def _has_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    """Whether any of the pairs of polygons, neither of which contains the other, overlap.
+    """Whether any pair of polygons overlaps; no polygon contains the other polygon of the pair.
 
-    GEOS looks up the edges of a prepared polygon and scans those of the other: the larger one is
-    prepared. `overlaps`, which prepared polygons do not accelerate, is for pairs that touch.
+    GEOS looks up edges of a prepared polygon but scans the edges of the second polygon, so the
+    larger polygon is prepared. Preparation does not speed up `overlaps`, the test of pairs that
+    touch. A query of the tree by "intersects" prepares the holes too: twice the time with 2,500
+    holes in a ring of 50,000 vertices.
     """
     is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
     larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
@@ -94,7 +96,7 @@ def _insert_holes(
 ) -> Any | None:
     """Return the shells, each hole in the smallest shell around it, or None if that is invalid.
 
-    A shell may lie in a hole of another one, as in the copyright sign. Ring `outer[k]` contains
+    A shell may lie in a hole of another shell, as in the copyright sign. Ring `outer[k]` contains
     ring `inner[k]`.
     """
     shells, holes = np.flatnonzero(is_shell), np.flatnonzero(is_hole)

@@ -36,7 +36,7 @@ class Cleaned:
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Maps (n, 2) coordinates back to those of the source file, for the locations in notes."""
+"""Maps (n, 2) coordinates back to coordinates of the source file, for the locations in notes."""
 
 
 def clean(

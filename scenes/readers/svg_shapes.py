@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
 FLIP = Transform(1, 0, 0, -1, 0, 0)
-"""From SVG's axes, with y down, to those of scenes."""
+"""From SVG's axes, with y down, to the axes of scenes."""
 
 _CHORDS = 8
 """Number of chords that replace a curve."""

@@ -1,4 +1,4 @@
-"""Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and others.
+"""Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and more.
 
 GDAL skips features that it cannot read, and reports these to the error handler only.
 """
@@ -49,7 +49,7 @@ _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".cs
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
-    """Yield the geometries of one layer, `size` features at a time.
+    """Yield the geometries of a layer, `size` features at a time.
 
     The default layer is the first that can contain polygons. Raises SceneError if GDAL reports more
     failures than features without geometry, which are noted.

@@ -1,1 +1,1 @@
-"""Map tiles, each a view of its own: archives, the vector tile format, scenes of polygons."""
+"""Map tiles, each a separate view: archives, the vector tile format, scenes of polygons."""
