@@ -123,7 +123,7 @@ def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
     assert ids(tmp_path / "out") == list(range(EVERY))
     lines = [line for line in error.splitlines() if line.startswith("warning: set aside")]
     assert len(lines) == 2
-    assert "2-torn.parquet cannot be read as GeoParquet" in lines[0]
+    assert "2-torn.parquet is truncated" in lines[0]
     assert "3-plain.parquet has no geometry column" in lines[1]
     assert error.splitlines()[-1].startswith("error: 2 parts were set aside; the rest is in out")
     aside = json.loads((tmp_path / "out" / MANIFEST).read_text())["summary"]["set_aside"]

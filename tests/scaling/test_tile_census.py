@@ -304,7 +304,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["FILE", "--triangulators", "fan"], "give two or more to compare"),
         (["no.pmtiles"], "no.pmtiles: no such file"),
         (["bad.pmtiles"], "is not a PMTiles archive: give a PMTiles archive of version 3"),
-        (["a.mvt:zoom=3"], "does not say at which zoom its tiles are: leave zoom= out"),
+        (["a.mvt:zoom=3"], "is unknown: leave zoom= out"),
         (["a.gpkg:pixels=512"], "a.gpkg holds no tiles"),
     ],
 )

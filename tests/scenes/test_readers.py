@@ -98,7 +98,7 @@ class TestGeoParquet:
         native = geoparquet(tmp_path / "native.parquet", [SQUARE], encoding="polygon")
         for path, message in (
             (tmp_path / "plain.parquet", "no geometry column"),
-            (native, "has the encoding polygon"),
+            (native, "has the unsupported encoding polygon"),
             (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as GeoParquet"),
         ):
             with pytest.raises(SceneError, match=message):
