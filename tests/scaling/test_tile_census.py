@@ -297,7 +297,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["FILE:zoom=3-4"], "has no zooms 3 to 4; it has 12 to 16"),
         (["FILE:zoom=16-12"], "zoom=16-12 is invalid: give zoom=14 or zoom=12-16"),
         (["FILE:zoom=x"], "zoom=x is invalid"),
-        (["FILE:pixels=7"], "pixels=7 is no even number"),
+        (["FILE:pixels=7"], "pixels=7 is not an even number"),
         (["FILE:layer=a"], "has no parameter 'layer'; did you mean layers?"),
         (["FILE:zoom=12,layers=wood"], "no layer 'wood'; it has: area, building"),
         (["FILE", "--cell", "5"], "--cell is not for map tiles; write FILE:zoom=12-16"),
