@@ -7,7 +7,7 @@ import signal
 import sqlite3
 import tracemalloc
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 import pyogrio.raw
 import pytest
 import shapely
-from hypothesis import strategies as st
+from mapbox_vector_tile.Mapbox import vector_tile_pb2
 from pmtiles.tile import (
     Compression,
     Entry,
@@ -142,17 +142,6 @@ def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
     return mapbox_vector_tile.encode(content, default_options={"y_coord_down": True, **more})
 
 
-corner = st.tuples(st.integers(-80, 4176), st.integers(-80, 4176))
-
-
-def _varint(value: int) -> bytes:
-    result = bytearray()
-    while value > 127:
-        result.append(value & 127 | 128)
-        value >>= 7
-    return bytes([*result, value])
-
-
 def saved(path: Path, polygons: list[Any], **more: Any) -> str:
     path.write_bytes(encoded(polygons, **more))
     return str(path)
@@ -245,29 +234,32 @@ def test_only_requested_layers_and_tiles_are_read():
     assert len(around.tiling.names) <= 4
 
 
+def encode_features(name: str, kind: int, geometries: Iterable[list[int]]) -> bytes:
+    """Return a tile of a layer from the commands of geometries."""
+    tile = vector_tile_pb2.tile()
+    layer = tile.layers.add(name=name, version=2)
+    for geometry in geometries:
+        layer.features.add(type=kind, geometry=geometry)
+    return tile.SerializeToString()
+
+
+def encode_commands(polygon: shapely.Polygon) -> list[int]:
+    x = y = 0
+    commands: list[int] = []
+    for ring in (polygon.exterior, *polygon.interiors):
+        points = [(int(px), int(py)) for px, py in ring.coords[:-1]]
+        for number, (px, py) in enumerate(points):
+            commands += [9] * (number == 0) + [(len(points) - 1) << 3 | 2] * (number == 1)
+            commands += [(step << 1) ^ (step >> 63) for step in (px - x, py - y)]
+            x, y = px, py
+        commands.append(15)
+    return commands
+
+
 def _raw(path: Path, polygons: list[Any]) -> str:
     """Write a tile of unchanged polygons, which the package would repair."""
-    features = b""
-    for polygon in polygons:
-        x = y = 0
-        numbers: list[int] = []
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = [(int(px), int(py)) for px, py in ring.coords[:-1]]
-            for number, (px, py) in enumerate(points):
-                numbers += [9] * (number == 0) + [(len(points) - 1) << 3 | 2] * (number == 1)
-                numbers += [_zigzag(px - x), _zigzag(py - y)]
-                x, y = px, py
-            numbers.append(15)
-        geometry = b"".join(map(_varint, numbers))
-        feature = b"\x18\x03\x22" + _varint(len(geometry)) + geometry
-        features += b"\x12" + _varint(len(feature)) + feature
-    layer = b"\x0a\x04land\x78\x02" + features
-    path.write_bytes(b"\x1a" + _varint(len(layer)) + layer)
+    path.write_bytes(encode_features("land", 3, map(encode_commands, polygons)))
     return str(path)
-
-
-def _zigzag(value: int) -> int:
-    return (value << 1) ^ (value >> 63)
 
 
 def test_invalid_polygons_are_noted_and_repaired_only_on_integers(tmp_path):
@@ -595,11 +587,9 @@ def test_invalid_layer_is_skipped_and_noted_only_if_requested(tmp_path):
 
 
 def test_line_with_a_repeated_point_is_not_a_dropped_polygon(tmp_path):
-    line = bytes([9, 2, 2, 18, 0, 0, 4, 4])
-    feature = b"\x18\x02\x22" + bytes([len(line)]) + line
-    layer = b"\x0a\x04road\x78\x02\x12" + bytes([len(feature)]) + feature
     path = tmp_path / "a.mvt"
-    path.write_bytes(encoded([COURT]) + b"\x1a" + bytes([len(layer)]) + layer)
+    road = encode_features("road", 2, [[9, 2, 2, 18, 0, 0, 4, 4]])
+    path.write_bytes(encoded([COURT]) + road)
     assert read_both(path, None) == (["land"], [], "")
 
 
