@@ -91,10 +91,10 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
     file = source.path
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - 8))
-        end = stream.read()
-        if end[-4:] != b"PAR1":
+        tail = stream.read()
+        if tail[-4:] != b"PAR1":
             raise guard.truncation_error(file, "no PAR1 at the end")
-        footer = int.from_bytes(end[:4], "little")
+        footer = int.from_bytes(tail[:4], "little")
         stream.seek(-8 - footer, 2)
         identity = compute_identity(file, stream.read())
     metadata = parquet.read_metadata(file)
@@ -107,7 +107,12 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
         end = start + group.num_rows
         if not _may_match(group, parsed_comparisons):
             pruned += group.num_rows
-        elif rows and rows[-1][1] == start and _can_merge(rows[-1], group.num_rows):
+        elif (
+            rows
+            and rows[-1][1] == start
+            and min(start - rows[-1][0], group.num_rows) < MIN_ROWS
+            and end - rows[-1][0] <= MAX_ROWS
+        ):
             rows[-1] = (rows[-1][0], end)
         elif group.num_rows:
             pieces = -(-group.num_rows // MAX_ROWS)
@@ -115,12 +120,6 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
             rows += list(pairwise(bounds))
         start = end
     return Slices(identity, [*rows], [last - first for first, last in rows], pruned)
-
-
-def _can_merge(previous: tuple[int, int], more_rows: int) -> bool:
-    """Whether a row group of `more_rows` rows is merged into the previous slice."""
-    size = previous[1] - previous[0]
-    return min(size, more_rows) < MIN_ROWS and size + more_rows <= MAX_ROWS
 
 
 def has_degrees(file: Path) -> bool:

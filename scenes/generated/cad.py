@@ -185,9 +185,12 @@ def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
 
 def build_faces(*, seed: int = 0) -> Scene:
     """Return the faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
+    import trimesh
+
     polygons = []
     for part in build(seed=seed, parts=10, segments=16).polygons:
-        polygons += join_facets(*_extrude(part, 20.0))[0]
+        solid = trimesh.creation.extrude_polygon(part, 20.0, engine="earcut")
+        polygons += join_facets(np.asarray(solid.vertices), np.asarray(solid.faces, np.int64))[0]
     cleaned = clean(arrange_in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",
@@ -199,11 +202,3 @@ def build_faces(*, seed: int = 0) -> Scene:
         dropped=cleaned.dropped,
         repaired=cleaned.repaired,
     )
-
-
-def _extrude(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of a prism over the polygon."""
-    import trimesh
-
-    solid = trimesh.creation.extrude_polygon(part, height, engine="earcut")
-    return np.asarray(solid.vertices), np.asarray(solid.faces, dtype=np.int64)

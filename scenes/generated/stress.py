@@ -36,10 +36,10 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     for number, name in enumerate(FAMILIES):
         if name in families:
             # A generator per family: polygons do not depend on the other families.
-            polygons.append(
-                _polygon(FAMILIES[name](np.random.default_rng([seed, number]), vertices))
-            )
-    cleaned = clean(polygons, families)
+            shape = FAMILIES[name](np.random.default_rng([seed, number]), vertices)
+            polygons.append(shapely.Polygon(*(shape if isinstance(shape, tuple) else (shape,))))
+    rounded = shapely.transform(np.array(polygons), lambda xy: np.round(xy, 9) + 0.0)
+    cleaned = clean(rounded, families)
     return Scene(
         name="stress",
         polygons=arrange_in_rows(list(cleaned.polygons)),
@@ -50,13 +50,6 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
         dropped=cleaned.dropped,
         repaired=cleaned.repaired,
     )
-
-
-def _polygon(shape: Shape) -> shapely.Polygon:
-    exterior, holes = shape if isinstance(shape, tuple) else (shape, [])
-    exact = shapely.Polygon(exterior, holes)
-    rounded: shapely.Polygon = shapely.transform(exact, lambda xy: np.round(xy, 9) + 0.0)
-    return rounded
 
 
 def comb(rng: Generator, n: int) -> Ring:

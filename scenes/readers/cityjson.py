@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,9 @@ def _read_surfaces(
     depth = _DEPTHS[shape["type"]]
     semantics = shape.get("semantics") or {}
     kinds = [s.get("type") for s in semantics.get("surfaces") or []]
-    surfaces = _flatten(shape["boundaries"], depth)
+    surfaces = list(shape["boundaries"])
+    for _ in range(depth):  # surfaces of shells, of solids
+        surfaces = list(chain.from_iterable(surfaces))
     values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
     for rings, value in zip(surfaces, values, strict=True):
         points = [vertices[_check_indices(ring, len(vertices))] for ring in rings]
@@ -153,13 +156,6 @@ def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
     if len(indices) < 3 or indices.min() < 0 or indices.max() >= count:
         raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
     return indices
-
-
-def _flatten(nested: Any, depth: int) -> list[Any]:
-    """Return the surfaces of shells (depth 1) of solids (depth 2) in one list."""
-    for _ in range(depth):
-        nested = [inner for outer in nested for inner in outer]
-    return list(nested)
 
 
 def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:
