@@ -77,8 +77,8 @@ def _has_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
 
     GEOS looks up edges of a prepared polygon but scans the edges of the second polygon, so the
     larger polygon is prepared. Preparation does not speed up `overlaps`, the test of pairs that
-    touch. A query of the tree by "intersects" prepares the holes too: twice the time with 2,500
-    holes in a ring of 50,000 vertices.
+    touch. Tree queries by "intersects" and "covers", which also prepare the smaller polygons, took
+    1.0 s instead of 0.47 s for 2,285 holes in a ring of 50,000 vertices.
     """
     is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
     larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
