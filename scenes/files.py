@@ -38,18 +38,11 @@ CHUNK = 50_000
 class Chunk:
     """A part of a file: valid polygons, their attributes, and notes.
 
-    Attributes
-    ----------
-    crs
-        Reference system of the file.
-    projection
-        Map to which longitude and latitude were projected, or None.
-    notes
-        Steps that apply to the file, such as the choice of a layer, in the first chunk only.
-    credit
-        Attribution that the data require, or "".
-    labels
-        Names of the features that `cleaned.source` numbers, or ().
+    crs : reference system of the file
+    projection : map to which longitude and latitude were projected, or None
+    notes : steps that apply to the file, such as the choice of a layer, in the first chunk only
+    credit : attribution that the data require, or ""
+    labels : names of the features that `cleaned.source` numbers, or ()
     """
 
     cleaned: Cleaned

@@ -45,19 +45,9 @@ def clean(
     """Return valid, two-dimensional, oriented polygons of geometries, with notes on the rest.
 
     Each part of a multi-polygon becomes a polygon. An invalid polygon is repaired by
-    `repair_polygon`; a polygon without area is dropped.
+    `repair_polygon`; a polygon without area is dropped. `labels` name geometries in notes, by
+    default "feature 0" and so on; `locate` maps locations in notes to source coordinates.
 
-    Parameters
-    ----------
-    geometries
-        Sequence of shapely geometries or None.
-    labels
-        Names of the geometries in the notes; "feature 0", "feature 1", ... by default.
-    locate
-        Inverse of the projection of the geometries, for source coordinates in notes.
-
-    Examples
-    --------
     >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
     >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])
     >>> [polygon.area for polygon in cleaned.polygons], cleaned.source.tolist()

@@ -64,14 +64,8 @@ def find_skipped_lines(
 ) -> Iterator[Raw]:
     """Yield chunks without geometry, with notes on the lines that are not features.
 
-    Parameters
-    ----------
-    count
-        Number of features that were read.
-    failures
-        Number of failures that GDAL reported, a lower bound.
-    is_complete
-        Whether all features were requested, so that numbers can be compared.
+    `count` features were read; GDAL reported `failures`, a lower bound; `is_complete` if all
+    features were requested, so that numbers can be compared.
     """
     lines = sum(1 for _, line in numbered_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:

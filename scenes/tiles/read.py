@@ -163,24 +163,11 @@ def read(
     """Return the polygons of map tiles, in px of the tile, y up.
 
     Polygons are not clipped at the tile's edge. Coordinates are exact: see `select_drawable`.
-
-    Parameters
-    ----------
-    path
-        A PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or one such file.
-    zoom
-        The largest in the archive by default.
-    layers
-        Names separated by commas; all by default.
-    tiles
-        Number of tiles, spread evenly over the archive, or west,south,east,north in degrees.
-    pixels
-        Side of a tile on the screen, an even number.
-
-    Raises
-    ------
-    SceneError
-        If the file is missing, cannot be read, or contains no polygon for these parameters.
+    `path` is a PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or such a file; the
+    default zoom is the largest. `layers` are names separated by commas. `tiles` is a number of
+    tiles, spread evenly over the archive, or west,south,east,north in degrees. `pixels` is the side
+    of a tile on the screen. Raises SceneError if the file is missing, cannot be read, or contains
+    no polygon for these parameters.
     """
     check_pixels(pixels)
     file = check_path(path)
