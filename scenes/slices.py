@@ -214,7 +214,7 @@ def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
     Raises SceneError for an invalid parameter.
 
     >>> parse_tile_selection("berlin.pmtiles:zoom=12-16,layers=water")
-    ('berlin.pmtiles', Chosen(zooms=(12, 16), layers=('water',), pixels=512))
+    ('berlin.pmtiles', TileSelection(zooms=(12, 16), layers=('water',), pixels=512))
     >>> parse_tile_selection("berlin.gpkg") is None
     True
     """
