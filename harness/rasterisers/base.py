@@ -39,7 +39,7 @@ total."""
 
 @dataclass(frozen=True, order=True)
 class Options:
-    """How a frame is drawn, apart from its triangles; recorded with every case.
+    """Options of drawing a frame, recorded with every case.
 
     samples : samples per pixel, 1 (no multisampling), 4 or 8
     work : iterations of arithmetic per fragment, to shift the cost from set-up to shading
@@ -176,7 +176,7 @@ class Rasteriser(ABC):
     """Required Python module, which the extra with the rasteriser's name installs."""
 
     remedies: ClassVar[Mapping[str, str]] = {}
-    """How to make a device work, by its name without a number; "": any other device."""
+    """Instructions to make a device work, by name without a number; "" for any other device."""
 
     device: Device
 

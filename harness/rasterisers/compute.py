@@ -36,7 +36,7 @@ JOB_PIXELS = 16384 * LANES
 
 
 class BoundingBox(GLRasteriser):
-    """One workgroup a triangle, more for a huge one; its lanes share the bounding box's pixels."""
+    """A workgroup per triangle, several for a huge one; lanes share the pixels of the box."""
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -68,7 +68,7 @@ class BoundingBox(GLRasteriser):
 
 
 class Scanline(BoundingBox):
-    """One workgroup a triangle, more for a huge one; its lanes share the rows."""
+    """One workgroup per triangle, more for a huge one; its lanes share the rows."""
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")
@@ -88,7 +88,7 @@ class _Dispatched(Drawing):
         self.buffers = (*owner.upload(frame, triangles), owner.buffer(jobs))
 
     def run(self) -> None:
-        """Start one workgroup a job."""
+        """Start one workgroup per job."""
         if not self.number:
             return
         for binding, buffer in enumerate(self.buffers):

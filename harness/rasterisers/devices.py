@@ -60,7 +60,7 @@ ADAPTERS = {
     ("swiftshader", "Vulkan"): "swiftshader",
     ("basic render", "D3D12"): "warp",
 }
-"""Names of CPU rasterisers, by a word of the adapter's name and its backend."""
+"""Names of CPU rasterisers, by a word of the adapter's name and the backend."""
 
 Devices = tuple[tuple[Device, ...], tuple[str, ...]]
 """Devices, best first, and the problems of unavailable ones."""

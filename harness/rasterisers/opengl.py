@@ -194,7 +194,7 @@ class OpenGL(GLRasteriser):
         last.bind_to_storage_buffer(1)
         mesh.program["columns"] = columns
         mesh.begin()
-        # One draw a triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
+        # One draw per triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
         for triangle in range(number):
             mesh.program["triangle"] = triangle + 1
             mesh.vertices.render(vertices=3, first=3 * triangle)
@@ -235,7 +235,7 @@ class Mesh(Drawing):
         """Draw `repeats` times.
 
         A GPU draws them as instances of one call, so that it never waits for the next call. A
-        software rasteriser gets one call and one flush a draw: it collects a frame before it draws,
+        software rasteriser gets one call and one flush per draw: it collects a frame before drawing
         and would skip tiles of a draw that a later draw covers. For the same reason each map tile
         is a separate call there. With a depth test each draw starts with cleared depths, also on a
         GPU.

@@ -2,7 +2,7 @@
 
 It represents common renderers: perspective, depth test, multisampling, and a frame that is read
 back. It cannot count. pyrender is unmaintained (0.1.45) and runs in a separate process. Polygons
-become roofs; a model's views are drawn in their projection, one frame a view.
+become roofs; a model's views are drawn in their projection, one frame per view.
 """
 
 import importlib.util

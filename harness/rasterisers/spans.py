@@ -12,7 +12,7 @@ SIGGRAPH 1988.
 With a depth test coverage is the same. Depth is a plane through the triangle's snapped vertices, in
 double precision. A device computes it in single precision, so if the distance of two surfaces is
 within that rounding error, either may pass: such a test is a *tie*. Counters differ from a device's
-by at most one pixel and one quad a tie.
+by at most one pixel and one quad per tie.
 """
 
 import numpy as np

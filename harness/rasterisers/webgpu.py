@@ -75,7 +75,7 @@ LIMITS = ("max-texture-dimension-2d", "max-buffer-size", "max-storage-buffer-bin
 
 IMMEDIATE = ("nvidia", "amd", "radeon", "intel")
 """GPUs that shade triangles immediately. Other GPUs collect a pass first and skip triangles that
-later opaque triangles hide, so they get one pass a draw instead of instances."""
+later opaque triangles hide, so they get one pass per draw instead of instances."""
 
 
 class WebGPU(Rasteriser):
@@ -97,7 +97,7 @@ class WebGPU(Rasteriser):
     remedies: ClassVar[Mapping[str, str]] = {
         "lavapipe": f"run: {devices.INSTALL_VULKAN}",
         "llvmpipe": f"run: {devices.INSTALL}",
-        "swiftshader": "run: apt-get install -y chromium, which brings it along",
+        "swiftshader": "run: apt-get install -y chromium, which includes SwiftShader",
         "": "install the vendor's driver, or choose another device",
     }
 

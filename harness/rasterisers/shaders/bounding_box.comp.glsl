@@ -1,4 +1,4 @@
-// Tests each pixel centre in the triangle's bounding box, as software rasterisers on GPUs do.
+// Test each pixel centre in the triangle's bounding box, like software rasterisers on GPUs.
 
 void main() {
     if (job() >= number) return;

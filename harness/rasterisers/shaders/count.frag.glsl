@@ -1,10 +1,10 @@
-// Counts fragments, quads, helper lanes and partial quads of each polygon.
+// Count fragments, quads, helper lanes and partial quads of each polygon.
 //
-// Derivatives are differences between the lanes of a 2x2 quad, so those of a flag "I am a helper"
-// tell each lane what its three neighbours are. The first covered lane of a quad counts it.
+// Derivatives are differences between the lanes of a 2x2 quad. Derivatives of the helper flag show
+// each lane which of its three neighbours are helpers. The first covered lane counts the quad.
 
 #ifdef DEPTH
-layout(early_fragment_tests) in;  // what is hidden is not counted
+layout(early_fragment_tests) in;  // do not count hidden fragments
 #endif
 
 flat in uint owner;

@@ -1,12 +1,12 @@
-// Counts fragments, quads and whole quads of each polygon where shaders do not see helper lanes.
+// Count fragments, quads and complete quads of each polygon if shaders cannot detect helper lanes.
 //
-// Each covered pixel decides by itself which pixels of its 2x2 quad its triangle covers, k of
-// them, and adds 12 / k to the polygon's counter. The k pixels of a quad together add 12, so the
-// counter is 12 times the quads, exactly. Where k is 4 the quad is whole; its four pixels add 4 to
-// another counter. An instance is a triangle.
+// Each covered pixel computes the number k of pixels of its 2x2 quad that the triangle covers, and
+// adds 12 / k to the polygon's counter. The k pixels of a quad together add 12, so the counter is
+// exactly 12 times the number of quads. If k is 4, the quad is complete, and its four pixels add 4
+// to another counter. An instance is a triangle.
 
 @group(0) @binding(0) var<uniform> size: vec2<f32>;  // of the viewport, in 1/256 px
-// fragments, 12 times the quads, 4 times the whole quads of polygon 0, of polygon 1, ...
+// fragments, 12 times the quads, 4 times the complete quads of polygon 0, of polygon 1, ...
 @group(0) @binding(1) var<storage, read_write> counts: array<atomic<u32>>;
 
 struct Covered {
@@ -32,8 +32,8 @@ fn place(
 //
 // Coordinates are below 2^22 (16,384 px of 256), so products need 44 bits and WGSL has 32. With
 // v = 4096 * high + low the area is 2^24 * outer + 2^12 * middle + inner, where |outer| <= 2^21,
-// |middle| <= 2^24 and |inner| <= 2^24; carrying leaves inner and middle in 0..4095, so that the
-// sign is that of outer, or 1 if outer is 0 and something is left.
+// |middle| <= 2^24 and |inner| <= 2^24; after carrying, inner and middle are in 0..4095, so that the
+// sign is that of outer, or 1 if outer is 0 and inner or middle is not.
 fn side(a: vec2<i32>, b: vec2<i32>, p: vec2<i32>) -> i32 {
     let d = b - a;
     let e = p - a;
@@ -54,8 +54,8 @@ fn side(a: vec2<i32>, b: vec2<i32>, p: vec2<i32>) -> i32 {
     return select(0, 1, (middle | inner) != 0);
 }
 
-// Whether the edge from a to b, on the left of which the triangle lies, lets the point through;
-// one on the edge itself only if the edge runs down, or is horizontal and runs right.
+// Whether a point is inside the edge from a to b with the triangle on the left; a point on the edge
+// is inside only if the edge runs down, or is horizontal and runs right.
 fn passes(a: vec2<i32>, b: vec2<i32>, p: vec2<i32>) -> bool {
     let d = b - a;
     let closed = d.y < 0 || (d.y == 0 && d.x > 0);
@@ -73,7 +73,7 @@ fn count(pixel: Covered) -> @location(0) vec4<f32> {
         c = swapped;
     }
     let own = vec2<i32>(pixel.position.xy);
-    var number = 1u;  // the pixel itself, whatever the rule says
+    var number = 1u;  // the pixel itself, independent of the fill rule
     for (var lane = 0; lane < 4; lane++) {
         let other = (own & vec2<i32>(-2)) + vec2<i32>(lane & 1, lane >> 1u);
         let centre = 256 * other + 128;

@@ -1,17 +1,16 @@
-// Counts fragments, quads and whole quads where lanes cannot see each other: only right where a
-// triangle is finished before the next begins. A quad's cell is raised to 8 times the triangle's
-// number and then counts its lanes: the lane that raises it counts the quad, a fourth one that it
-// is whole.
+// Count fragments, quads and complete quads if lanes cannot exchange values; valid only if a triangle
+// is finished before the next begins. The cell of a quad is raised to 8 times the triangle's number
+// and then counts lanes: the lane that raises it counts the quad, the fourth lane a complete quad.
 
 #ifdef DEPTH
-layout(early_fragment_tests) in;  // what is hidden is not counted
+layout(early_fragment_tests) in;  // do not count hidden fragments
 #endif
 
 flat in uint owner;
 flat in vec4 colour;
 
 layout(std430, binding = 0) buffer Counts {
-    uint counts[];  // fragments, quads, nothing, whole quads of polygon 0, of polygon 1, ...
+    uint counts[];  // fragments, quads, unused, complete quads of polygon 0, of polygon 1, ...
 };
 
 layout(std430, binding = 1) buffer Last {

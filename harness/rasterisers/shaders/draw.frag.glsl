@@ -1,4 +1,4 @@
-// What is timed: one colour, and `work` rounds of arithmetic that no compiler can leave out.
+// Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove.
 
 flat in vec4 colour;
 

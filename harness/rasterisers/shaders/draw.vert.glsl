@@ -1,4 +1,4 @@
-// Places a vertex given in 1/256 px and passes on its polygon and the polygon's colour.
+// Transform a vertex in 1/256 px and pass the polygon and its colour.
 
 in ivec2 position;
 in uint polygon;

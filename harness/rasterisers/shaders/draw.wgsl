@@ -1,7 +1,7 @@
-// What is timed: one colour, and `work` rounds of arithmetic that no compiler can leave out.
+// Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove.
 //
-// The frame's y is the framebuffer's, so both have the same rows, quads and fill rule; WebGPU's
-// clip space has y up and its framebuffer y down, hence the change of sign.
+// The frame's y is the framebuffer's y, so rows, quads and the fill rule are the same; the sign
+// changes because WebGPU's clip space has y up and the framebuffer y down.
 
 struct View {
     size: vec2<f32>,  // of the viewport, in 1/256 px

@@ -1,11 +1,11 @@
-// Walks the triangle's rows and in each of them only its span, as the classic contrast.
+// Scan only the span of each row of the triangle.
 
 int64_t floor_divide(int64_t value, int64_t positive) {
     int64_t quotient = value / positive;
     return quotient - int64_t(quotient * positive > value ? 1 : 0);
 }
 
-// Narrows the span (first, last) of row y to what the edge lets through.
+// Narrow the span (first, last) of row y to the inside of an edge.
 ivec2 clip(ivec2 span, Edge e, int y) {
     int64_t value = e.constant + e.per_row * int64_t(y);
     if (e.per_column > 0L) {

@@ -1,4 +1,4 @@
-// One workgroup a job, some rows of a triangle; edge functions in exact 64-bit integers.
+// One workgroup per job, some rows of a triangle; edge functions in exact 64-bit integers.
 
 layout(local_size_x = 32) in;
 
@@ -16,10 +16,10 @@ layout(binding = 0, r32ui) writeonly uniform uimage2D picture;
 #endif
 
 uniform int number;  // of jobs
-uniform ivec4 window;  // first column and row, last column and row of what is drawn
+uniform ivec4 window;  // first column and row, last column and row of the drawn window
 
-// constant + per_row * y - per_column * x is an edge function at the centre of pixel (x, y), less
-// 1 where the top-left rule leaves the edge itself out: inside is what is not negative.
+// constant + per_row * y - per_column * x is an edge function at the centre of pixel (x, y), minus 1
+// if the top-left rule excludes the edge itself: a pixel is inside if the value is not negative.
 struct Edge {
     int64_t constant;
     int64_t per_row;
