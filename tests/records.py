@@ -1,4 +1,4 @@
-"""Records made up for tests: each names what is special about it, the rest is usual."""
+"""Records for tests, with default fields except those that a test names."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -19,20 +19,20 @@ CASE: dict[str, Any] = {
     "rotation": 0.0,
     "status": "ok",
 }
-"""Fields of a usual case."""
+"""Default fields of a case."""
 
 
 def make_record(triangulator: str = "ear-clipping", **fields: Any) -> Record:
-    """Return a record of a usual case with other fields, as a line of cases.jsonl has them.
+    """Return a record with the default fields and `fields`, named as in cases.jsonl.
 
-    Without a `key` it has that of its case.
+    The default key is computed from the case.
     """
     record = parse_record({"key": "0" * 16, **CASE, "triangulator": triangulator, **fields})
     return record if "key" in fields else replace(record, key=record.id.key)
 
 
 def make_time(**fields: Any) -> Time:
-    """Return a record's times, of fields as cases.jsonl has them."""
+    """Return the times of a record from fields named as in cases.jsonl."""
     time = make_record(time=fields).time
     assert time is not None
     return time
@@ -41,22 +41,22 @@ def make_time(**fields: Any) -> Time:
 def make_group(
     records: Iterable[Record | Mapping[str, Any]], base: str = "", state: Any = "quiet"
 ) -> RecordGroup:
-    """Return the one group of records, or of fields that `make_record` takes."""
-    typed = [each if isinstance(each, Record) else make_record(**each) for each in records]
-    if not typed:
+    """Return the only group of records, or of fields for `make_record`."""
+    parsed = [record if isinstance(record, Record) else make_record(**record) for record in records]
+    if not parsed:
         return RecordGroup(make_record().id.group, (), base, state)
-    (group,) = group_records(typed, base, state)
+    (group,) = group_records(parsed, base, state)
     return group
 
 
 def make_run(records: Iterable[Record | Mapping[str, Any]], **facts: Any) -> Run:
-    """Return a run in no folder, of records or of fields that `make_record` takes."""
-    typed = [each if isinstance(each, Record) else make_record(**each) for each in records]
-    return Run(Path("nowhere"), facts, typed)
+    """Return a run without a folder from records, or from fields for `make_record`."""
+    parsed = [record if isinstance(record, Record) else make_record(**record) for record in records]
+    return Run(Path("nowhere"), facts, parsed)
 
 
 class HasRecords(Protocol):
-    """A run, or the result of one."""
+    """A run or the result of a run."""
 
     @property
     def records(self) -> Any: ...

@@ -79,24 +79,24 @@ def run_forked(arguments: list[str], folder: Path) -> Outcome:
 
 def read_output(output: IO[bytes], pid: int) -> tuple[str, float]:
     """Return the output of a process and its longest silence; kill the process if it hangs."""
-    said, silent = b"", 0.0
-    spoke, waited = time.monotonic(), 0.0
+    text, silent = b"", 0.0
+    last_output, last_wait = time.monotonic(), 0.0
     with output, selectors.DefaultSelector() as selector:
         selector.register(output, selectors.EVENT_READ)
         while True:
             ready = selector.select(0.2)
-            now, waits = time.monotonic(), _measure_wait_s(pid)
-            silent = max(silent, now - spoke - max(0.0, waits - waited))
-            if now - spoke > TIMEOUT_S:
+            now, wait = time.monotonic(), _measure_wait_s(pid)
+            silent = max(silent, now - last_output - max(0.0, wait - last_wait))
+            if now - last_output > TIMEOUT_S:
                 os.kill(pid, signal.SIGKILL)
                 break
             if ready:
                 part = output.read(1 << 16)
                 if not part:
                     break
-                said = (said + part)[-100_000:]
-                spoke, waited = now, waits
-    return said.decode(errors="replace"), silent
+                text = (text + part)[-100_000:]
+                last_output, last_wait = now, wait
+    return text.decode(errors="replace"), silent
 
 
 def _measure_wait_s(pid: int) -> float:
@@ -162,8 +162,8 @@ def damage_bytes(data: bytes, rng: np.random.Generator) -> bytes:
     """Return the bytes with flipped bits, set bytes, dropped or duplicated chunks, or truncated."""
     actions = ("flip", "set", "drop", "double", "end")
     edits = [
-        {"action": rng.choice(actions), "position": place, "length": int(rng.integers(1, 64))}
-        for place in rng.integers(0, 10**9, rng.integers(1, 5)).tolist()
+        {"action": rng.choice(actions), "position": position, "length": int(rng.integers(1, 64))}
+        for position in rng.integers(0, 10**9, rng.integers(1, 5)).tolist()
     ]
     return apply_byte_edits(data, edits) or b"\0"
 

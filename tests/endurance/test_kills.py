@@ -38,7 +38,7 @@ def read_contents(folder: Path) -> Any:
     """Return the cases of a run by key without times, whether it was interrupted, and its files."""
     stored = read_run(folder)
     names = ("status", "counters", "predicted", "triangles", "coverage_error")
-    cases = {each["key"]: [each.get(name) for name in names] for each in lines_of(stored)}
+    cases = {record["key"]: [record.get(name) for name in names] for record in lines_of(stored)}
     files = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
     return cases, stored.facts.get("interrupted", False), files
 
@@ -151,7 +151,7 @@ def test_killed_commands_can_be_repeated(name, scale_count, report_counts, tmp_p
         # The output folder exists if the command finished before the kill.
         assert code == 0 or (code == 2 and "already exists" in log.splitlines()[-1]), log[-2000:]
         assert command.read_result(target) == expected, Path.cwd()
-        assert not [each for each in Path().iterdir() if ".unfinished" in each.name]
+        assert not [file for file in Path().iterdir() if ".unfinished" in file.name]
         os.chdir(tmp_path)
         shutil.rmtree(tmp_path / str(number))
     report_counts({"kills": killed})
