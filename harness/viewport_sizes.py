@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from operator import itemgetter
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 
 from harness import atomic
 from harness.errors import UsageError
-from harness.frame import Frame, View, frame_of
-from harness.metrics.decision import MIN_PIXELS
+from harness.frame import View, frame_of
+from harness.metrics.decision import MIN_PIXELS, MIN_SAVED_SHARE
 from harness.profile.counted import TERMS, count_triangles, design_of
-from harness.profile.profile import read_profile
+from harness.profile.law import Law
+from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
 from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
@@ -32,8 +34,8 @@ from triangulators.errors import suggest
 if TYPE_CHECKING:
     from rich.table import Table
 
-MIN_SAVED_SHARE = 0.01
-"""Smaller savings, as a share of the base's lanes or draw time, do not matter."""
+MAIN_PART = 0.8
+"""Part of the largest saving that the recommended triangulator has at least."""
 
 MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
 """If triangulating takes less in all, it is timed in several rounds, and the minimum counts."""
@@ -44,18 +46,28 @@ CONTRIBUTED = Path(__file__).parents[1] / "results" / "reference" / "profiles"
 
 @dataclass(frozen=True)
 class DeviceCosts:
-    """A device's name, and the seconds that each of `counted.TERMS` costs, (t,)."""
+    """A device's law, from a profile.
+
+    costs : seconds for each of `counted.TERMS`, (t,)
+    law : the law with its covariance, or None if the profile stores no times
+    origin : the device and processor on which the profile was measured
+    is_here : whether this machine has these
+    """
 
     name: str
     costs: NDArray[np.float64]
+    law: Law | None = None
+    origin: str = ""
+    is_here: bool = True
 
 
 COUNTED = ("fragments", "quads", "helper_lanes", "partial_quads")
 """Counters, see `rasterisers.reference.predict`."""
 
 Cost = dict[str, Any]
-"""Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; and `draw`, the
-modelled draw time in seconds, or None without a device."""
+"""Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; `draw`, the
+modelled draw time in seconds; and `saved_95`, the 95 % interval of the saved share of the base's
+draw time. The last two are None without a device."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +110,28 @@ class Sizes:
     """Costs of a scene at several sizes, the smallest first.
 
     device : the device whose draw times are modelled, or None
+    source : the scene or file as the user named it
     """
 
     scene: str
     device: DeviceCosts | None
     sizes: tuple[Size, ...]
+    source: str = "FILE"
+
+    @property
+    def largest(self) -> Size | None:
+        """The size with the largest saving, or None if the triangulator does not matter."""
+        mattering = [size for size in self.sizes if size.matters]
+        return max(mattering, key=lambda size: max(size.saved.values()), default=None)
+
+    @property
+    def recommended(self) -> str:
+        """The fastest triangulator with `MAIN_PART` of the largest saving, or the base."""
+        if self.largest is None:
+            return next(iter(self.sizes[0].costs))
+        saved, costs = self.largest.saved, self.largest.costs
+        enough = [n for n, share in saved.items() if share >= MAIN_PART * max(saved.values())]
+        return min(enough, key=lambda name: float(costs[name]["triangulate_s"]))
 
     @property
     def measure(self) -> str:
@@ -114,11 +143,14 @@ class Sizes:
         return {
             "scene": self.scene,
             "device": self.device.name if self.device else None,
+            "measured_on": self.device.origin if self.device else None,
             "unit": "s" if self.device else None,
             "sizes": [asdict(size) for size in self.sizes],
             "matters_at": [size.resolution for size in self.sizes if size.matters],
             "matters_share": MIN_SAVED_SHARE,
             "sentence": summarise(self),
+            "recommended": self.recommended,
+            "next": format_next_step(self),
         }
 
 
@@ -146,7 +178,10 @@ def read_costs(name: str, *folders: Path) -> DeviceCosts:
 
 def _costs_of(profile: Any) -> DeviceCosts:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
-    return DeviceCosts(str(profile["device"]["name"]), np.array([costs[t] for t in TERMS]))
+    device, law = profile["device"], read_law(profile)
+    seconds = np.array([costs[term] for term in TERMS])
+    origin = origin_of(device), is_of_this_machine(device)
+    return DeviceCosts(str(device["name"]), seconds, law, *origin)
 
 
 def count_size(
@@ -171,22 +206,33 @@ def count_size(
     if sum(seconds) < MIN_TIMED_S:
         rounds = time_in_rounds(recipes, frame.polygons, TIMED_ROUNDS, 0)
         seconds = [min(samples) for samples in rounds]
-    costs = {}
-    for (name, result), cpu_s in zip(results.items(), seconds, strict=True):
+    counters = []
+    for result in results.values():
         parts = [part if ok else None for part, ok in zip(result.parts, done, strict=True)]
-        costs[name] = _cost(frame, frame.join(parts), cpu_s, device)
+        counters.append(count_triangles(frame, frame.join(parts)))
+    costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
     polygon_px = float(np.median((high - low)[done].max(axis=1)))
     polygons = int(done.sum())
     return Size(view.resolution, polygons, len(scene.polygons) - polygons, polygon_px, costs)
 
 
-def _cost(
-    frame: Frame, triangles: NDArray[np.int32], seconds: float, device: DeviceCosts | None
-) -> Cost:
-    counters = count_triangles(frame, triangles)
-    draw = None if device is None else float((design_of([counters]) @ device.costs)[0])
-    return {name: counters[name] for name in COUNTED} | {"triangulate_s": seconds, "draw": draw}
+def _list_costs(
+    counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
+) -> list[Cost]:
+    """Return the cost of each triangulator from its counters, the base's first."""
+    costs: list[Cost] = [
+        {name: counts[name] for name in COUNTED}
+        | {"triangulate_s": cpu_s, "draw": None, "saved_95": None}
+        for counts, cpu_s in zip(counters, seconds, strict=True)
+    ]
+    if device is not None:
+        design = design_of(counters)
+        for cost, row in zip(costs, design, strict=True):
+            cost["draw"] = float(row @ device.costs)
+            if device.law is not None and design[0] @ device.costs > 0:
+                cost["saved_95"] = device.law.saved_interval(row, design[0], device.costs)
+    return costs
 
 
 def summarise(sizes: Sizes) -> str:
@@ -203,12 +249,12 @@ def summarise(sizes: Sizes) -> str:
             f"It does not matter for you: at {across} px no triangulator saves "
             f"{MIN_SAVED_SHARE:.0%} of {base}'s {sizes.measure}."
         )
-    largest = max(mattering, key=lambda size: max(size.saved.values()))
-    best, saved = max(largest.saved.items(), key=itemgetter(1))
+    largest = sizes.largest or mattering[0]
+    best = max(largest.saved.items(), key=itemgetter(1))[0]
     text = (
         f"It matters at {across} px, most at {largest.resolution} px "
         f"({_pixels(largest.polygon_px, 2)} per polygon): "
-        f"{best} saves {saved:.1%} of {base}'s {sizes.measure}"
+        f"{best} saves {_format_saving(largest, best)} of {base}'s {sizes.measure}"
     )
     if sizes.device:
         cost, base_cost = (largest.costs[name] for name in (best, base))
@@ -216,6 +262,26 @@ def summarise(sizes: Sizes) -> str:
         draws = math.ceil(more / (base_cost["draw"] - cost["draw"]))
         text += f"; break-even after {count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
+
+
+def _format_saving(size: Size, name: str) -> str:
+    """Format the saved share of the base's cost, with its interval if known."""
+    interval = size.costs[name].get("saved_95")
+    text = f"{size.saved[name]:.1%}"
+    return f"{text} (95 % CI {100 * interval[0]:.1f} to {interval[1]:.1%})" if interval else text
+
+
+def format_next_step(sizes: Sizes) -> str:
+    """Return the recommended triangulator, with the command and the call that use it."""
+    name, size = sizes.recommended, sizes.largest
+    if size is None:
+        return f"Next: keep {name}."
+    return (
+        f"Next: use {name}, the fastest triangulator with most of the saving "
+        f"({_format_saving(size, name)}): raster-harness triangulate "
+        f"{shlex.quote(sizes.source)} -o OUT.glb --triangulator {name}, or in Python "
+        f'triangulators.triangulate(polygon, "{name}").'
+    )
 
 
 def _pixels(side: float, digits: int) -> str:

@@ -89,8 +89,8 @@ def inspect(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Picture to write, PNG, with --sizes PNG or SVG; named after the file if absent. "
-            "With --every, the folder."
+            help="Picture to write, PNG; named after the file if absent. With --sizes the chart, "
+            "PNG or SVG; none if absent. With --every, the folder."
         ),
     ] = None,
 ) -> None:
@@ -129,7 +129,7 @@ def inspect(
         if polygon is not None:
             loaded = replace(loaded, polygons=loaded.polygons[polygon : polygon + 1])
         views = [View(size, rotation) for size in sizes]
-        _compare_sizes(loaded, recipes, views, profile, out, as_json=as_json)
+        _compare_sizes(loaded, scene, recipes, views, profile, out, as_json=as_json)
 
 
 def _draw(
@@ -165,6 +165,7 @@ def _draw(
 
 def _compare_sizes(
     scene: Scene,
+    source: str,
     recipes: tuple[Recipe, ...],
     views: list[View],
     profile: str | None,
@@ -178,8 +179,13 @@ def _compare_sizes(
     costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
         raise UsageError(f"{recipes[0]} alone cannot be compared; give two or more triangulators")
-    file = _prepare_file(out or Path(f"{Path(scene.name).stem}-sizes.svg"), ".png", ".svg")
+    file = _prepare_file(out, ".png", ".svg") if out else None
     reporter = Reporter(quiet=as_json)
+    if costs and not costs.is_here:
+        reporter.warn(
+            f"profile {profile}: measured on {costs.origin}, which is not this machine; times "
+            "here may differ (make a profile here: raster-harness profile)"
+        )
     for recipe in recipes:
         recipe.load()
     counted = []
@@ -193,14 +199,17 @@ def _compare_sizes(
             f"polygons counted at {worst.resolution} px: {worst.polygons:,}; skipped, as they "
             f"vanish on the grid or a triangulator fails: {worst.skipped:,}"
         )
-    sizes = viewport_sizes.Sizes(scene.name, costs, tuple(counted))
-    viewport_sizes.draw_chart(sizes, file)
+    sizes = viewport_sizes.Sizes(scene.name, costs, tuple(counted), source)
+    if file:
+        viewport_sizes.draw_chart(sizes, file)
     if as_json:
         typer.echo(json.dumps(sizes.to_json(), indent=2, allow_nan=False))
         return
     Screen(highlight=False).print(*viewport_sizes.make_tables(sizes), sep="\n\n")
     typer.echo(viewport_sizes.summarise(sizes))
-    typer.echo(f"chart: {file}")
+    typer.echo(viewport_sizes.format_next_step(sizes))
+    if file:
+        typer.echo(f"chart: {file}")
 
 
 def _prepare_file(out: Path, *endings: str) -> Path:

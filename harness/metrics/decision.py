@@ -26,6 +26,11 @@ COVERED = "fragments"
 MIN_PIXELS = 64
 """With fewer covered pixels, all polygons together, counters say nothing about larger drawings."""
 
+MIN_SAVED_SHARE = 0.01
+"""Smallest saved share of a cost that is a reason to change the triangulator, in `run` and
+`inspect`. If quads were counted, the cost is the shaded lanes: on large triangles, a large share of
+the helper lanes is a negligible share of the shaded lanes."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -63,10 +68,10 @@ class Decision:
     base : the standing that the others are compared with
     reason : "faster": the choice is significantly faster than the base; "others slower": all others
         are significantly slower than the base; "counter": times do not decide, and the choice has
-        the minimum of an exact counter among triangulators that are not slower; "undecided": no
-        significant difference; "few pixels": fewer than `MIN_PIXELS` are covered; "single": only
-        one candidate; "incomplete": every triangulator skipped polygons. The last three give no
-        recommendation
+        the minimum of an exact counter among triangulators that are not slower, and saves
+        `MIN_SAVED_SHARE`; "undecided": no difference that counts; "few pixels": fewer than
+        `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
+        skipped polygons. The last three give no recommendation
     choice : the recommended triangulator: the base if nothing speaks for another
     not_slower : if the reason is "faster": other triangulators that are not significantly slower
         than the choice
@@ -173,9 +178,19 @@ def _choose(
     ]
     # The base first: if no count is lower, nothing speaks for a change.
     counts.sort(key=lambda pair: (pair[0], pair[1] is not base))
-    if counts and counts[0][0] != counts[-1][0]:
-        return "counter", counts[0][1], None
+    if counts:
+        choice = counts[0][1]
+        other = base if base in rivals and base is not choice else counts[-1][1]
+        if _saved_share(choice.record, other.record, measure) >= MIN_SAVED_SHARE:
+            return "counter", choice, None
     return "undecided", base if base in rivals else candidates[0], None
+
+
+def _saved_share(record: Record, base: Record, measure: str | None) -> float:
+    """Return the saved share of the base's quads (four shaded lanes each), or main counter."""
+    names = ["quads", *([measure] if measure else [])]
+    count, base_count = (first_value(each, names) or 0.0 for each in (record, base))
+    return 1.0 - count / base_count if base_count else 0.0
 
 
 def format_advice(decision: Decision | None) -> str:
@@ -202,6 +217,9 @@ def _format_obstacle(decision: Decision) -> str:
     return f"the polygons cover {pixels} in all (at least {MIN_PIXELS} are needed)"
 
 
+_SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
+
+
 def _format_choice(decision: Decision) -> str:
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
@@ -218,8 +236,8 @@ def _format_choice(decision: Decision) -> str:
         text = f"{choice.name} has the lowest exact count, {_format_count(decision)}"
         return text + (f"; {_explain_times(decision)}" if decision.timed else "")
     if decision.timed and decision.group.state != QUIET:
-        return f"{choice.name}; no other has a lower exact count, {_explain_times(decision)}"
-    counted = ", and none has a lower exact count" if choice.record.counters else ""
+        return f"{choice.name}; no other {_SAVES_ENOUGH}, {_explain_times(decision)}"
+    counted = f", and none {_SAVES_ENOUGH}" if choice.record.counters else ""
     return f"{choice.name}; no other triangulator is significantly faster{counted}"
 
 

@@ -94,6 +94,21 @@ class Law:
         value, signed = float(weights @ self.costs), float(weights @ self.signed_costs)
         return value, max(0.0, min(value, signed - width)), max(value, signed + width)
 
+    def saved_interval(self, spent: Seconds, base: Seconds, costs: Seconds) -> tuple[float, float]:
+        """Return the 95 % interval of the share of a draw's time that another draw saves.
+
+        spent, base : (t,) counts of the draw that saves and of the other; costs : (t,) costs that
+        give the share itself. Delta method with the covariance of the signed costs.
+        """
+        base_s = float(base @ costs)
+        ratio = float(spent @ costs) / base_s
+        weights = (ratio * base - spent) / base_s  # the derivative of the share by each cost
+        error = student_quantile(self.groups, CONFIDENCE) * np.sqrt(
+            weights @ self.covariance @ weights
+        )
+        moved = float(weights @ self.signed_costs)
+        return 1 - ratio + min(0.0, moved - error), 1 - ratio + max(0.0, moved + error)
+
     def is_significant(self, weights: Seconds) -> bool:
         """Return whether a sum takes more than `MIN_TIME_SHARE` of some draw's time."""
         used = np.flatnonzero(weights)

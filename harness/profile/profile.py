@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from harness import __version__, atomic
+from harness import __version__, atomic, rasterisers
 from harness.errors import InputError
+from harness.machine.environment import processor
 from harness.profile import law as laws
 from harness.profile.advice import compare_aspects
 from harness.profile.counted import PX_TERMS, TERMS, design_of
@@ -28,6 +29,9 @@ MAX_COST_S = 1.0
 """Upper bound of what one draw, triangle or pixel may take."""
 
 MAX_NAME_LENGTH = 200
+
+MAX_DRAWS = 1000
+"""Upper bound of the draws of a profile; the memory to refit its law grows as their square."""
 
 MIN_R2 = 0.8
 """Lower bound of the explained variance of held-out draws, over all draws and within groups. A law
@@ -169,6 +173,36 @@ def read_coefficients(file: Path) -> dict[str, float]:
     Raises as `read_profile` does.
     """
     return read_profile(file, lambda content: {n: float(content["coefficients"][n]) for n in COSTS})
+
+
+def read_law(content: Mapping[str, Any]) -> Law | None:
+    """Return the law refitted to a profile's stored times, or None if it stores none."""
+    rows = [row for row in content.get("times") or () if row["kind"] != "twice"]
+    if not rows:
+        return None
+    epochs = np.array([row["epochs"] for row in rows], np.float64).T
+    if len(rows) > MAX_DRAWS or epochs.ndim != 2 or not ((epochs > 0) & (epochs < np.inf)).all():
+        raise ValueError(f"its times are not positive numbers of at most {MAX_DRAWS} draws")
+    design = design_of([row["counters"] for row in rows])
+    return laws.fit(design, epochs, [str(row["group"]) for row in rows], int(content["seed"]))
+
+
+def origin_of(device: Mapping[str, Any]) -> str:
+    """Return the device on which a profile was measured; of software, with the processor."""
+    renderer = str(device.get("details", {}).get("renderer", ""))
+    name = renderer.partition("/")[0] if device["name"].startswith("gpu") else device["name"]
+    on = f", on {device.get('cpu') or 'an unknown processor'}" if device.get("software") else ""
+    return f"{name or device['name']}{on}"
+
+
+def is_of_this_machine(device: Mapping[str, Any]) -> bool:
+    """Return whether this machine has a profile's processor (software) or GPU."""
+    if device.get("software"):
+        return bool(device.get("cpu") == processor()["label"])
+    name, details = device.get("rasteriser"), device.get("details", {})
+    present = rasterisers.get(name).devices() if name in rasterisers.BUILT_IN else ()
+    models = {one.details.get(key) for one in present for key in ("renderer", "device")} - {None}
+    return details.get("renderer", details.get("device")) in models
 
 
 def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:

@@ -12,6 +12,7 @@ import numpy as np
 from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
+from harness.profile.profile import origin_of
 from harness.style import COLOURS, draw, legend_below, panels, plain_table
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def format_sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
-    yield f"On {profile['device']['name']}:"
+    yield f"On {origin_of(profile['device'])}:"
     for term in profile["terms"]:
         if term["shown"]:
             yield TERMS[term["name"]].sentence.format(format_seconds(term["cost"]))

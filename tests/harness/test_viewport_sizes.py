@@ -70,12 +70,12 @@ def test_it_says_that_it_does_not_matter(harness):
 
 def test_a_law_makes_seconds_of_counters(city_of_12):
     frame, triangles = city_of_12
-    names = list(TERMS)
+    names, counters = list(TERMS), [sizes.count_triangles(frame, triangles)]
     for name, count in (("triangles", len(triangles)), ("draw", 1)):
         law = DeviceCosts("scripted", np.array([2e-9 * (each == name) for each in names]))
-        assert sizes._cost(frame, triangles, 0.0, law)["draw"] == pytest.approx(2e-9 * count)
+        assert sizes._list_costs(counters, [0.0], law)[0]["draw"] == pytest.approx(2e-9 * count)
     law = DeviceCosts("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
-    cost = sizes._cost(frame, triangles, 0.0, law)
+    cost = sizes._list_costs(counters, [0.0], law)[0]
     assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
 
 
@@ -108,6 +108,11 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         "It matters at 32 to 64 px, most at 64 px (32 px per polygon): b saves 20.0% of a's shaded "
         "lanes."
     )
+    assert (found.recommended, found.largest.resolution) == ("b", 64)
+    for entry in found.sizes:  # c saves nearly as much, and b takes longer
+        entry.costs["b"]["triangulate_s"] = 1.0
+    assert "Next: use c, the fastest triangulator with most" in sizes.format_next_step(found)
+    assert "triangulate FILE -o OUT.glb --triangulator c" in sizes.format_next_step(found)
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
     found = sizes.Sizes(
         "s", DeviceCosts("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),)
@@ -135,8 +140,9 @@ def test_a_contributed_profile_is_known_by_its_name(harness):
     given = ("inspect", "l.geojson", "--sizes", "64")
     out, _ = require_ok(harness(*given, "--profile", "opengl-llvmpipe"))
     assert "ms of a draw on llvmpipe" in out
-    assert re.search(r"of ear-clipping's draw time on llvmpipe", out)
-    assert Path("l-sizes.svg").read_text().startswith("<?xml")
+    interval = r"\(95 % CI -?\d+\.\d to \d+\.\d%\) of ear-clipping's draw time on llvmpipe"
+    assert re.search(interval, " ".join(out.split()))
+    assert not list(Path().glob("l-sizes*"))  # a chart is written only to --out
     assert_refused(
         harness(*given, "--profile", "opengl-lvmpipe"),
         "no profile opengl-lvmpipe",

@@ -209,9 +209,21 @@ def test_equal_counters_and_times_speak_for_no_change(draws, faster):
     if draws == "untimed":
         del first["time"]
     sentence = format_advice(decide([first, other]))
-    ending = ": ear-clipping; no other triangulator is significantly faster, and none has a lower"
-    assert sentence.endswith(f"{ending} exact count.") is not faster
+    ending = ": ear-clipping; no other triangulator is significantly faster, and none saves 1 %"
+    assert sentence.endswith(f"{ending} by exact count.") is not faster
     assert decide([first, other]).choice.name == ("delaunay" if faster else "ear-clipping")
+
+
+@pytest.mark.parametrize(
+    ("quads", "reason"), [(996, "undecided"), (991, "undecided"), (989, "counter")]
+)
+def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, reason):
+    """1 % of the quads, which may be a large share of the helper lanes, as in `inspect`."""
+    first, other = base(), made("delaunay")
+    for entry, count in ((first, 1000), (other, quads)):
+        entry["counters"] = {"helper_lanes": 4 * count - 3900, "quads": count, "fragments": 3900}
+    decision = decide([first, other])
+    assert (decision.reason, decision.choice.name == "delaunay") == (reason, reason == "counter")
 
 
 def test_a_count_is_told_beside_the_bases_only_of_as_many_polygons():

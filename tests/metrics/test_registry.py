@@ -29,6 +29,7 @@ from harness.rasterisers import counters
 from harness.report.content import make_content
 from harness.results.parsing import record_to_json
 from harness.results.run_folder import read_run
+from harness.settings import DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS
 from harness.study import correlations
 from harness.style import looks
 from harness.summary import print_summary, write_csv
@@ -187,6 +188,8 @@ def test_a_triangulator_looks_the_same_in_every_company():
     assert looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == alone
     many = looks([f"random#{k}" for k in range(30)] + ["a:b", "c:d"])
     assert len({(look.colour, look.marker) for look in many.values()}) == 3
+    for defaults in (DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS):
+        assert len({look.colour for look in looks(defaults).values()}) == len(defaults)
     fixed = looks(list(registry_names()))
     assert len({(look.colour, look.marker) for look in fixed.values()}) == len(fixed)
 

@@ -5,15 +5,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harness.commands.run_inputs import parse_recipes
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
+from harness.machine.environment import processor
 from harness.profile import advice, design, measured, report
 from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
-from harness.profile.profile import read_coefficients
+from harness.profile.counted import design_of
+from harness.profile.profile import is_of_this_machine, origin_of, read_coefficients, read_law
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
@@ -38,7 +41,8 @@ def run_profile(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
 
 def test_profile_reports_the_known_costs(harness):
     out, _ = require_ok(run_profile(harness, "Charger"))
-    assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
+    assert out.startswith(f"On scripted, on {processor()['label']}:\nA draw by itself costs 20 us.")
+    assert "\nA triangle costs 50 ns" in out
     assert "Each pixel of its box's width and height costs 7 ns." in out
     assert "No significant cost: triangles set up, triangles that cover a pixel, vertices" in out
     assert "on city:buildings=12 (" in out
@@ -154,6 +158,36 @@ def test_criterion_is_preferred_if_as_good_as_the_calibrated_one():
 )
 def test_seconds_have_readable_units(value, text):
     assert report.format_seconds(value) == text
+
+
+def test_interval_of_a_saving_covers_the_true_share():
+    """Costs simulated with the stored covariance."""
+    law = read_law(GOOD)
+    rows = [row["counters"] for row in GOOD["times"] if row["kind"] == "aspect"]
+    base, spent = design_of([rows[-1], rows[0]])
+    rng, covered = np.random.default_rng(0), 0
+    truth = 1 - spent @ law.signed_costs / (base @ law.signed_costs)
+    for costs in rng.multivariate_normal(law.signed_costs, law.covariance, 400):
+        simulated = replace(law, signed_costs=costs, costs=costs)
+        low, high = simulated.saved_interval(spent, base, costs)
+        covered += low <= truth <= high
+    assert 0.93 <= covered / 400 <= 0.99
+
+
+def test_inspect_warns_about_a_profile_of_another_machine(harness, monkeypatch):
+    cpu = GOOD["device"]["cpu"]
+    for label in (cpu, "another CPU"):
+        facts = {"label": label}
+        monkeypatch.setattr("harness.profile.profile.processor", lambda facts=facts: facts)
+        command = ("inspect", "paper", "--sizes", "64", "--profile", "opengl-llvmpipe")
+        _, err = require_ok(harness(*command))
+        warning = f"measured on llvmpipe, on {cpu}, which is not this machine"
+        assert (warning in err) is (label != cpu)
+    gpu = {"name": "gpu0", "rasteriser": "os:system", "details": {"renderer": "NVIDIA H200/PCIe"}}
+    assert (origin_of(gpu), is_of_this_machine(gpu)) == ("NVIDIA H200", False)
+    kind = SimpleNamespace(devices=lambda: [SimpleNamespace(details=gpu["details"])])
+    monkeypatch.setattr("harness.rasterisers.get", lambda name: kind)
+    assert is_of_this_machine({**gpu, "rasteriser": "opengl"})
 
 
 GOOD = json.loads((ROOT / "results/reference/profiles/opengl-llvmpipe.json").read_text())
