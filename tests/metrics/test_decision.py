@@ -120,7 +120,7 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
         elif any(other.break_even for other in decision.standings):
             assert rows[each.name].rstrip().endswith(VERDICTS[each.ratio.verdict])
     # what to do
-    assert (" saves " in sentence) == (draws == "faster")
+    assert ("delaunay saves " in sentence) == (draws == "faster")
     if draws == "faster":
         assert ": delaunay saves " in sentence
         pays = {"quicker": ", break-even at once", "once": ", break-even after about"}
