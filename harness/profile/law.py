@@ -103,9 +103,8 @@ class Law:
         base_s = float(base @ costs)
         ratio = float(spent @ costs) / base_s
         weights = (ratio * base - spent) / base_s  # the derivative of the share by each cost
-        error = student_quantile(self.groups, CONFIDENCE) * np.sqrt(
-            weights @ self.covariance @ weights
-        )
+        deviation = float(np.sqrt(weights @ self.covariance @ weights))
+        error = student_quantile(self.groups, CONFIDENCE) * deviation
         moved = float(weights @ self.signed_costs)
         return 1 - ratio + min(0.0, moved - error), 1 - ratio + max(0.0, moved + error)
 
