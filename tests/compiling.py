@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
 from harness.heatmaps import lane_maps
-from harness.measuring.lower_limits import fewest
+from harness.measuring.lower_limits import min_quads
 from harness.measuring.pool import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import count_outline_quads
@@ -62,7 +62,7 @@ def _compile_scenes(candidates: list[str], order: int = 1) -> None:
             triangulation = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(triangulation.parts))
         count_outline_quads(frame, triangulation.parts)
-        fewest(frame, None)
+        min_quads(frame, None)
 
 
 def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:

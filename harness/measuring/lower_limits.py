@@ -1,8 +1,8 @@
-"""What no triangulation of a frame's polygons goes below, in quads.
+"""Lower bounds of the quads that triangulations of a frame's polygons shade.
 
-Two limits, both exact: the polygons drawn in one piece, and, a little above it, the triangulation
-over their own vertices that shades the fewest. The first tells what diagonals cost; the second
-what choosing others could still save.
+There are two exact bounds: polygons drawn in one piece, and, slightly above it, the triangulation
+of their vertices with the fewest quads. The first gives the cost of diagonals, the second the
+possible savings by other diagonals.
 """
 
 from collections.abc import Sequence
@@ -22,44 +22,44 @@ from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from harness.workers.pool import result_of
 from harness.workers.worker import TaskError
 
-FEWEST = parse("optimal:exact-quads")
+EXACT_QUADS = parse("optimal:exact-quads")
 
-MAX_S = 2.0
-"""Seconds on one core, by `seconds_of`, for which the fewest quads are looked for in a frame."""
+MAX_SEARCH_S = 2.0
+"""Budget for minimum quad counts in a frame: seconds on one core by `estimate_seconds`."""
 
 ROW_S = 6e-9
-"""Of one row of pixels of one triangle. A table over n vertices looks at n^3 / 6 triangles, each
-about as many rows high as half of the polygon (measured: 2 to 6 ns)."""
+"""Seconds for one row of pixels of one triangle. The dynamic program over n vertices evaluates
+n^3 / 6 triangles, each about half as high as the polygon (measured: 2 to 6 ns)."""
 
 HOLES_S = 2e-7
-"""Of the cube of a vertex, where there are holes and a linear program proves what is found
-(measured: 10 to 450 ns, the most for the largest)."""
+"""Seconds per cubed vertex count of polygons with holes, whose optimum a linear program proves
+(measured: 10 to 450 ns, the maximum for the largest)."""
 
 
-Begun = dict[str, Future[NDArray[np.int64]]]
-"""By limit, its (p,) quads, which a second process computes meanwhile."""
+Pending = dict[str, Future[NDArray[np.int64]]]
+"""Quads (p,) by bound, computed in another process."""
 
 
-def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool) -> Begun:
-    """Begin to compute both limits; `parts` is a triangulation (m, 3) of each, whichever."""
-    outline = pool.compute(limits, frame, parts)
-    return {OUTLINE: outline, LEAST: pool.compute(fewest, frame, pool.database)}
+def start(frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool) -> Pending:
+    """Start computing both bounds; `parts` is any triangulation (m, 3) of each polygon."""
+    outline = pool.compute(outline_limits, frame, parts)
+    return {OUTLINE: outline, LEAST: pool.compute(min_quads, frame, pool.database)}
 
 
-def collect(begun: Begun) -> dict[str, NDArray[np.int64]]:
-    """Return the limits that are known, -1 for each polygon whose limit is not."""
-    found = {}
-    for name, future in begun.items():
-        with suppress(TaskError):  # what is measured is the same without it
-            found[name] = result_of(future)
-    return found
+def collect(pending: Pending) -> dict[str, NDArray[np.int64]]:
+    """Return the computed bounds, -1 for each polygon without one."""
+    bounds = {}
+    for name, future in pending.items():
+        with suppress(TaskError):  # measurements do not depend on it
+            bounds[name] = result_of(future)
+    return bounds
 
 
-def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
-    """Return the quads that each polygon's outline covers (p,), -1 where that is no limit.
+def outline_limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+    """Return the quads that each polygon's outline covers, (p,), or -1 if that is no bound.
 
-    The rest of a view, which has no outline, has those of its triangles. With a depth test, what is
-    hidden is not shaded.
+    The rest of a view has no outline: its triangles' quads are used. With a depth test there is no
+    bound, because hidden quads are not shaded.
     """
     if frame.viewing is None:
         return count_outline_quads(frame, parts)
@@ -69,10 +69,10 @@ def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[n
     return np.where(rest, count_quads(frame, parts), count_outline_quads(frame, parts))
 
 
-def seconds_of(frame: Frame) -> NDArray[np.float64]:
-    """Return about how many seconds it takes to find the fewest quads of each polygon, (p,).
+def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
+    """Return the estimated seconds for the minimum quad count of each polygon, (p,).
 
-    It is infinite for those that a tile's edge cuts.
+    Infinite for polygons cut by a tile's edge.
     """
     cubes = frame.grid.vertex_counts.astype(np.float64) ** 3
     low, high = frame.polygons.bounds()
@@ -81,31 +81,31 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
     seconds: NDArray[np.float64] = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
     if frame.scissor is None:
         return seconds
-    # what is fewest before a polygon is cut need not be after
+    # The minimum of a polygon need not be the minimum of its visible part.
     left, bottom, width, height = frame.scissor
     inside = (low >= (left, bottom)) & (high <= (left + width, bottom + height))
     return np.where(inside.all(axis=1), seconds, np.inf)
 
 
-def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
-    """Return the fewest quads of each polygon, -1 where that is not proven; uses compiled code.
+def min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
+    """Return the proven minimum quads of each polygon, or -1; uses compiled code.
 
-    They are looked for in as many polygons as `MAX_S` allows, the quickest first. In views of a
-    model they are not: the grid makes no polygon of a face that is seen aslant.
+    Polygons are solved in order of their estimated time, up to `MAX_SEARCH_S`. Views of a model are
+    not solved: a face seen at an angle is not a valid polygon on the grid.
     """
-    least = np.full(len(frame.polygons), -1)
+    unknown = np.full(len(frame.polygons), -1)
     if frame.viewing is not None:
-        return least
-    seconds = seconds_of(frame)
+        return unknown
+    seconds = estimate_seconds(frame)
     order = np.argsort(seconds, kind="stable")
-    chosen = np.sort(order[np.cumsum(seconds[order]) <= MAX_S])
+    chosen = np.sort(order[np.cumsum(seconds[order]) <= MAX_SEARCH_S])
     if not len(chosen):
-        return least
-    warm_up(FEWEST)
-    result = triangulate_polygons(FEWEST, frame.polygons.take(chosen), database)
-    parts: list[NDArray[np.int32] | None] = [None] * len(least)
+        return unknown
+    warm_up(EXACT_QUADS)
+    result = triangulate_polygons(EXACT_QUADS, frame.polygons.take(chosen), database)
+    parts: list[NDArray[np.int32] | None] = [None] * len(unknown)
     gaps = iter(result.gaps)
-    for place, part in zip(chosen.tolist(), result.parts, strict=True):
+    for index, part in zip(chosen.tolist(), result.parts, strict=True):
         if part is not None and next(gaps) == 0.0:
-            parts[place] = part
-    return np.where([part is not None for part in parts], count_quads(frame, parts), least)
+            parts[index] = part
+    return np.where([part is not None for part in parts], count_quads(frame, parts), unknown)

@@ -67,8 +67,8 @@ class OtherVersion:
         if self.python != sys.executable:
             return False
         file = _ask(self, {"triangulator": None})["file"]
-        own = source_hash(Path(sys.modules["triangulators"].__path__[0]))
-        return file is not None and source_hash(Path(file).parent) == own
+        head_hash = source_hash(Path(sys.modules["triangulators"].__path__[0]))
+        return file is not None and source_hash(Path(file).parent) == head_hash
 
 
 def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -101,8 +101,8 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
     folder = Path(reference)
     python = folder / "bin" / "python"
     if python.is_file():
-        place, interpreter = str(folder.resolve()), str(python.absolute())
-        yield OtherVersion(reference, "", place, "", str(Path.cwd()), (), interpreter)
+        location, interpreter = str(folder.resolve()), str(python.absolute())
+        yield OtherVersion(reference, "", location, "", str(Path.cwd()), (), interpreter)
     elif folder.is_dir():
         commit = find_commit(folder, "HEAD") or ""
         yield _version_in(reference, commit, folder.resolve(), top or Path.cwd())
@@ -123,9 +123,9 @@ def _version_in(name: str, commit: str, folder: Path, top: Path) -> OtherVersion
     top = top.resolve()
     path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
     for entry in sys.path:
-        here = Path(entry or ".").resolve()
-        there = folder / here.relative_to(top) if here.is_relative_to(top) else here
-        path.append(str(there if there.exists() else here))
+        current = Path(entry or ".").resolve()
+        moved = folder / current.relative_to(top) if current.is_relative_to(top) else current
+        path.append(str(moved if moved.exists() else current))
     cwd = Path.cwd().resolve()
     inside = folder / cwd.relative_to(top) if cwd.is_relative_to(top) else folder
     return OtherVersion(
@@ -157,7 +157,7 @@ def triangulate_elsewhere(
             "warm_up": shapely.to_wkb(list(small_polygons())).tolist(),
         },
     )
-    _refuse_own_code(other, recipe.base, answer["file"])
+    _refuse_head_code(other, recipe.base, answer["file"])
     result = FrameTriangulation(seconds=float(answer["seconds"]))
     for polygon, (kind, value) in zip(polygons, answer["results"], strict=True):
         part, junctions, problem = None, 0, ""
@@ -174,27 +174,27 @@ def triangulate_elsewhere(
 
 def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
-        asked, answered = Path(folder, "question"), Path(folder, "answer")
-        asked.write_bytes(pickle.dumps(question))
+        question_file, answer_file = Path(folder, "question"), Path(folder, "answer")
+        question_file.write_bytes(pickle.dumps(question))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(other.path)}
-        command = [other.python, "-P", str(SCRIPT), str(asked), str(answered)]
+        command = [other.python, "-P", str(SCRIPT), str(question_file), str(answer_file)]
         done = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
-        if done.returncode or not answered.exists():
+        if done.returncode or not answer_file.exists():
             raise TaskError(f"{other.name}: its code ended with exit code {done.returncode}")
-        answer: dict[str, Any] = pickle.loads(answered.read_bytes())
+        answer: dict[str, Any] = pickle.loads(answer_file.read_bytes())
     if "error" in answer:
         raise TaskError(f"{other.name}: {truncate(answer['error'])}")
     return answer
 
 
-def _refuse_own_code(other: OtherVersion, name: str, file: str | None) -> None:
+def _refuse_head_code(other: OtherVersion, name: str, file: str | None) -> None:
     """Raise TaskError if the triangulator's name leads to HEAD's code."""
     if not file or not other.instead_of:
         return
-    found = Path(file).resolve()
-    inside = found.is_relative_to(other.instead_of)
-    if inside and not found.is_relative_to(other.folder) and "site-packages" not in found.parts:
+    source = Path(file).resolve()
+    inside = source.is_relative_to(other.instead_of)
+    if inside and not source.is_relative_to(other.folder) and "site-packages" not in source.parts:
         raise TaskError(
-            f"{other.name}: {name} is found in {found}, which is HEAD's; an editable install hides "
-            "BASE's code: put its folder into PYTHONPATH"
+            f"{other.name}: {name} is imported from {source}, which is HEAD's; an editable "
+            "install hides BASE's code: add its folder to PYTHONPATH"
         )

@@ -1,7 +1,7 @@
-"""Asks another version of the code to triangulate; `harness.measuring.other_version` runs it.
+"""Program that triangulates with another version of the code; `other_version.py` runs it.
 
-It imports nothing of the harness, which may be of another version there, or none: only what that
-version's packages promise. The question is from a process of the same user, by a file of its own.
+It does not import the harness, which may be missing or different in that version, but only public
+interfaces. The question file comes from a process of the same user.
 """
 
 import importlib
@@ -13,27 +13,27 @@ from pathlib import Path
 from typing import Any
 
 
-def main(asked: str, answered: str) -> None:
-    """Answer the question in the file `asked`, in the file `answered`."""
-    question = pickle.loads(Path(asked).read_bytes())
+def main(question_file: str, answer_file: str) -> None:
+    """Read a pickled question, and write the pickled answer."""
+    question = pickle.loads(Path(question_file).read_bytes())
     try:
         answer = _answer(question)
-    except (Exception, SystemExit) as error:  # told to the one who asked
+    except (Exception, SystemExit) as error:  # told to the one who question_file
         answer = {"error": f"{type(error).__name__}: {error}"}
-    Path(answered).write_bytes(pickle.dumps(answer))
+    Path(answer_file).write_bytes(pickle.dumps(answer))
 
 
 def _answer(question: dict[str, Any]) -> dict[str, Any]:
     name = question["triangulator"]
     if name is None:
-        return {"file": _file_of("triangulators")}
-    function, file = _function(name, question["parameters"])
+        return {"file": _module_file("triangulators")}
+    function, file = _load_function(name, question["parameters"])
     import shapely
 
     for polygon in shapely.from_wkb(question["warm_up"]):
         try:
             function(polygon)
-        except (Exception, SystemExit):  # the real polygons will tell
+        except (Exception, SystemExit):  # reported for the real polygons
             continue
     results, seconds = [], 0.0
     for polygon in shapely.from_wkb(question["polygons"]):
@@ -41,30 +41,32 @@ def _answer(question: dict[str, Any]) -> dict[str, Any]:
         try:
             results.append(("triangles", function(polygon)))
         except (Exception, SystemExit) as error:
-            skipped = type(error).__name__ in ("SkippedError", "Skipped")  # its former name
-            said = str(error) if skipped else f"{type(error).__name__}: {error}"
-            results.append(("skipped" if skipped else "failed", said))
+            skipped = type(error).__name__ in ("SkippedError", "Skipped")  # name in older versions
+            message = str(error) if skipped else f"{type(error).__name__}: {error}"
+            results.append(("skipped" if skipped else "failed", message))
         seconds += time.process_time() - start
     return {"file": file, "results": results, "seconds": seconds}
 
 
-def _function(name: str, parameters: dict[str, Any]) -> tuple[Callable[[Any], Any], str | None]:
-    """Return the triangulator as a function of a polygon, and the file that it is in."""
+def _load_function(
+    name: str, parameters: dict[str, Any]
+) -> tuple[Callable[[Any], Any], str | None]:
+    """Return the triangulator as a function of a polygon, and its source file."""
     module, colon, attribute = name.partition(":")
     try:
         import triangulators
-    except ImportError:  # an environment with the user's code alone
-        return getattr(importlib.import_module(module), attribute), _file_of(module)
-    own = module in triangulators.names()
-    file = _file_of("triangulators" if own or not colon else module)
+    except ImportError:  # the environment has only the user's code
+        return getattr(importlib.import_module(module), attribute), _module_file(module)
+    builtin = module in triangulators.names()
+    file = _module_file("triangulators" if builtin or not colon else module)
     terms = parameters.pop("calibration", None)
     if terms is not None:
-        name = module  # the criterion is given apart
+        name = module  # the criterion is passed separately
         parameters["criterion"] = triangulators.criteria.calibrated(dict(terms))
     return lambda polygon: triangulators.triangulate(polygon, name, **parameters), file
 
 
-def _file_of(module: str) -> str | None:
+def _module_file(module: str) -> str | None:
     try:
         return getattr(importlib.import_module(module), "__file__", None)
     except ImportError:

@@ -50,18 +50,18 @@ from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
 from scenes.spec import format_label as scene_label
 
-TOLD = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
-"""What of a scene a run's facts tell as it is."""
+SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
+"""Fields of a scene that are copied into a run's facts."""
 
 _CLOSED_TRIANGLE = 4
-"""Coordinates that shapely counts of a triangle, whose first vertex is there twice."""
+"""Number of coordinates of a triangle in shapely, which repeats the first vertex."""
 
 
 class Part(NamedTuple):
-    """A part of a scene that is measured by itself.
+    """A part of a scene that is measured separately.
 
     label : the scene's name in its records
-    triangulators : its own; () for those of the plan
+    triangulators : those of the part, or () for those of the plan
     """
 
     label: str
@@ -70,7 +70,7 @@ class Part(NamedTuple):
 
 
 Split = Callable[[str, Scene], list[Part]]
-"""(label, scene) -> the parts that a study takes it into."""
+"""(label, scene) -> parts that a study measures separately."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,12 @@ class RunResult:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is made, besides what its plan says.
+    """Options of a run that are not part of its plan.
 
-    resume : go on with the run in the folder; cases that have an ok or skipped record are left
-        alone
-    force : resume even where plan, code or device differ from those of the run
-    split : how a study takes the scene apart; by default it is measured whole
-    database : model database that triangulations are read from and written to; None for none
+    resume : continue the run in the folder; cases with an ok or skipped record are not repeated
+    force : resume even if plan, code or device differ from those of the run
+    split : how a study divides the scene; by default it is not divided
+    database : cache that triangulations are read from and written to, or None
     beside : another version of the code to measure in the same rounds
     base : triangulator that tables and reports compare the others with
     """
@@ -133,52 +132,51 @@ def run(
 ) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
-    open_worker : how processes are made; tests run tasks in this one
+    open_worker : creates worker processes; tests run tasks in the current process
 
     Raises
     ------
     HarnessError
-        if nothing can be measured as asked, there is nothing to choose, or the folder cannot be
-        written
+        if nothing can be measured, all polygons are triangles, or the folder cannot be written
     """
     began = time.perf_counter()
     how = how or RunOptions()
     pool = MeasuringPool(open_worker, plan.timeout_s, how.database, how.beside)
     try:
-        # Names first: a scene may take long.
+        # Names are checked first: loading a scene may take long.
         broken = find_broken(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-        if all(shapely.get_num_coordinates(each) == _CLOSED_TRIANGLE for each in scene.polygons):
+        if all(shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE for p in scene.polygons):
             raise NothingMeasuredError(
-                f"nothing to choose: every polygon of {plan.scene} is a triangle already; of a "
-                "model, raster-harness triangulate MODEL --check says what turning diagonals saves"
+                f"{plan.scene}: every polygon is a triangle, so there is nothing to measure; for a "
+                "model, raster-harness triangulate MODEL --check reports the savings of flips"
             )
         if how.split is None:
-            plan = _in_its_view(plan, scene)
-        if viewing_of(scene) is None and any(each.base == ORIGINAL for each in plan.triangulators):
+            plan = _set_scene_view(plan, scene)
+        if viewing_of(scene) is None and any(r.base == ORIGINAL for r in plan.triangulators):
             raise UsageError(
-                f"{ORIGINAL} is the triangulation that a model came with: give --scene "
-                "model.glb:views=24, or leave it out"
+                f"{ORIGINAL} is the triangulation in a model's file: give --scene "
+                "model.glb:views=24, or omit it"
             )
         return _measure(plan, scene, out, reporter, pool, broken, how, began)
     finally:
         pool.close(at_once=pool.stopping)
 
 
-def _in_its_view(plan: Plan, scene: Scene) -> Plan:
-    """Give the plan the view of map tiles or of a model, which they have of themselves.
+def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
+    """Return the plan with the view that map tiles or a model define.
 
-    A model's own triangulation is drawn, too.
+    For a model, the triangulation in its file is added.
     """
-    own = view_of(scene)
-    if own.fit not in OWN_VIEWS:
+    view = view_of(scene)
+    if view.fit not in OWN_VIEWS:
         return plan
-    if plan.views not in ((own,), (View(),)):
-        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own.fit]))
+    if plan.views not in ((view,), (View(),)):
+        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[view.fit]))
     if viewing_of(scene) is not None:
         first = Recipe(ORIGINAL)
         plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))
-    return replace(plan, views=(own,))
+    return replace(plan, views=(view,))
 
 
 def _measure(
@@ -191,22 +189,22 @@ def _measure(
     how: RunOptions,
     began: float,
 ) -> RunResult:
-    # Of a file only its name: the same file elsewhere is the same scene.
+    # A file is labelled by its name only: the same file in another folder is the same scene.
     label = scene_label(plan.scene)
     parts = how.split(label, scene) if how.split else [Part(label, scene)]
     plans = [replace(plan, triangulators=p.triangulators or plan.triangulators) for p in parts]
-    known = set(plan.triangulators)
-    every = dict.fromkeys(chain.from_iterable(own.triangulators for own in plans))
-    plan = replace(plan, triangulators=tuple(every))
+    loaded = set(plan.triangulators)
+    recipes = dict.fromkeys(chain.from_iterable(part.triangulators for part in plans))
+    plan = replace(plan, triangulators=tuple(recipes))
     usable = find_backends(plan, pool, reporter)
-    broken |= find_broken(set(plan.triangulators) - known, pool)
+    broken |= find_broken(set(plan.triangulators) - loaded, pool)
     base = how.base or (ORIGINAL if viewing_of(scene) is not None and not how.split else None)
-    facts = _facts(plan, scene) | ({"base": base} if base else {})
+    facts = _make_facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
         facts["beside"] = {"base": beside.name, "commit": beside.commit, "twice": beside.twice}
-        (own,) = plans
-        others = [replace(recipe, other=True) for recipe in own.triangulators]
-        plans = [replace(own, triangulators=(*own.triangulators, *others))]
+        (head,) = plans
+        base_recipes = [replace(recipe, other=True) for recipe in head.triangulators]
+        plans = [replace(head, triangulators=(*head.triangulators, *base_recipes))]
     stores, records = open_stores(out, facts, reporter.warn, resume=how.resume, force=how.force)
     counted = {} if how.force else read_counted(out)
     pool.seconds["prepare"] = time.perf_counter() - began
@@ -217,16 +215,16 @@ def _measure(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         writer = RunWriter(stores, records, reporter, with_drawings=not how.split)
-        writer.write_facts({**facts, "interrupted": True})  # until it has come to its end
-        # BASE's code triangulates elsewhere, in no round of HEAD's.
+        writer.write_facts({**facts, "interrupted": True})  # until the run has finished
+        # BASE's code triangulates in another process, not in HEAD's rounds.
         rounds = not (how.split or how.beside)
         try:
-            with _stopped_in_order(pool, reporter):
-                for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
+            with _handle_signals(pool, reporter):
+                for number, (part, part_plan) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
                     SceneRun(
-                        plan=own,
+                        plan=part_plan,
                         label=part.label,
                         scene=part.scene,
                         usable=usable,
@@ -249,19 +247,19 @@ def _measure(
             writer.write_facts(facts)
         if not pool.stopping:
             stores[0].delete_counted()
-    ours = [record for record in records.values() if not record.id.version]
+    head_records = [record for record in records.values() if not record.id.version]
     facts["schema_version"] = SCHEMA_VERSION
-    return RunResult(Run(out, facts, ours), pool.stopping, aborted)
+    return RunResult(Run(out, facts, head_records), pool.stopping, aborted)
 
 
 @contextmanager
-def _stopped_in_order(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
-    """Let the first Ctrl-C finish the cases in flight.
+def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
+    """Finish the cases in flight after the first Ctrl-C.
 
-    A second one, SIGTERM and SIGHUP, whose senders do not wait, raise KeyboardInterrupt.
+    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread is told of signals
+        yield  # only the main thread receives signals
         return
 
     def stop(number: int, _: object) -> None:
@@ -272,7 +270,7 @@ def _stopped_in_order(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]
             raise KeyboardInterrupt
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
-    # What is ignored stays so, as nohup has it.
+    # Ignored signals stay ignored, as under nohup.
     with system.signals_handled_by(stop, lambda before: before != signal.SIG_IGN):
         yield
 
@@ -285,18 +283,18 @@ def open_stores(
     resume: bool,
     force: bool,
 ) -> tuple[list[RunFolder], dict[str, Record]]:
-    """Return the folders to write to and the records that they have, by key.
+    """Return the run folders to write to, and their records by key.
 
-    The first is the run's, the second, if there is one, that of another version's run in it.
+    The first is the run's, the second, if any, that of the baseline's run inside it.
 
-    facts : content of the new run.json; what the old one had of the run so far is taken over
-    warn : gets each problem of the old run, such as a damaged record
-    force : go on even if plan, scene, code or machine differ
+    facts : content of the new run.json; fields of the run so far are copied from the old one
+    warn : called with each problem of the old run, such as a damaged record
+    force : continue even if plan, scene, code or machine differ
 
     Raises
     ------
     InputError
-        if they differ, or the folder holds a run that is not to be resumed, or cannot be written
+        if they differ, the folder holds a run that must not be resumed, or cannot be written
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
@@ -307,7 +305,7 @@ def open_stores(
         warn(problem)
     if not force:
         try:
-            _refuse_other(before.facts, facts, out)
+            _refuse_differences(before.facts, facts, out)
         except HarnessError:
             store.close()
             raise
@@ -318,31 +316,43 @@ def open_stores(
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
     facts["created"] = before.facts.get("created", facts["created"])
     stores, records = [store], list(before.records)
-    for folder in base:  # without facts where a kill came between the two
+    for folder in base:  # it has no facts if the run was killed between the two
         if folder.is_symlink():
+<<<<<<< HEAD
             raise InputError(f"{folder} is a link, which is not followed; copy what it names here")
         stores.append(
             (RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create)(folder)
         )
+=======
+            raise InputError(
+                f"{folder} is a symbolic link, which is not followed; copy its target here"
+            )
+        stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
+>>>>>>> 8ae2383f (measuring: plain names, docstrings and messages)
         records += [record.with_id(version="base") for record in read_run(folder).records]
     return stores, {record.id.key: record for record in records}
 
 
-def _refuse_other(before: RunFacts, now: RunFacts, out: Path) -> None:
-    """Refuse to mix two experiments in one folder."""
+def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
+    """Raise IncompatibleRunsError if the experiments in one folder would differ."""
     plan = before.get("plan", {})
     differences = [
         f"plan ({key}: {plan.get(key)} then, {value} now)"
-        for key, value in now["plan"].items()
+        for key, value in facts["plan"].items()
         if plan.get(key) != value
     ]
     compared = {
-        "the scene's content": (before.get("scene", {}).get("hash"), now["scene"]["hash"]),
-        "the code": (before.get("environment", {}).get("code"), now["environment"]["code"]),
-        "what it is measured beside": (before.get("beside"), now.get("beside")),
+        "the scene's content": (before.get("scene", {}).get("hash"), facts["scene"]["hash"]),
+        "the code": (before.get("environment", {}).get("code"), facts["environment"]["code"]),
+        "the baseline": (before.get("beside"), facts.get("beside")),
     }
+<<<<<<< HEAD
     differences += [what for what, (then, new) in compared.items() if then != new]
     if not may_be_same(read_processor(before), read_processor(now)):
+=======
+    differences += [name for name, (then, new) in compared.items() if then != new]
+    if not may_be_same(processor_label(before), processor_label(facts)):
+>>>>>>> 8ae2383f (measuring: plain names, docstrings and messages)
         differences.append("the machine")
     if differences:
         raise IncompatibleRunsError(
@@ -351,7 +361,7 @@ def _refuse_other(before: RunFacts, now: RunFacts, out: Path) -> None:
         )
 
 
-def _facts(plan: Plan, scene: Scene) -> RunFacts:
+def _make_facts(plan: Plan, scene: Scene) -> RunFacts:
     """Return the content of a new run.json."""
     machine = environment.collect(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {
@@ -361,7 +371,7 @@ def _facts(plan: Plan, scene: Scene) -> RunFacts:
             "hash": scene.content_hash,
             "polygons": len(scene.polygons),
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
-            **{name: getattr(scene, name) for name in TOLD},
+            **{name: getattr(scene, name) for name in SCENE_FIELDS},
         },
         "environment": machine,
         "cpu": processor(),

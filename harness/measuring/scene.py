@@ -28,7 +28,7 @@ DONE = ("ok", "skipped")
 BASELINE = Recipe("delaunay")
 """Its fragments say what each polygon covers on a device: it leaves no vertex out."""
 
-SAID_AFTER_S = 2.0
+MESSAGE_AFTER_S = 2.0
 """Seconds of compiling after which it is told; loading what is compiled takes less."""
 
 
@@ -50,21 +50,20 @@ class _View:
     """
 
     frame: Frame
-    made: dict[Recipe, FrameTriangulation] = field(default_factory=dict)
+    triangulations: dict[Recipe, FrameTriangulation] = field(default_factory=dict)
     triangles: dict[Recipe, NDArray[np.int32]] = field(default_factory=dict)
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class SceneRun:
-    """One scene, what is to be measured of it, and with what.
+    """The measurement of one scene.
 
     label : the scene's name in records
-    broken : triangulators that cannot be run at all, and why
-    writer : stores results as soon as they are there; cases of its records that are ok or skipped
-        are not measured again
-    counted : records by key of cases that need only be timed
-    rounds : whether to triangulate in rounds, as drawings are timed
+    broken : triangulators that cannot run, with the reasons
+    writer : stores results at once; cases whose records are ok or skipped are not measured again
+    counted : records by key of cases that remain to be timed
+    rounds : whether to time triangulators in rounds, like drawings
     """
 
     plan: Plan
@@ -84,21 +83,21 @@ class SceneRun:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.pool.stopping:
                 continue
-            now = _View(frame_of(self.scene, view))
-            self._tell_of_snapping(now.frame)
-            self.writer.add_frame(now.frame)
-            self._prepare(now, groups)
+            current = _View(frame_of(self.scene, view))
+            self._report_snapping(current.frame)
+            self.writer.add_frame(current.frame)
+            self._prepare(current, groups)
             if self.rounds:
-                self._time_triangulating(now)
-            self.writer.add_triangulations(now.frame, now.triangles)
+                self._time_triangulating(current)
+            self.writer.add_triangulations(current.frame, current.triangles)
             for group in groups:
-                left = {recipe: case for recipe, case in group.cases.items() if recipe in now.made}
-                if left and not self.pool.stopping:
-                    self._measure(now, replace(group, cases=left))
+                cases = {r: case for r, case in group.cases.items() if r in current.triangulations}
+                if cases and not self.pool.stopping:
+                    self._measure(current, replace(group, cases=cases))
 
     def _groups(self, view: View) -> Iterator[Group]:
-        for backend, every in self.usable:
-            for options in every:
+        for backend, supported in self.usable:
+            for options in supported:
                 cases = {
                     recipe: CaseId(
                         scene=self.label,
@@ -114,8 +113,8 @@ class SceneRun:
                     )
                     for recipe in self.plan.triangulators
                 }
-                left = {recipe: case for recipe, case in cases.items() if not self._is_done(case)}
-                yield Group(backend, options, left)
+                missing = {r: case for r, case in cases.items() if not self._is_done(case)}
+                yield Group(backend, options, missing)
 
     def _is_done(self, case: CaseId) -> bool:
         record = self.writer.records.get(case.key)
@@ -124,7 +123,7 @@ class SceneRun:
     def _add_unmeasured(self, case: CaseId, status: Status, reason: str) -> None:
         self.writer.add_finished(Record(case, status, reason))
 
-    def _tell_of_snapping(self, frame: Frame) -> None:
+    def _report_snapping(self, frame: Frame) -> None:
         for verb, entries in (("dropped", frame.dropped), ("repaired", frame.repaired)):
             if entries:
                 number, reason = entries[0]
@@ -135,50 +134,50 @@ class SceneRun:
 
     # -- triangulations --------------------------------------------------------------------------
 
-    def _prepare(self, now: _View, groups: Sequence[Group]) -> None:
-        """Triangulate by the baseline and by what the groups need; what has no result is told."""
+    def _prepare(self, current: _View, groups: Sequence[Group]) -> None:
+        """Triangulate with the baseline and the groups' recipes; record cases without results."""
         needed = {recipe for group in groups for recipe in group.cases}
-        asked = [recipe for recipe in self.plan.triangulators if recipe in needed]
-        wanted = list(dict.fromkeys([BASELINE, *asked]))
-        ours = [
+        requested = [recipe for recipe in self.plan.triangulators if recipe in needed]
+        recipes = list(dict.fromkeys([BASELINE, *requested]))
+        compiled = [
             recipe
-            for recipe in wanted
+            for recipe in recipes
             if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
-        self.pool.compile_ahead([*ours, lower_limits.FEWEST])
-        limits: lower_limits.Begun = {}
-        with self.reporter.stage("triangulating", len(wanted)) as stage:
-            for recipe in wanted:
+        self.pool.compile_ahead([*compiled, lower_limits.EXACT_QUADS])
+        limits: lower_limits.Pending = {}
+        with self.reporter.stage("triangulating", len(recipes)) as stage:
+            for recipe in recipes:
                 result: FrameTriangulation | tuple[Status, str] = (
                     "failed",
                     self.broken.get(recipe, ""),
                 )
                 if recipe not in self.broken:
-                    result = self._prepare_one(now, recipe, stage.wait)
+                    result = self._prepare_one(current, recipe, stage.wait)
                 if isinstance(result, FrameTriangulation):
-                    now.made[recipe] = result
-                    now.triangles[recipe] = now.frame.join(result.parts)
+                    current.triangulations[recipe] = result
+                    current.triangles[recipe] = current.frame.join(result.parts)
                     if recipe == BASELINE:
-                        limits = lower_limits.begin(now.frame, result.parts, self.pool)
+                        limits = lower_limits.start(current.frame, result.parts, self.pool)
                 else:
                     for group in groups:
                         if recipe in group.cases:
                             self._add_unmeasured(group.cases[recipe], *result)
                 stage.advance()
-        said = "looking for the fewest quads, by which regret is told ..."
-        with self.reporter.if_long(said, SAID_AFTER_S):
-            now.limits = lower_limits.collect(limits)
+        message = "computing minimum quad counts (for regret) ..."
+        with self.reporter.if_long(message, MESSAGE_AFTER_S):
+            current.limits = lower_limits.collect(limits)
 
     def _prepare_one(
-        self, now: _View, recipe: Recipe, tick: Callable[[float], None]
+        self, current: _View, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[Status, str]:
         """Return a triangulator's result, or (status, reason) if it has none.
 
-        What another version has as it is here is triangulated once.
+        If both versions have the same code, it runs once.
         """
 
-        def tell(waited: float) -> None:
-            if waited > SAID_AFTER_S:
+        def report_wait(waited: float) -> None:
+            if waited > MESSAGE_AFTER_S:
                 self.reporter.once(
                     f"compiling {recipe.base}, which only the first run on a machine does ..."
                     if recipe.builtin
@@ -186,17 +185,17 @@ class SceneRun:
                 )
 
         try:
-            own = replace(recipe, other=False)
+            head = replace(recipe, other=False)
             other = self.pool.other
-            if recipe.other and own.builtin and other and other.has_same_builtins:
-                recipe = own
-                if own in now.made:
-                    return now.made[own]
+            if recipe.other and head.builtin and other and other.has_same_builtins:
+                recipe = head
+                if head in current.triangulations:
+                    return current.triangulations[head]
             if recipe.base != ORIGINAL:
-                self.pool.compile(recipe, tell)
-            result = self._triangulate(now.frame, recipe, tick)
+                self.pool.compile(recipe, report_wait)
+            result = self._triangulate(current.frame, recipe, tick)
         except TaskTimeoutError as error:
-            # Ours are slow by design, others may have hung.
+            # Built-in triangulators may be slow by design; others may have hung.
             return ("skipped" if recipe.builtin else "failed"), str(error)
         except TaskError as error:
             self.reporter.detail(error.detail)
@@ -206,15 +205,17 @@ class SceneRun:
             self.reporter.once(note, warn=True)
         if not any(part is not None and len(part) for part in result.parts):
             status: Status = "failed" if result.failed else "skipped"
-            return status, records.incomplete(
-                result
-            ) or "no polygon is left on the grid of 1/256 px: draw larger, or fewer"
+            return (
+                status,
+                records.incomplete(result)
+                or "no polygon is left on the grid of 1/256 px; increase --resolution or limit polygons",
+            )
         return result
 
     def _triangulate(
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
-        """Run one triangulator over the frame, the scene not yet turned, or flat faces."""
+        """Run one triangulator over the frame, the scene before its rotation, or flat faces."""
         before_turning = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
@@ -228,23 +229,23 @@ class SceneRun:
         before = self.pool.triangulate(before_turning, upright.polygons, tick)
         return carry_over(before, upright, frame)
 
-    def _time_triangulating(self, now: _View) -> None:
-        """Triangulate again in rounds, so that it is known how much the time of it scatters."""
+    def _time_triangulating(self, current: _View) -> None:
+        """Triangulate again in rounds, to measure the variation of the triangulation time."""
         once = {
-            recipe: made.seconds
-            for recipe, made in now.made.items()
+            recipe: result.seconds
+            for recipe, result in current.triangulations.items()
             if not recipe.upright and recipe.base != ORIGINAL
         }
-        polygons = (now.frame.flat or now.frame).polygons
+        polygons = (current.frame.flat or current.frame).polygons
         budget_s, seed = self.plan.timing.budget_s, self.plan.seed
-        found = self.pool.time_triangulating(once, polygons, budget_s, seed)
-        for recipe, samples in found.items():
-            triangulation = now.made[recipe]
+        samples_s = self.pool.time_triangulating(once, polygons, budget_s, seed)
+        for recipe, samples in samples_s.items():
+            triangulation = current.triangulations[recipe]
             triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
 
     # -- counts and times ------------------------------------------------------------------------
 
-    def _measure(self, now: _View, group: Group) -> None:
+    def _measure(self, current: _View, group: Group) -> None:
         """Count the group's cases, then time them together."""
         try:
             opened = self.pool.open(group.backend)
@@ -260,25 +261,28 @@ class SceneRun:
         }
         cases = {recipe: case for recipe, case in group.cases.items() if recipe not in ready}
         if cases:
-            ready |= self._count(now, replace(group, cases=cases), timed=timed)
+            ready |= self._count(current, replace(group, cases=cases), timed=timed)
         in_order = {recipe: ready[recipe] for recipe in group.cases if recipe in ready}
         if in_order:
-            self._time(now, group, in_order)
+            self._time(current, group, in_order)
 
-    def _count(self, now: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
-        """Count the group's cases; returns the records of those that are still to be timed.
+    def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
+        """Count the group's cases; return the records of those that remain to be timed.
 
-        The baseline is counted first, whether or not it is a case: it says what each polygon
-        covers.
+        The baseline is counted first, even if it is not a case: it gives each polygon's pixels.
         """
         ready: dict[Recipe, Record] = {}
         covered = None
-        frame, backend, options, cases = now.frame, group.backend, group.options, group.cases
-        limits = now.limits if options.samples == 1 else {}  # they are of pixels' centres
-        names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.made]
+        frame, backend, options, cases = current.frame, group.backend, group.options, group.cases
+        limits = current.limits if options.samples == 1 else {}  # they refer to pixel centres
+        names = [
+            recipe
+            for recipe in dict.fromkeys([BASELINE, *cases])
+            if recipe in current.triangulations
+        ]
         with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
             for recipe in names:
-                triangulation, triangles = now.made[recipe], now.triangles[recipe]
+                triangulation, triangles = current.triangulations[recipe], current.triangles[recipe]
                 try:
                     counters = self.pool.count(backend, frame, triangles, options)
                 except HarnessError as error:
@@ -288,9 +292,9 @@ class SceneRun:
                     if recipe == BASELINE:
                         covered = records.count_covered(counters, triangulation.drawn)
                     if recipe in cases:
-                        made = (frame, triangulation, counters, covered, limits)
-                        record = records.make_counted(cases[recipe], *made)
-                        columns = _columns(now, triangulation, counters, limits)
+                        fields = (frame, triangulation, counters, covered, limits)
+                        record = records.make_counted(cases[recipe], *fields)
+                        columns = _columns(current, triangulation, counters, limits)
                         if timed:
                             ready[recipe] = record
                         add = self.writer.add_counted if timed else self.writer.add_finished
@@ -298,20 +302,20 @@ class SceneRun:
                 stage.advance()
         return ready
 
-    def _time(self, now: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
-        """Time the counted cases together; `ready` are their records but for the time."""
+    def _time(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
+        """Time the counted cases together; `ready` are their records without times."""
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open(backend).timer
         assert test is not None
         if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
             self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
-        drawn_as = {recipe: self._drawn_as(now, recipe, ready) for recipe in ready}
+        drawn_as = {recipe: self._drawn_as(current, recipe, ready) for recipe in ready}
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.pool.time(
                 backend,
                 {
-                    str(drawn): (now.frame, now.triangles[drawn], group.options)
+                    str(drawn): (current.frame, current.triangles[drawn], group.options)
                     for drawn in drawn_as.values()
                 },
                 settings,
@@ -326,23 +330,23 @@ class SceneRun:
                 time = records.make_time(groups[name], name, test, settings)
                 self.writer.add_finished(replace(record, time=time))
 
-    def _drawn_as(self, now: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> Recipe:
+    def _drawn_as(self, current: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> Recipe:
         """Return whose drawing is timed: HEAD's if both versions have the same triangles."""
-        own, other = replace(recipe, other=False), self.pool.other
-        if other is None or other.twice or not recipe.other or own not in ready:
+        head, other = replace(recipe, other=False), self.pool.other
+        if other is None or other.twice or not recipe.other or head not in ready:
             return recipe
-        alike = np.array_equal(now.triangles[recipe], now.triangles[own])
-        return own if alike else recipe
+        equal = np.array_equal(current.triangles[recipe], current.triangles[head])
+        return head if equal else recipe
 
 
 def _columns(
-    now: _View,
+    current: _View,
     triangulation: FrameTriangulation,
     counters: Counters,
     limits: Mapping[str, NDArray[np.int64]],
 ) -> records.Columns | None:
-    """Return what is predicted and counted of each polygon; one polygon's are the totals."""
-    if len(now.frame.source) == 1:
+    """Return predictions and counters per polygon, or None for a single polygon."""
+    if len(current.frame.source) == 1:
         return None
-    predicted = {PREDICTED + name: each for name, each in triangulation.predicted.items()}
+    predicted = {PREDICTED + name: column for name, column in triangulation.predicted.items()}
     return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

@@ -55,7 +55,7 @@ def test_compiling_has_its_own_budget_and_line(block, tmp_path):
     # Once each, before it is timed: the baseline, which is no case, and the two.
     names = [name for name, _ in log if name in ("warm_up", "triangulate_polygons")]
     assert names == ["warm_up", "triangulate_polygons"] * 3
-    assert ("fewest", COMPILE_TIMEOUT_S) in log
+    assert ("min_quads", COMPILE_TIMEOUT_S) in log
     assert said.count("compiling optimal:overdraw, which only the first run") == 1
 
 

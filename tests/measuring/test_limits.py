@@ -24,7 +24,7 @@ from triangulators import triangulate
 def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
     with closing(MeasuringPool(open_worker, 60)) as pool:
-        return lower_limits.collect(lower_limits.begin(frame, parts, pool))
+        return lower_limits.collect(lower_limits.start(frame, parts, pool))
 
 
 def test_it_lies_between_the_outline_and_every_triangulation():
@@ -40,31 +40,31 @@ def test_it_lies_between_the_outline_and_every_triangulation():
 
 def test_the_quickest_polygons_come_first_and_the_others_are_left_out(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    seconds = lower_limits.seconds_of(frame)
-    monkeypatch.setattr(lower_limits, "MAX_S", seconds.sum() / 2)
+    seconds = lower_limits.estimate_seconds(frame)
+    monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
     known = limits_of(frame)[LEAST] >= 0
     assert known.any()
     assert seconds[known].max() <= seconds[~known].min()
     assert seconds[known].sum() <= seconds.sum() / 2 < seconds[known].sum() + seconds[~known].min()
-    monkeypatch.setattr(lower_limits, "MAX_S", 0.0)
+    monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", 0.0)
     assert (limits_of(frame)[LEAST] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
     square = shapely.box(0, 0, 100, 100)
     one, larger = (
-        lower_limits.seconds_of(make_frame([square], View(size))).item() for size in (64, 640)
+        lower_limits.estimate_seconds(make_frame([square], View(size))).item() for size in (64, 640)
     )
     assert larger == pytest.approx(10 * one, rel=0.2)
     with_hole = square.difference(shapely.box(40, 40, 60, 60))
-    assert lower_limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
+    assert lower_limits.estimate_seconds(make_frame([with_hole], View(64))).item() > 8 * one
 
 
 class Failing(InlineWorker):
     """An executor in which looking for the fewest quads crashes."""
 
     def call(self, function, *arguments, **how):
-        if function is lower_limits.fewest:
+        if function is lower_limits.min_quads:
             raise TaskError("it crashed")
         return super().call(function, *arguments, **how)
 

@@ -143,9 +143,7 @@ def test_triangles_leave_nothing_to_choose(tmp_path):
     """An icosahedron: no two faces lie in one plane."""
     trimesh.creation.icosphere(0).export(tmp_path / "die.obj")
     plan = plan_for(tmp_path / "die.obj", triangulators=("fan",))
-    with pytest.raises(
-        NothingMeasuredError, match=r"nothing to choose: every polygon of .* triangle"
-    ):
+    with pytest.raises(NothingMeasuredError, match=r"every polygon is a triangle"):
         measure(plan, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

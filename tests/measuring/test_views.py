@@ -9,7 +9,7 @@ import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
-from harness.measuring.lower_limits import fewest, limits
+from harness.measuring.lower_limits import min_quads, outline_limits
 from harness.measuring.plan import Plan
 from harness.metrics.groups import group_run
 from harness.metrics.per_view import compare_views, describe_views
@@ -101,7 +101,7 @@ def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
     frame = frame_of(scene, view_of(scene))
     parts = original_triangulation(frame).parts
     assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
-    assert np.array_equal(limits(frame, parts), count_quads(frame, parts))
+    assert np.array_equal(outline_limits(frame, parts), count_quads(frame, parts))
     assert (count_quads(frame, parts) > count_outline_quads(frame, parts)).all()
 
 
@@ -144,7 +144,7 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
 
 def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
-    with pytest.raises(NothingMeasuredError, match="nothing to choose"):
+    with pytest.raises(NothingMeasuredError, match="nothing to measure"):
         measure(plan(str(tmp_path / "ball.glb")), tmp_path / "out")
 
 
@@ -248,7 +248,7 @@ def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
 
 def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):
     frame = frame_of(scene, view_of(scene))
-    found = fewest(frame, None)
+    found = min_quads(frame, None)
     tile = shapely.box(64, 64, 64 + 512, 64 + 512)
     inside = shapely.covers(tile, np.asarray(frame.polygons))
     assert 0 < inside.sum() < len(inside)
