@@ -34,7 +34,7 @@ MESSAGE_AFTER_S = 2.0
 
 @dataclass(frozen=True)
 class Group:
-    """Cases that are timed together: they differ in the triangulator alone."""
+    """Cases that are timed together: they differ only in the triangulator."""
 
     backend: Backend
     options: Options
@@ -43,9 +43,9 @@ class Group:
 
 @dataclass
 class _View:
-    """What a view's groups share: its frame, what triangulators made of it, what is known of it.
+    """State that a view's groups share.
 
-    made, triangles : triangulations by recipe, and the triangles (m, 3) that are drawn of each
+    triangulations, triangles : by recipe, and the triangles (m, 3) that are drawn
     limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     """
 
@@ -208,7 +208,7 @@ class SceneRun:
             return (
                 status,
                 records.incomplete(result)
-                or "no polygon is left on the grid of 1/256 px; increase --resolution or limit polygons",
+                or "no polygon is left on the grid of 1/256 px; increase --resolution",
             )
         return result
 

@@ -1,4 +1,4 @@
-"""Chooses the diagonals of flat faces: the optimum where an outline is clean, flips elsewhere."""
+"""Diagonals of flat faces: the optimum if the outline is a valid polygon, otherwise flips."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,20 +19,20 @@ from triangulators.methods.flips import cheaper
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _ROUNDING = 1e-6
-"""Share of a face's cost that may come from rounding its points: no gain."""
+"""Relative cost change that may be caused by rounding a face's points: not a gain."""
 
 
-WORK = (1.0, 10.0, 20.0, 45.0)
-"""Nanoseconds of the cube of a vertex that the optimum takes, by the number of holes (measured)."""
+WORK_NS = (1.0, 10.0, 20.0, 45.0)
+"""Nanoseconds per cubed vertex count for the optimum, by the number of holes (measured)."""
 
-MAX_WORK = 1e9
-"""Of these, how many are spent on a part; faces beyond that get flips. No clock is asked, so that
-the same model gets the same diagonals on every machine."""
+MAX_WORK_NS = 1e9
+"""Budget for a part by `WORK_NS`; further faces get flips. It is estimated, not timed, so that a
+model gets the same diagonals on every machine."""
 
 
 @njit(nogil=True)
 def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
-    """Return the least height of a triangle."""
+    """Return the smallest height of a triangle."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     longest = max(ux * ux + uy * uy, vx * vx + vy * vy, (ux - vx) ** 2 + (uy - vy) ** 2)
@@ -40,8 +40,8 @@ def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 @njit(nogil=True)
-def _stout(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the triangles a, b, d and a, d, c turn for certain, and neither is thin."""
+def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Return whether triangles a, b, d and a, d, c are safely oriented, and neither is thin."""
     if not convex(points, a, b, c, d):
         return False
     return _height(points, a, b, d) > THIN and _height(points, a, d, c) > THIN
@@ -49,16 +49,16 @@ def _stout(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 @njit(nogil=True)
 def _flip(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
-    return run(points, corner, twin, cheaper, _stout, cost)
+    return run(points, corner, twin, cheaper, _is_allowed_flip, cost)
 
 
 @dataclass
-class Chosen:
-    """What became of flat faces.
+class FaceDiagonals:
+    """New triangles of flat faces.
 
-    triangles : (t, 3) as those of `Faces`, each face's in its own rows
-    changed : (f,) whether a face's triangles are others than before
-    optimal : how many have the optimum, proven by the way it was computed
+    triangles : (t, 3) in the order of `Faces`
+    changed : (f,) whether a face's triangles changed
+    optimal : number of faces with a proven optimum
     """
 
     triangles: Ints
@@ -66,28 +66,29 @@ class Chosen:
     optimal: int
 
 
-def cost_named(criterion: str) -> Cost:
-    """Return the cost that diagonals are to lessen.
+def find_cost(criterion: str) -> Cost:
+    """Return the cost function of a criterion.
 
-    Raises UsageError for a criterion that is unknown, or whose weights depend on the polygon.
+    Raises UsageError if it is unknown, or if its weights depend on the polygon.
     """
     try:
-        found = criteria.find(criterion)
+        entry = criteria.find(criterion)
     except TriangulationError as error:
         raise UsageError(str(error)) from error
-    cost = plain_cost(found)
+    cost = plain_cost(entry)
     if cost is None:
         raise UsageError(
-            f"criterion {criterion}: for models give edge-length, half-perimeter or overdraw"
+            f"criterion {criterion}: unsupported for models (choose from edge-length, "
+            "half-perimeter, overdraw)"
         )
     return cost
 
 
-def choose(faces: Faces, criterion: str) -> Chosen:
-    """Choose each face's diagonals by a criterion; raises as `cost_named` does."""
-    cost = cost_named(criterion)
+def choose(faces: Faces, criterion: str) -> FaceDiagonals:
+    """Choose each face's diagonals by a criterion; raises as `find_cost` does."""
+    cost = find_cost(criterion)
     sizes = np.diff(faces.triangle_offsets)
-    result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
+    result, unsolved = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     clean = _affordable(outlines(faces))
     optima = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
     done = optima.compiled
@@ -96,38 +97,38 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     compiled = done[polygon]  # the other rows of `optima` are uninitialised
     first = clean.polygons.vertex_offsets[polygon[compiled]]
     rows = clean.vertices[optima.triangles[compiled] + first[:, None]]
-    _take(
+    _copy_triangles(
         faces.points,
         faces.triangle_offsets,
         clean.face[done],
         (rows, offsets_of(counts[done])),
         result,
-        left,
+        unsolved,
     )
-    rest = np.repeat(left, sizes)
-    corner = result[rest].astype(np.int32).reshape(-1)
+    rows = np.repeat(unsolved, sizes)
+    corner = result[rows].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
-    result[rest] = corner.reshape(-1, 3)
+    result[rows] = corner.reshape(-1, 3)
     changed = np.asarray(gains(faces.points, faces.triangles, result, faces.triangle_offsets, cost))
     same = ~np.repeat(changed, sizes)
     result[same] = faces.triangles[same]
-    return Chosen(result, changed, int((~left).sum()))
+    return FaceDiagonals(result, changed, int((~unsolved).sum()))
 
 
 @njit(nogil=True)
-def _take(
+def _copy_triangles(
     points: np.ndarray,
     triangle_offsets: np.ndarray,
     face: np.ndarray,
     optimal: tuple[np.ndarray, np.ndarray],
     result: np.ndarray,
-    left: np.ndarray,
+    unsolved: np.ndarray,
 ) -> None:
-    """Copy triangles of faces into `result` (t, 3), but those of a face that has a thin one.
+    """Copy triangles of faces into `result` (t, 3), except for faces with a thin triangle.
 
-    face: (c,) which faces; optimal: their triangles (k, 3) of points, and the offsets of those of
-    each face; triangle_offsets: of each face in `result`. left: (f,) becomes False for the faces
-    that are done.
+    face: (c,) face numbers; optimal: their triangles (k, 3) as point indices, and the offsets of
+    each face's; triangle_offsets: of each face in `result`. unsolved: (f,) becomes False for copied
+    faces.
     """
     triangles, row_offsets = optimal
     for number in range(len(face)):
@@ -138,7 +139,7 @@ def _take(
         if not thin:
             first = triangle_offsets[face[number]]
             result[first : first + len(rows)] = rows
-            left[face[number]] = False
+            unsolved[face[number]] = False
 
 
 @njit(nogil=True)
@@ -149,7 +150,7 @@ def gains(
     triangle_offsets: np.ndarray,
     cost: Cost,
 ) -> np.ndarray:
-    """(f,) whether each face's triangles cost less, by more than the rounding of its points."""
+    """Return whether each face's triangles cost less, (f,), by more than the rounding of points."""
     gained = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
     for face in range(len(gained)):
         first, last = triangle_offsets[face], triangle_offsets[face + 1]
@@ -159,9 +160,9 @@ def gains(
 
 
 class Outlines(NamedTuple):
-    """Faces whose outline is a valid polygon through all of their vertices, once each.
+    """Faces whose outline is a valid polygon with all of their vertices once.
 
-    face : (c,) their numbers; vertices : (n,) which of `Faces.points` each of the polygons' is
+    face : (c,) face numbers; vertices : (n,) index in `Faces.points` of each polygon vertex
     """
 
     face: Ints
@@ -169,28 +170,28 @@ class Outlines(NamedTuple):
     vertices: Ints
 
     def take(self, flags: NDArray[np.bool_]) -> "Outlines":
-        """Return the outlines that (c,) flags mark."""
+        """Return the outlines flagged in (c,) `flags`."""
         vertices = self.vertices[np.repeat(flags, self.polygons.vertex_counts)]
         return Outlines(self.face[flags], self.polygons.take(flags), vertices)
 
 
 def _affordable(clean: Outlines) -> Outlines:
-    """Return as many of the outlines as `MAX_WORK` allows, those that are quickest first."""
+    """Return as many outlines as `MAX_WORK_NS` allows, in order of their estimated time."""
     sizes = clean.polygons.vertex_counts
-    factors = np.append(WORK, 0.0)[np.minimum(clean.polygons.ring_counts - 1, len(WORK))]
+    factors = np.append(WORK_NS, 0.0)[np.minimum(clean.polygons.ring_counts - 1, len(WORK_NS))]
     work = factors * sizes.astype(np.float64) ** 3
     quickest = np.argsort(work, kind="stable")
     affordable = np.zeros(len(work), np.bool_)
-    affordable[quickest[np.cumsum(work[quickest]) <= MAX_WORK]] = True
+    affordable[quickest[np.cumsum(work[quickest]) <= MAX_WORK_NS]] = True
     return clean.take(affordable)
 
 
 def outlines(faces: Faces) -> Outlines:
-    """Return the faces whose outline is clean; the outer ring, which turns left, comes first."""
+    """Return the faces with valid outlines; the outer, counter-clockwise ring comes first."""
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
-    # A vertex within has no edge of the outline, one where the outline touches itself has several.
+    # An interior vertex has no outline edge, a vertex where the outline touches itself has several.
     leaving = np.bincount(corner[outer], minlength=len(faces.points))
     following = np.zeros(len(faces.points), dtype=np.int64)
     following[corner[outer]] = ahead[outer]
@@ -211,9 +212,9 @@ def _rings(
     """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
 
     following: the next vertex of the outline; vertex_offsets (f + 1,): of each face's vertices.
-    `following` permutes a face's vertices, so they fall into rings. The one outside, which turns
-    left, comes first: rings are walked twice, and at the first time all but that one are passed.
-    A face of which none or several turn left is no longer sound.
+    `following` permutes a face's vertices, so its cycles are rings. The outer ring, which is
+    counter-clockwise, comes first: rings are traversed twice, and the first pass only finds the
+    outer one. A face without exactly one counter-clockwise ring becomes unsound.
     """
     vertices = np.empty(len(points), dtype=np.int64)
     ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)
@@ -222,7 +223,7 @@ def _rings(
     size, rings, polygons = 0, 0, 0
     for face in range(len(sound)):
         first, last = vertex_offsets[face], vertex_offsets[face + 1]
-        outside, left = -1, 0
+        outer, left_turning = -1, 0
         for start in range(first, last if sound[face] else first):
             if seen[start]:
                 continue
@@ -233,12 +234,12 @@ def _rings(
                 twice += points[at, 0] * points[to, 1] - points[at, 1] * points[to, 0]
                 at = to
             if twice > 0.0:
-                outside, left = start, left + 1
-        if left != 1:
+                outer, left_turning = start, left_turning + 1
+        if left_turning != 1:
             sound[face] = False
             continue
         for start in range(first - 1, last):
-            at = outside if start < first else start
+            at = outer if start < first else start
             if not seen[at]:
                 continue
             while seen[at]:

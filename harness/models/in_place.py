@@ -10,7 +10,7 @@ import pandas as pd
 from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
-from harness.models.diagonals import choose, cost_named
+from harness.models.diagonals import choose, find_cost
 from harness.models.flat_faces import (
     HALF,
     Ints,
@@ -95,7 +95,7 @@ def retriangulate(
     model, groups = open_model(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: the output must keep the input format ({source.suffix})")
-    cost_named(criterion)
+    find_cost(criterion)
     changes = Changes()
     changes.left += model.left
     drawn: list[Drawn] = []

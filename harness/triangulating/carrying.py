@@ -98,11 +98,11 @@ def _turned(
     method, _, criterion = recipe.base.partition(":")
     if method not in TURNING or recipe.calibration is not None or frame.flat is None:
         return {}
-    from harness.models.diagonals import choose, cost_named, gains  # compiled code
+    from harness.models.diagonals import choose, find_cost, gains  # compiled code
     from harness.models.flat_faces import Faces
 
     try:
-        cost = cost_named(criterion)
+        cost = find_cost(criterion)
     except UsageError:  # its weights depend on the polygon
         return {}
     given, first_vertices = viewing.given, frame.flat.grid.vertex_offsets[:-1]

@@ -282,7 +282,7 @@ def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, 
     assert every.optimal == 70
     # 68 quadrilaterals, and one of two faces with 68 corners and two holes
     for work, optimal in ((68 * 4**3 + 20 * 68**3, 69), (68 * 4**3, 68), (67 * 4**3, 67)):
-        monkeypatch.setattr("harness.models.diagonals.MAX_WORK", float(work))
+        monkeypatch.setattr("harness.models.diagonals.MAX_WORK_NS", float(work))
         done = retriangulate(source, out)
         assert done.optimal == optimal
         assert done.changed == 2

@@ -96,10 +96,10 @@ def test_what_no_polygon_has_is_told_by_its_share_of_the_area(tmp_path):
     made.export(path)
     (note,) = read(str(path), views=2).notes
     share = 2 * (40 * 12 - 12 * 4) / made.area  # of both sides
-    assert f"{1 - share:.0%} of the area; in {share:.0%} of it faces are no polygons" in note
+    assert f"{1 - share:.0%} of the area; in {share:.0%} of it faces are not polygons" in note
     trimesh.util.concatenate([perforated(), trimesh.creation.icosphere(2, 9)]).export(path)
     (note,) = read(str(path), views=2).notes
-    assert re.search(r"; \d+% of it is in no flat face and stays as it is; 2 views", note)
+    assert re.search(r"; \d+% of it is outside flat faces and not changed; 2 views", note)
 
 
 def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file):
@@ -260,11 +260,11 @@ def test_what_is_nearer_is_less_deep(plate_file):
     [
         ({"views": 0}, "views=0 is outside 1..24"),
         ({"views": 25}, "views=25 is outside"),
-        ({"pixels": 511}, "pixels=511 is no even number"),
-        ({"pixels": 4}, "pixels=4 is no even number from 8"),
+        ({"pixels": 511}, "pixels=511 is not an even number"),
+        ({"pixels": 4}, "pixels=4 is not an even number from 8"),
         ({"distance": 1.0}, r"distance=1 is outside 1.1..1000 radii"),
         ({"distance": float("nan")}, "distance=nan is outside"),
-        ({"depth": "back"}, "depth=back is none of none, file, front"),
+        ({"depth": "back"}, "unknown depth=back (choose from none, file, front)"),
     ],
 )
 def test_parameters_that_cannot_be(plate_file, wrong, reason):
@@ -279,7 +279,7 @@ def test_models_that_cannot_be_seen(tmp_path):
     with pytest.raises(SceneError, match=r"b\.glb"):
         read(str(tmp_path / "b.glb"))
     builder = Builder(np.zeros((3, 3), "<f4"), [(0, 1, 2)])
-    with pytest.raises(SceneError, match="shows nothing: no triangle of it has an extent"):
+    with pytest.raises(SceneError, match="nothing is visible, as all triangles are degenerate"):
         read(built(builder, tmp_path))
 
 
@@ -292,11 +292,11 @@ def test_places_that_are_no_number_are_not_drawn(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "most", "what"), [("MOST", 1000, "vertices"), ("MOST_PIECES", 90, "faces")]
+    ("name", "most", "what"), [("MAX_VERTICES", 1000, "vertices"), ("MAX_PIECES", 90, "faces")]
 )
 def test_too_much_to_see_is_refused(plate_file, monkeypatch, name, most, what):
     monkeypatch.setattr(f"harness.models.seen.{name}", most)
     with pytest.raises(
-        SceneError, match=f"more than .*{most:,} {what}.* in all views: give fewer views="
+        SceneError, match=f"more than .*{most:,} {what}.* in all views; reduce views="
     ):
         read(plate_file)
