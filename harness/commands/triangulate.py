@@ -233,17 +233,17 @@ def _many(file: str, out: Path) -> bool:
 def check_evidence(
     file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
 ) -> None:
-    """Check proofs that triangulations are optimal, in whole numbers; refuse what does not hold.
+    """Check optimality proofs of triangulations in integer arithmetic; refuse invalid ones.
 
-    It prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program
-    behind it, harness/export/check_evidence.py, needs Python alone and no other file of ours. It
-    lists all empty triangles: a polygon of 60 vertices takes seconds, one of 300 hours.
+    Prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program,
+    harness/export/check_evidence.py, needs only Python and no other file of this project. It lists
+    all empty triangles: a polygon of 60 vertices takes seconds, one of 300 vertices hours.
     """
-    from harness.export.check_evidence import judge
+    from harness.export.check_evidence import check_lines
 
     refused = checked = 0
     with file.open("rb") as lines:
-        for label, verdict, holds in judge(lines):
+        for label, verdict, holds in check_lines(lines):
             typer.echo(f"{label}: {verdict}")
             checked += 1
             refused += not holds

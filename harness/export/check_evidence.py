@@ -1,20 +1,20 @@
-"""Accept or refuse proofs of optimal triangulations, with nothing but whole numbers.
+"""Checker of optimality proofs for triangulations, in exact integer arithmetic.
 
     raster-harness check-evidence FILE
     python check_evidence.py FILE
 
 FILE is what `raster-harness triangulate --certify --evidence FILE` writes: a line of JSON for each
-polygon (docs/reference/files.md). This file needs Python alone and shares no code with the program
-that makes proofs. It takes no word of a line: rings must be simple, the triangles must be empty and
-cover the polygon once, and units, cost, bound and gap are worked out here. It knows half-perimeter
-and overdraw exactly, and edge-length by whole-number square roots: of what the maker adds up in
-doubles, all holds to a share of 2^-44. It exits with 1 if it refuses a line.
+polygon (docs/reference/files.md). This file needs only Python and shares no code with the program
+that writes proofs. It trusts no field of a line: rings must be simple, the triangles must be empty
+and cover the polygon once, and units, cost, bound and gap are computed here. Half-perimeter and
+overdraw are exact, and edge-length uses integer square roots: sums of doubles are accepted with a
+relative error up to 2^-44. The exit code is 1 if a line is refused.
 
-Why what it checks is a proof is in docs/theory.md. In short: triangulations consist of empty
-triangles. Each has a weight, its cost in units and a little noise, and each edge a potential y, the
-negative when it is run the other way, so that, for all,
-y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation y cancels along
-diagonals: y over the boundary, plus lift times the number of triangles, is a bound.
+The proof is explained in docs/theory.md. In short: triangulations consist of empty triangles. Each
+has a weight, its cost in units plus a little noise, and each edge has a potential y, negated for
+the opposite direction, so that for all empty triangles
+y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation, y cancels along
+diagonals: the sum of y over the boundary, plus lift times the number of triangles, is a bound.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 FORMAT = "raster-harness evidence 1"
 ABOUT = {"format", "criterion", "rings", "triangles", "cost", "lower_bound", "gap", "proven"}
 FIELDS = ABOUT | {"scale", "factor", "bits", "edges", "potentials", "lift"}
-KNOWN = ("half-perimeter", "overdraw", "edge-length")
-INFLATED = 1 + Fraction(1, 2**47)  # what a cost in doubles may seem to be, at most, relative to it
-OFF = Fraction(1, 2**44)  # what sums of doubles may be off by, relative to them
+CRITERIA = ("half-perimeter", "overdraw", "edge-length")
+COST_FACTOR = 1 + Fraction(1, 2**47)  # upper bound of a cost in doubles, relative to the exact cost
+DOUBLE_ERROR = Fraction(1, 2**44)  # maximum relative error of sums of doubles
 
 
 class EvidenceError(Exception):
@@ -46,47 +46,56 @@ class EvidenceError(Exception):
 
 
 def need(holds: Any, reason: str) -> None:
-    """Refuse unless something holds."""
+    """Raise EvidenceError with `reason` unless `holds`."""
     if not holds:
         raise EvidenceError(reason)
 
 
-def whole(value: Any) -> int:
-    """Return a whole number as it is; everything else is refused."""
-    need(type(value) is int, f"{value!r:.40} is no whole number")
+def require_int(value: Any) -> int:
+    """Return an integer; refuse any other value."""
+    need(type(value) is int, f"{value!r:.40} is not an integer")
     return int(value)
 
 
-def number(value: Any) -> Fraction:
-    """Return a number of the file, which is a double, exactly; everything else is refused."""
-    double = type(value) in (int, float) and value == float(value)  # no int that doubles round
-    need(double, f"{value!r:.40} is no double")
+def require_double(value: Any) -> Fraction:
+    """Return the exact value of a double of the file; refuse any other value."""
+    double = type(value) in (int, float) and value == float(
+        value
+    )  # not an integer that is rounded as a double
+    need(double, f"{value!r:.40} is not a double")
     return Fraction(value)
 
 
-def listed(value: Any, length: int | None = None) -> list[Any]:
-    """Return a list as it is, everything else is refused; length: how long it must be."""
-    need(type(value) is list, f"{value!r:.40} is no list")
+def require_list(value: Any, length: int | None = None) -> list[Any]:
+    """Return a list of the required length; refuse any other value."""
+    need(type(value) is list, f"{value!r:.40} is not a list")
     need(length in (None, len(value)), f"{value!r:.40} should have {length} entries")
     return list(value)
 
 
-def sides_of(t: Triangle) -> tuple[Edge, Edge, Edge]:
+def directed_sides(t: Triangle) -> tuple[Edge, Edge, Edge]:
     """Return the directed sides of a triangle."""
     return (t[0], t[1]), (t[1], t[2]), (t[2], t[0])
 
 
 class Claim:
-    """A polygon with triangles and the proof that they cost least."""
+    """A polygon with triangles and the proof that their cost is minimal."""
 
     def __init__(self, given: Any) -> None:
         need(type(given) is dict and given.get("format") == FORMAT, f"its format is not {FORMAT}")
         need(given.get("potentials") is not None, "it has no evidence")
         need(given.keys() == FIELDS, f"it has other fields than {', '.join(sorted(FIELDS))}")
         self.given, self.criterion = given, given["criterion"]
-        need(self.criterion in KNOWN, f"{self.criterion}: only {', '.join(KNOWN)} are checked here")
-        points = [listed(point, 2) for ring in listed(given["rings"]) for point in listed(ring)]
-        corners = [number(x) for point in points for x in point]
+        need(
+            self.criterion in CRITERIA,
+            f"{self.criterion}: only {', '.join(CRITERIA)} are checked here",
+        )
+        points = [
+            require_list(point, 2)
+            for ring in require_list(given["rings"])
+            for point in require_list(ring)
+        ]
+        corners = [require_double(x) for point in points for x in point]
         self.k = max(x.denominator.bit_length() - 1 for x in corners)
         while -16 < self.k <= 0 and all(x % 2 ** (1 - self.k) == 0 for x in corners):
             self.k -= 1
@@ -97,11 +106,11 @@ class Claim:
         self.sites = sorted(first.values())
         site = iter(self.site)
         self.boundary = self._boundary([[next(site) for _ in r] for r in given["rings"]])
-        triangles = [listed(t, 3) for t in listed(given["triangles"])]
-        need(all(whole(v) >= 0 for t in triangles for v in t), "a vertex below 0")
+        triangles = [require_list(t, 3) for t in require_list(given["triangles"])]
+        need(all(require_int(v) >= 0 for t in triangles for v in t), "a vertex below 0")
         self.triangles = [tuple(self.site[v] for v in t) for t in triangles]
         need(all(self.turn(*t) > 0 for t in self.triangles), "a triangle does not turn left")
-        sides = [side for t in self.triangles for side in sides_of(t)]
+        sides = [side for t in self.triangles for side in directed_sides(t)]
         need(len(set(sides)) == len(sides), "two triangles have a side in common, run one way")
         alone = set(sides) - {(b, a) for a, b in sides}
         need(alone == self.boundary, "the triangles do not cover the polygon once")
@@ -113,24 +122,24 @@ class Claim:
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
     def between(self, v: int, a: int, b: int) -> bool:
-        """Whether v lies inside the segment a-b: in line with it, and between its ends."""
+        """Return whether v lies inside the segment a-b: collinear, and between its ends."""
         p, q = sorted((self.points[a], self.points[b]))
         return p < self.points[v] < q and self.turn(a, b, v) == 0
 
     def cross(self, a: int, b: int, c: int, d: int) -> bool:
-        """Whether two segments cross in a point inside both."""
+        """Return whether two segments cross in a point inside both."""
         sides = self.turn(a, b, c), self.turn(a, b, d), self.turn(c, d, a), self.turn(c, d, b)
         return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
     def _boundary(self, rings: list[list[int]]) -> set[Edge]:
         """Return the directed edges of the boundary, which have the interior on their left.
 
-        Each ring is simple. That holes lie inside and apart follows from the triangles: they cover
-        what the exterior goes round once more than all holes do, and nothing less than once.
+        Each ring is simple. The triangles imply that holes are inside and disjoint: triangles cover
+        points enclosed by the exterior once more than by all holes, and no point less than once.
         """
         found: list[Edge] = []
         pieces: list[Edge] = []
-        for place, ring in enumerate(rings):
+        for index, ring in enumerate(rings):
             sides = [(a, b) for a, b in zip(ring, ring[1:] + ring[:1], strict=True) if a != b]
             need(len(sides) > 2, "a ring without area")
             again = len({a for a, _ in sides}) < len(sides)
@@ -138,8 +147,8 @@ class Claim:
             again |= any(self.cross(*one, *two) for one, two in combinations(sides, 2))
             need(not again, "a ring meets itself")
             around = sum(self.turn(ring[0], a, b) for a, b in sides)
-            found += sides if (around > 0) == (place == 0) else [(b, a) for a, b in sides]
-        for a, b in found:  # where rings touch, an edge is split at the vertex that lies on it
+            found += sides if (around > 0) == (index == 0) else [(b, a) for a, b in sides]
+        for a, b in found:  # if rings touch, an edge is split at the vertex on it
             on_it = [v for v in self.sites if self.between(v, a, b)]
             on_it.sort(key=self.points.__getitem__, reverse=self.points[a] > self.points[b])
             pieces += zip([a, *on_it], [*on_it, b], strict=True)
@@ -147,7 +156,7 @@ class Claim:
         return set(pieces)
 
     def cost(self, a: int, b: int, c: int) -> Fraction:
-        """Return the cost of a triangle; for E at most 2^-80 of a step more for each side."""
+        """Return the cost of a triangle; for edge-length up to 2^-80 steps too high per side."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         step = 1 / Fraction(2) ** self.k
         if self.criterion == "edge-length":
@@ -159,7 +168,7 @@ class Claim:
         return step * (w + h) if self.criterion == "half-perimeter" else step * step * area
 
     def _units(self) -> None:
-        """Work out scale, factor and bits by the rule, and refuse others."""
+        """Compute scale, factor and bits by the rule, and refuse other values."""
         area, count = self.criterion == "overdraw", len(self.triangles)
         self.total = sum(self.cost(*t) for t in self.triangles)
         steps = max(max(values) - min(values) for values in zip(*self.points, strict=True))
@@ -180,11 +189,15 @@ class Claim:
             scale, self.exact = Fraction(2) ** max(-900, min(900, exponent)), False
             bits, factor = next(c for c in choices if c[1] << 38 < 2**61)
         self.scale, self.factor, self.bits = scale, factor, bits
-        said = number(self.given["scale"]), whole(self.given["factor"]), whole(self.given["bits"])
-        need(said == (scale, factor, bits), "the units are not those of the polygon")
+        stated = (
+            require_double(self.given["scale"]),
+            require_int(self.given["factor"]),
+            require_int(self.given["bits"]),
+        )
+        need(stated == (scale, factor, bits), "the units are not those of the polygon")
 
     def noise(self, a: int, b: int) -> int:
-        """Return the noise of an edge a < b: the upper bits of a mixed number (splitmix64)."""
+        """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""
         last = 2**64 - 1
         x = (a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03) & last
         x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9 & last
@@ -192,20 +205,20 @@ class Claim:
         return (x ^ x >> 31) >> (64 - self.bits)
 
     def weight(self, t: Triangle) -> int:
-        """Return the weight of a triangle (3); heavy ones count as 2^59, which is less."""
-        units = math.floor(self.scale * self.cost(*t) * (1 if self.exact else INFLATED))
+        """Return the weight of a triangle (3); heavy ones are clamped to 2^59."""
+        units = math.floor(self.scale * self.cost(*t) * (1 if self.exact else COST_FACTOR))
         units = min(units, 2**59 // self.factor)
-        return units * self.factor + sum(self.noise(*sorted(s)) for s in sides_of(t))
+        return units * self.factor + sum(self.noise(*sorted(s)) for s in directed_sides(t))
 
     def is_edge(self, a: int, b: int) -> bool:
-        """Whether two vertices are an edge."""
+        """Return whether the segment of two vertices is a boundary or inner edge."""
         if {(a, b), (b, a)} & self.boundary:
             return True
         met = any(self.between(v, a, b) for v in self.sites)
         if met or any(self.cross(a, b, c, d) for c, d in self.boundary):
             return False
         (x, y), inside = map(sum, zip(self.points[a], self.points[b], strict=True)), False
-        for c, d in self.boundary:  # does a ray from the middle of a-b, x/2 and y/2, meet c-d?
+        for c, d in self.boundary:  # does a ray from the midpoint of a-b, (x/2, y/2), meet c-d?
             (cx, cy), (dx, dy) = self.points[c], self.points[d]
             if (2 * cy > y) != (2 * dy > y):
                 inside ^= ((dx - cx) * (y - 2 * cy) > (dy - cy) * (x - 2 * cx)) == (dy > cy)
@@ -217,40 +230,47 @@ class Claim:
         for a, b, c in combinations(self.sites, 3):
             if (a, b) in edges and (b, c) in edges and (a, c) in edges and self.turn(a, b, c) != 0:
                 t = (a, b, c) if self.turn(a, b, c) > 0 else (a, c, b)
-                outside = any((q, p) in self.boundary for p, q in sides_of(t))
-                inner = (all(self.turn(p, q, v) > 0 for p, q in sides_of(t)) for v in self.sites)
+                outside = any((q, p) in self.boundary for p, q in directed_sides(t))
+                inner = (
+                    all(self.turn(p, q, v) > 0 for p, q in directed_sides(t)) for v in self.sites
+                )
                 if not outside and not any(inner):
                     found.append(t)
         return found
 
     def bound(self, weights: dict[Triangle, int]) -> int:
-        """Return the bound that the potentials of edges give, for all empty triangles."""
-        pairs = [listed(edge, 2) for edge in listed(self.given["edges"])]
-        edges = [(whole(a), whole(b)) for a, b in pairs]
+        """Return the lower bound from the potentials, checked for all empty triangles."""
+        pairs = [require_list(edge, 2) for edge in require_list(self.given["edges"])]
+        edges = [(require_int(a), require_int(b)) for a, b in pairs]
         need(all(0 <= a < b < len(self.site) for a, b in edges), "no edges a < b")
         need(len(set(edges)) == len(edges), "an edge is given twice")
-        potentials, lift = listed(self.given["potentials"], len(edges)), whole(self.given["lift"])
-        y = dict(zip(edges, map(whole, potentials), strict=True))
+        potentials, lift = (
+            require_list(self.given["potentials"], len(edges)),
+            require_int(self.given["lift"]),
+        )
+        y = dict(zip(edges, map(require_int, potentials), strict=True))
         y |= {(b, a): -value for (a, b), value in y.items()}
         for t, weight in weights.items():
-            around = sum(y.get(side, 0) for side in sides_of(t))
+            around = sum(y.get(side, 0) for side in directed_sides(t))
             need(around + lift <= weight, f"the potentials exceed the weight of {t}")
         return sum(y.get(side, 0) for side in self.boundary) + lift * len(self.triangles)
 
     def check(self) -> str:
-        """Return what is proven, in words; refuse if it is less than what is claimed."""
-        left = self.empty_triangles()
+        """Return the proven statement; refuse if it is weaker than the claim."""
+        empty = self.empty_triangles()
         lowest_first = {min(t, t[1:] + t[:1], t[2:] + t[:2]) for t in self.triangles}
-        need(lowest_first <= set(left), "a triangle is not empty")
-        weights = {t: self.weight(t) for t in left}
+        need(lowest_first <= set(empty), "a triangle is not empty")
+        weights = {t: self.weight(t) for t in empty}
         bound = self.bound(weights) // self.factor / self.scale
-        cost, low, gap = (number(self.given[name]) for name in ("cost", "lower_bound", "gap"))
-        off = 0 if self.exact else OFF
+        cost, low, gap = (
+            require_double(self.given[name]) for name in ("cost", "lower_bound", "gap")
+        )
+        off = 0 if self.exact else DOUBLE_ERROR
         need(bound <= self.total * (1 + off), "the bound is above the cost")
         near = abs(cost - Fraction(float(self.total))) <= self.total * off
         need(near, f"the cost is {float(self.total)}")
         need(low <= bound, f"the bound is {float(bound)}")
-        # A share, worked out here from whole numbers: what the line says may only be more.
+        # The relative gap from exact numbers; the stated gap may only be larger.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
         need(gap >= 0 and gap >= Fraction(float(share)) - off, f"the gap is {float(share)}")
         need(type(self.given["proven"]) is bool, "proven is neither true nor false")
@@ -261,35 +281,35 @@ class Claim:
         return "optimal" if share == 0 else f"optimal, to a relative error of {float(share):.2g}"
 
 
-def named_once(fields: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the fields of an object; refuse one that is given twice: which one is meant?"""
+def require_unique_fields(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields of an object; refuse duplicate fields, which are ambiguous."""
     need(len(dict(fields)) == len(fields), "a field is given twice")
     return dict(fields)
 
 
 def check(line: str | bytes) -> str:
-    """Return what a line of JSON proves, in words; raises `EvidenceError`."""
+    """Return the statement that a line of JSON proves; raises `EvidenceError`."""
     try:
-        return Claim(json.loads(line, object_pairs_hook=named_once)).check()
+        return Claim(json.loads(line, object_pairs_hook=require_unique_fields)).check()
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise EvidenceError(f"this is no evidence: {type(error).__name__} {error}") from error
     except RecursionError:
         raise EvidenceError("this is no evidence: it is nested too deeply") from None
 
 
-def judge(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:
-    """Yield, for each line of a file, its number, what became of it, and whether it holds."""
-    for place, line in enumerate(lines, 1):
+def check_lines(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:
+    """Yield for each line of a file its number, the result, and whether the proof holds."""
+    for index, line in enumerate(lines, 1):
         try:
-            yield place, check(line), True
-        except EvidenceError as why:
-            yield place, f"refused: {why}", False
+            yield index, check(line), True
+        except EvidenceError as reason:
+            yield index, f"refused: {reason}", False
 
 
 if __name__ == "__main__":
     refused = []
     with Path(sys.argv[1]).open("rb") as file:
-        for place, words, holds in judge(file):
-            print(f"{place}: {words}")
-            refused += [] if holds else [place]
+        for index, result, holds in check_lines(file):
+            print(f"{index}: {result}")
+            refused += [] if holds else [index]
     sys.exit(1 if refused else 0)

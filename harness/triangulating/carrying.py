@@ -1,4 +1,4 @@
-"""Triangulations carried from one frame to another: to a turned scene, or to a model's views."""
+"""Transfer of triangulations to another frame: to a rotated scene, or to a model's views."""
 
 import math
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from triangulators.verify import verify
 def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> FrameTriangulation:
     """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
 
-    Polygons whose vertices snapping merged in one frame only are failed, with the reason. A thin
-    triangle that snapping turned over is drawn as it is, and counts as not conforming.
+    Polygons whose vertices were merged by snapping in only one frame are failed, with the reason. A
+    thin triangle that snapping inverted is drawn unchanged, and counts as not conforming.
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
     result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
@@ -30,32 +30,32 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
         part = before.parts[origin] if origin >= 0 else None
         junctions, problem = 0, ""
         if part is None:
-            problem = "not triangulated before turning"
+            problem = "not triangulated before the rotation"
         elif turned.grid.vertex_counts[index] != vertices[origin]:
-            problem = "snapping changed its vertices as it was turned"
+            problem = "snapping changed its vertices in the rotation"
         elif not (checked := verify(turned.polygons[index], part)).conforming:
-            # A program would draw it all the same; the coverage error says what that costs.
+            # A program would draw it anyway; the coverage error reports the effect.
             junctions = max(1, len(checked.t_junctions))
         result.add(part, junctions, problem)
     result.predicted = predict_polygons(turned.polygons, result.parts)
     return result
 
 
-TURNING = ("optimal", "flips")
-"""Triangulators that turn diagonals where a face is no polygon, too, as `triangulate` does."""
+FLIPPING = ("optimal", "flips")
+"""Triangulators that flip diagonals of faces that are not polygons, as `triangulate` does."""
 
 
 def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
-    """Return the triangulation of a frame's pieces that follows from that of its flat faces.
+    """Return the triangulation of a frame's pieces, given that of its flat faces.
 
-    A face is triangulated once, in its plane, and drawn so in each view. What no face has, the rest
-    of a view, keeps its triangles. By a recipe of `TURNING` a face gets what `triangulate` gives
-    it, also one that is no polygon. Seconds are those of the polygons, once.
+    A face is triangulated once, in its plane, and drawn so in each view. Loose triangles, the rest
+    of a view, are not changed. Recipes of `FLIPPING` treat faces as `triangulate` does, including
+    faces that are not polygons. Seconds are those of one triangulation of the polygons.
     """
     viewing = frame.viewing
     assert viewing is not None
     sources = viewing.source.tolist()
-    turned = _turned(frame, viewing, flat.parts, recipe)
+    turned = _replace_faces(frame, viewing, flat.parts, recipe)
 
     def triangles(piece: int, source: int) -> Rows | None:
         if source in turned:
@@ -87,16 +87,16 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
     )
 
 
-def _turned(
+def _replace_faces(
     frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
 ) -> dict[int, Rows]:
-    """Return by source what `triangulate` leaves or gives otherwise than a polygon's triangulator.
+    """Return by source the faces for which `triangulate` differs from a polygon's triangulator.
 
-    It leaves a face as it is where that costs no more, and turns diagonals where it is no polygon.
+    It does not change a face without a gain, and flips diagonals of faces that are not polygons.
     parts : triangles (m, 3) of each polygon
     """
     method, _, criterion = recipe.base.partition(":")
-    if method not in TURNING or recipe.calibration is not None or frame.flat is None:
+    if method not in FLIPPING or recipe.calibration is not None or frame.flat is None:
         return {}
     from harness.models.diagonals import choose, find_cost, gains  # compiled code
     from harness.models.flat_faces import Faces
@@ -106,25 +106,27 @@ def _turned(
     except UsageError:  # its weights depend on the polygon
         return {}
     given, first_vertices = viewing.given, frame.flat.grid.vertex_offsets[:-1]
-    own = [k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])]
-    before, offsets = _renumbered([given[k] for k in own], first_vertices[own])
-    after, _ = _renumbered([parts[k] for k in own], first_vertices[own])
+    same_size = [
+        k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])
+    ]
+    before, offsets = _renumber([given[k] for k in same_size], first_vertices[same_size])
+    after, _ = _renumber([parts[k] for k in same_size], first_vertices[same_size])
     cheaper = gains(frame.flat.points.astype(np.float64), before, after, offsets, cost)
-    turned = {k: given[k] for k, less in zip(own, cheaper.tolist(), strict=True) if not less}
+    turned = {k: given[k] for k, less in zip(same_size, cheaper.tolist(), strict=True) if not less}
     if viewing.bound:
-        points = np.concatenate([each for each, _ in viewing.bound])
-        first_vertices = offsets_of([len(each) for each, _ in viewing.bound])[:-1]
-        triangles, offsets = _renumbered([rows for _, rows in viewing.bound], first_vertices)
+        points = np.concatenate([vertices for vertices, _ in viewing.bound])
+        first_vertices = offsets_of([len(vertices) for vertices, _ in viewing.bound])[:-1]
+        triangles, offsets = _renumber([rows for _, rows in viewing.bound], first_vertices)
         slots = np.arange(len(triangles))
         faces = Faces(points, np.arange(len(points)), triangles, slots, offsets)
-        chosen = np.split(choose(faces, criterion).triangles, offsets[1:-1])
-        by_face = zip(chosen, first_vertices, strict=True)
+        rows_by_face = np.split(choose(faces, criterion).triangles, offsets[1:-1])
+        by_face = zip(rows_by_face, first_vertices, strict=True)
         for face, (rows, first) in enumerate(by_face, len(given) + 1):
             turned[face] = (rows - first).astype(np.int32)
     return turned
 
 
-def _renumbered(
+def _renumber(
     parts: Sequence[Rows | None], first_vertices: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return triangles of faces whose vertices begin at `first_vertices`, and their offsets."""
@@ -135,7 +137,7 @@ def _renumbered(
 
 
 def original_triangulation(frame: Frame) -> FrameTriangulation:
-    """Return the triangulation that a model came with, in all its views."""
+    """Return the triangulation in a model's file, for all its views."""
     assert frame.viewing is not None
     given: list[Rows | None] = list(frame.viewing.given)
     flat = FrameTriangulation(parts=given, t_junctions=[0] * len(given))

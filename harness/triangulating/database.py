@@ -1,4 +1,4 @@
-"""The model database: triangulations kept by content, so that a second run reads them.
+"""The model database: triangulations cached by content, so that a second run reads them.
 
 One SQLite file serves several processes at once (write-ahead log). Each entry carries a checksum,
 and each triangulation is verified when it is read. A damaged database is deleted and made again; a
@@ -85,12 +85,12 @@ class ModelDatabase:
         self._database.close()
 
     def find(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
-        """Return what is kept under those keys that are there and whole."""
+        """Return the intact entries of the keys."""
         nothing: dict[bytes, Timed] = {}
         return self._safely(lambda: self._read(keys), nothing)
 
     def keep(self, triangulator: str, key: bytes, model: Timed) -> None:
-        """Keep a triangulation; what is there already under the same key is replaced."""
+        """Store a triangulation; an entry with the same key is replaced."""
 
         def write() -> None:
             with self._database:
@@ -100,18 +100,18 @@ class ModelDatabase:
         self._safely(write, None)
 
     def clear(self) -> int:
-        """Forget everything; returns how many triangulations there were."""
+        """Delete all entries; return their number."""
         return self._safely(self._emptied, 0)
 
     def info(self) -> dict[str, tuple[int, int]]:
-        """Return for each triangulator how many of its triangulations are kept, and their bytes."""
+        """Return the number of cached triangulations and bytes of each triangulator."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
         nothing: list[tuple[str, int, int]] = []
         rows = self._safely(lambda: self._database.execute(query).fetchall(), nothing)
         return {name: (count, size) for name, count, size in sorted(rows)}
 
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
-        found: dict[bytes, Timed] = {}
+        entries: dict[bytes, Timed] = {}
         for batch in (keys[start : start + _BATCH] for start in range(0, len(keys), _BATCH)):
             marks = ",".join("?" * len(batch))
             query = f"SELECT key, value FROM model WHERE key IN ({marks})"
@@ -122,8 +122,8 @@ class ModelDatabase:
                         f"model database {self.path}: an entry is damaged and is computed again"
                     )
                 else:
-                    found[key] = model
-        return found
+                    entries[key] = model
+        return entries
 
     def _emptied(self) -> int:
         with self._database:
@@ -168,7 +168,7 @@ class ModelDatabase:
         return self.path.with_name(self.path.name + suffix)
 
     def _refuse_foreign(self) -> None:
-        """Raise StorageError for files that are not ours, or that others own or may write."""
+        """Raise StorageError for foreign files, or files that other users own or may write."""
         for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
             file = self._beside(suffix)
             if file.is_symlink() or (file.exists() and not file.is_file()):
@@ -255,8 +255,8 @@ def key(
 @once
 def triangulators_version() -> str:
     """A hash of the triangulators' source and the versions of the libraries they call."""
-    own = source_hash(Path(triangulators.__file__).parent)
-    digest = hashlib.blake2b(own.encode(), digest_size=12)
+    code_hash = source_hash(Path(triangulators.__file__).parent)
+    digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
     for name in ("numpy", "shapely", "mapbox-earcut", "manifold3d", "PyOpenGL"):
         try:
             digest.update(f"{name} {importlib.metadata.version(name)}".encode())
@@ -287,7 +287,7 @@ def _unsealed(key: bytes, value: Any) -> Timed | None:
 
 
 KEEP_S = 0.5e-3
-"""Seconds of computing from which a triangulation is kept.
+"""Minimum computing time in seconds of cached triangulations.
 
 Measured on city, Helsinki, counties and stress, microseconds a polygon: finding one 26..70 (and
 4..35 once for writing); computing one of a footprint 120..280, of a footprint with holes 1,200
@@ -298,7 +298,7 @@ Measured on city, Helsinki, counties and stress, microseconds a polygon: finding
 class Lookup:
     """The model database for one triangulator; use as a context manager.
 
-    Where the database cannot be used, nothing is found and nothing kept, and `notes` says why.
+    If the database cannot be used, nothing is read or stored, and `notes` has the reason.
 
     path : the database, or None for none
     name, parameters : what triangulations depend on besides the polygon
@@ -333,8 +333,8 @@ class Lookup:
             key(self._name, self._parameters, *polygons.rings_of(index))
             for index in range(len(polygons))
         ]
-        found = self._database.find(self._keys)
-        return [found.get(key) for key in self._keys]
+        entries = self._database.find(self._keys)
+        return [entries.get(key) for key in self._keys]
 
     def keep(self, number: int, triangles: NDArray[np.int32], seconds: float) -> None:
         """Keep the triangles of a polygon of `find`, if computing them took long enough."""

@@ -1,4 +1,4 @@
-"""Triangulates a batch of polygons, with third-party triangulators in a worker process.
+"""Triangulation of a batch of polygons, with third-party triangulators in a worker process.
 
 A polygon on which such a triangulator crashes, or returns an invalid triangulation, fails alone.
 """
@@ -33,10 +33,10 @@ MAX_CRASHES = 10
 def triangulate_many(
     polygons: Sequence[Polygon] | NDArray[Any] | PolygonArray, name: str, **more: Any
 ) -> Triangulations:
-    """Return what `triangulators.triangulate_many` returns, verified; `more` are its parameters.
+    """Triangulate as `triangulators.triangulate_many` does, and verify; `more` are its parameters.
 
-    `failed` are, too, polygons whose triangles are not a triangulation, and those on which a user's
-    triangulator ends its process.
+    Polygons with an invalid triangulation, and those on which a user's triangulator ends its
+    process, are `failed` as well.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def triangulate_many(
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
-        return _verified(arrays, triangulators.triangulate_many(polygons, name, **more))
+        return _verify(arrays, triangulators.triangulate_many(polygons, name, **more))
     # Most commands need no worker process, so the modules are loaded here.
     from harness.workers.pool import third_party_limits
     from harness.workers.worker import shared_worker
@@ -81,24 +81,26 @@ def triangulate_many(
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
-    return _verified(arrays, _stacked(pieces, failed, np.zeros(len(pieces), np.bool_)))
+    return _verify(arrays, _stack(pieces, failed, np.zeros(len(pieces), np.bool_)))
 
 
-def _stacked(
+def _stack(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
-    return Triangulations(triangles, offsets_of([len(each) for each in pieces]), failed, compiled)
+    return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 
 
-def _verified(polygons: PolygonArray, done: Triangulations) -> Triangulations:
-    """Return the triangulations, without triangles that are not a triangulation: those failed."""
+def _verify(polygons: PolygonArray, done: Triangulations) -> Triangulations:
+    """Return the triangulations; invalid ones are removed and marked as failed."""
     pieces = list(done)
-    known = {number: piece for number, piece in enumerate(pieces) if number not in done.failed}
+    triangles_by_index = {
+        number: piece for number, piece in enumerate(pieces) if number not in done.failed
+    }
     failed = {}
-    for number in find_unconfirmed(polygons, known):
+    for number in find_unconfirmed(polygons, triangles_by_index):
         _, problem = check_triangles(polygons[number], pieces[number])
         if problem:
             failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)
-    return _stacked(pieces, {**done.failed, **failed}, done.compiled) if failed else done
+    return _stack(pieces, {**done.failed, **failed}, done.compiled) if failed else done

@@ -1,12 +1,12 @@
-"""Triangulators as a run knows them: `name:criterion#number@0`, read once and then a value.
+"""Triangulators of a run: values parsed from `name:criterion#number@0`.
 
 random#7                the random triangulation of seed 7, whatever the seed of the run
-pareto#3, listed#3      the third after the first of each polygon's front, or of its list
-optimal:overdraw@0      triangulated at rotation 0 and drawn as the view turns, as a program
-                        does that triangulates once and then moves its camera
-module:function         a third party's, which only a worker process imports
-BASE fan                what another version of the code makes of `fan`, measured beside this one
-original                the triangles that a model came with
+pareto#3, listed#3      index 3, from 0, of each polygon's Pareto front, or of its list
+optimal:overdraw@0      triangulated at rotation 0 and drawn at the rotation of the view, as in a
+                        program that triangulates once and then moves its camera
+module:function         a third-party triangulator, imported only by a worker process
+BASE fan                `fan` of another version of the code, the interleaved baseline
+original                the triangles in a model's file
 """
 
 import importlib.util
@@ -29,25 +29,25 @@ from triangulators.errors import TriangulationError, suggest, summarize_error
 from triangulators.polygon_arrays import PolygonArray
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
-"""Triangulators that take a number, and the parameter that it is."""
+"""Triangulators with a number, and the name of that parameter."""
 
 ORIGINAL = "original"
-"""The triangles that a model came with: nothing is computed."""
+"""The triangles in a model's file: nothing is computed."""
 
 CALIBRATED = ":calibrated"
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
-"""A function of a module, as third parties' triangulators are named."""
+"""Name of a third-party triangulator, a function of a module."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How polygons are triangulated: all that it depends on but the polygon.
+    """All parameters of a triangulation except the polygon.
 
-    base : what `triangulators.triangulate` takes: a name with its criterion, or "module:function"
-    number : the number written behind it, None where none is
-    seed : the run's, of a triangulator that is random and has no number of its own
-    upright : whether polygons are triangulated at rotation 0, and then turned
-    calibration : (term, coefficient) of what the criterion `calibrated` weighs
+    base : name for `triangulators.triangulate`, with its criterion, or "module:function"
+    number : number after the name, or None
+    seed : the run's seed, for a random triangulator without a number
+    upright : whether polygons are triangulated at rotation 0, and then rotated
+    calibration : (term, coefficient) pairs of the criterion `calibrated`
     other : whether another version of the code triangulates
     """
 
@@ -65,13 +65,13 @@ class Recipe:
 
     @property
     def builtin(self) -> bool:
-        """Whether it is one of the product's own, of this version."""
-        own = self.base == ORIGINAL or self.base.partition(":")[0] in registry.BUILTIN
-        return own and not self.other
+        """Whether it is a built-in triangulator of this version."""
+        name = self.base.partition(":")[0]
+        return (self.base == ORIGINAL or name in registry.BUILTIN) and not self.other
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What besides base and polygon decides the triangulation, JSON-ready."""
+        """Parameters other than base and polygon, JSON-ready."""
         if self.calibration is not None:
             return {"calibration": [list(term) for term in self._weights]}
         if self.number is not None:
@@ -80,7 +80,7 @@ class Recipe:
 
     @property
     def _weights(self) -> tuple[tuple[str, float], ...]:
-        # A draw's own cost is the same however polygons are triangulated: no criterion's term.
+        # The cost of a draw does not depend on the triangulation, so no criterion has that term.
         return tuple(term for term in self.calibration or () if term[0] != "draw")
 
     @property
@@ -92,7 +92,7 @@ class Recipe:
         return self.base, self.parameters
 
     def load(self) -> None:
-        """Import what it needs; a third party's code runs.
+        """Import the triangulator, which runs third-party code.
 
         Raises
         ------

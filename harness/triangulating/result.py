@@ -17,21 +17,20 @@ Columns = dict[str, NDArray[np.float64]]
 
 @dataclass
 class FrameTriangulation:
-    """What one triangulator made of the polygons of a frame.
+    """Result of one triangulator for the polygons of a frame.
 
-    parts : for each polygon its (m, 3) int32 triangles, or None where it gave none
+    parts : for each polygon its (m, 3) int32 triangles, or None if there are none
     seconds : CPU time of the triangulator alone, without checks and without compiling
-    samples_s : the same in each of several rounds, in which others were timed, too; [] if it was
-        timed once
+    samples_s : likewise for each of several interleaved rounds; [] if it was timed once
     skipped, failed : (polygon number in the frame, reason)
-    t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
-    cached : polygons whose triangles were read from the model database; `seconds` has for them
-        what computing them took when they were
-    gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
-        least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
-    predicted : (p,) every criterion's sum over each polygon's triangles; lengths in px, areas px^2
-    notes : what the user should know of the model database
-    trace : the traceback of the first error of a triangulator's code, "" where there was none
+    t_junctions : for each polygon, the number of vertices inside an edge of a triangle
+    cached : number of polygons read from the model database; `seconds` includes the time of their
+        original computation
+    gaps : for optima, for each polygon with triangles, the maximum relative excess over the minimum
+        cost: 0 if proven optimal, infinite if unknown
+    predicted : (p,) sums of each criterion over each polygon's triangles; lengths in px, areas px^2
+    notes : messages about the model database
+    trace : traceback of the first error in a triangulator's code, or ""
     """
 
     parts: list[Rows | None] = field(default_factory=list)
@@ -48,16 +47,16 @@ class FrameTriangulation:
 
     @property
     def conforming(self) -> bool:
-        """True where no polygon's triangulation has a T-junction."""
+        """True if no polygon's triangulation has a T-junction."""
         return not any(self.t_junctions)
 
     @property
     def drawn(self) -> NDArray[np.bool_]:
-        """(p,) which polygons have triangles."""
+        """Whether each polygon has triangles, (p,)."""
         return np.array([part is not None for part in self.parts], np.bool_)
 
     def add(self, part: Rows | None, junctions: int = 0, problem: str = "") -> None:
-        """Add the triangles of the next polygon with their T-junctions, or what is wrong."""
+        """Add the triangles of the next polygon with the number of T-junctions, or the problem."""
         if problem:
             self.failed.append((len(self.parts), problem))
         self.parts.append(None if problem else part)

@@ -31,8 +31,8 @@ def triangulate_polygons(
     All triangles are verified. Cached ones and those of a batch that are invalid are computed
     again, one by one.
 
-    database : cache of triangulations to read from and write to; only for triangulators of our own,
-        whose version it knows
+    database : cache of triangulations to read from and write to; only for built-in triangulators,
+        whose version is known
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     result = FrameTriangulation()
@@ -54,7 +54,7 @@ def triangulate_polygons(
             for k, polygon in enumerate(polygons if len(valid) < len(arrays) else ())
             if k not in valid
         }
-        computed = {k: each.part for k, each in attempts.items() if each.part is not None}
+        computed = {k: attempt.part for k, attempt in attempts.items() if attempt.part is not None}
         computed_checks = _check_unconfirmed(arrays, computed)
         for k, vertices in enumerate(arrays.vertex_counts.tolist()):
             gap = recipe.gap_of_cached(vertices)
@@ -69,7 +69,7 @@ def triangulate_polygons(
                 if attempt.skipped:
                     result.skipped.append((k, attempt.skipped))
                 result.add(attempt.part, junctions, problem or attempt.problem)
-                # Cached means proven, if that is possible: what a search found is computed again.
+                # Only proven optima are cached; unproven results are computed again.
                 if result.parts[-1] is not None and attempt.gap == gap:
                     cache.keep(k, result.parts[-1], attempt.seconds)
                 gap = attempt.gap
@@ -83,16 +83,16 @@ def triangulate_polygons(
 def run_batch(
     recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
 ) -> dict[int, Rows]:
-    """Return the triangles of the polygons that compiled code does together; adds its time.
+    """Return the triangles of polygons that compiled code handles in a batch; add its time.
 
-    So `seconds` is the algorithm's alone, without the overhead of single calls.
+    So `seconds` is the time of the algorithm, without the overhead of single calls.
     """
     if not len(polygons):
         return {}
     start = cpu_clock()
     try:
         batch, done = recipe.attempt(polygons)
-    except Exception:  # one by one, each can say what is wrong
+    except Exception:  # single calls report the problem of each polygon
         return {}
     if done.any():
         result.seconds += cpu_clock() - start
@@ -102,10 +102,10 @@ def run_batch(
 def time_in_rounds(
     recipes: Sequence[Recipe], polygons: Sequence[Polygon], rounds: int, seed: int
 ) -> list[list[float]]:
-    """Return for each triangulator the seconds that all polygons take it, once a round.
+    """Return the seconds of each triangulator for all polygons, in each round.
 
-    Each round takes the triangulators in another order, as drawings are timed: drift of the machine
-    affects all of them alike.
+    The order is shuffled in each round, as for drawings, so that machine drift affects all
+    triangulators equally.
     """
     order = np.random.default_rng(seed)
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
@@ -127,7 +127,7 @@ def time_in_rounds(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """One polygon's triangles (m, 3), their gap and CPU time, or why there are none."""
+    """One polygon's triangles (m, 3), their gap and CPU time, or the reason of a failure."""
 
     part: Rows | None
     gap: float | None
@@ -161,9 +161,9 @@ def _check_unconfirmed(
 
 
 def warm_up(*recipes: Recipe) -> None:
-    """Load compiled code, which would otherwise count as the first polygon's time; done once.
+    """Load compiled code once, so that loading does not count as the first polygon's time.
 
-    The first time on a machine that is the time to compile it, which can take minutes.
+    The first time on a machine, it is compiled, which can take minutes.
     """
     for recipe in recipes:
         if recipe.base in _warm:
@@ -179,17 +179,17 @@ def warm_up(*recipes: Recipe) -> None:
 
 
 _warm: set[str] = set()
-"""What this process has loaded."""
+"""Triangulators whose code this process has loaded."""
 
 
 def small_polygons() -> Iterator[Polygon]:
-    """Yield polygons of every kind that a triangulator may treat in a way of its own."""
+    """Yield polygons of all kinds for which triangulators may have different code."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
     yield Polygon(square)
     yield Polygon(square, holes[:1])
     yield Polygon(square, holes)
-    # Many vertices, few of which see each other: large polygons take other paths than small ones.
+    # Many vertices with little mutual visibility: large polygons use other code than small ones.
     turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     reach = np.where(np.arange(200) % 2, 50.0, 400.0)
     yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))

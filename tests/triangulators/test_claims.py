@@ -185,7 +185,7 @@ def test_a_ring_that_meets_itself_is_refused_by_both():
     zeros = {"edges": [[0, 1]], "potentials": [0], "lift": 0}
     claim = OF_A_KITE | {"rings": [bow], "triangles": [[0, 1, 2], [3, 4, 5]], **zeros}
     line = json.dumps(claim | {"cost": 16.0, "lower_bound": 0.0, "gap": 1.0, "factor": 8192})
-    with pytest.raises(check_evidence.CertificateError, match="a ring meets itself"):
+    with pytest.raises(check_evidence.EvidenceError, match="a ring meets itself"):
         check_evidence.check(line)
     assert not accepted_by_package(line)
 
@@ -202,7 +202,7 @@ def test_other_criteria_are_refused_with_a_line_that_says_so():
     triangles = triangulate(SQUARE, "optimal:shape")
     claim = as_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
     with pytest.raises(
-        check_evidence.CertificateError, match="shape: only half-perimeter, overdraw, edge-length"
+        check_evidence.EvidenceError, match="shape: only half-perimeter, overdraw, edge-length"
     ):
         check_evidence.check(json.dumps(claim))
 
