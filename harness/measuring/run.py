@@ -318,17 +318,12 @@ def open_stores(
     stores, records = [store], list(before.records)
     for folder in base:  # it has no facts if the run was killed between the two
         if folder.is_symlink():
-<<<<<<< HEAD
-            raise InputError(f"{folder} is a link, which is not followed; copy what it names here")
-        stores.append(
-            (RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create)(folder)
-        )
-=======
             raise InputError(
                 f"{folder} is a symbolic link, which is not followed; copy its target here"
             )
-        stores.append((Store.resume if (folder / FACTS).is_file() else Store.create)(folder))
->>>>>>> 8ae2383f (measuring: plain names, docstrings and messages)
+        stores.append(
+            (RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create)(folder)
+        )
         records += [record.with_id(version="base") for record in read_run(folder).records]
     return stores, {record.id.key: record for record in records}
 
@@ -346,13 +341,8 @@ def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
         "the code": (before.get("environment", {}).get("code"), facts["environment"]["code"]),
         "the baseline": (before.get("beside"), facts.get("beside")),
     }
-<<<<<<< HEAD
-    differences += [what for what, (then, new) in compared.items() if then != new]
-    if not may_be_same(read_processor(before), read_processor(now)):
-=======
     differences += [name for name, (then, new) in compared.items() if then != new]
-    if not may_be_same(processor_label(before), processor_label(facts)):
->>>>>>> 8ae2383f (measuring: plain names, docstrings and messages)
+    if not may_be_same(read_processor(before), read_processor(facts)):
         differences.append("the machine")
     if differences:
         raise IncompatibleRunsError(
