@@ -26,7 +26,7 @@ class Several(tuple[Any, ...]):
 
     def __str__(self) -> str:
         """Return the comma-separated text."""
-        return ",".join(f"{each:g}" if isinstance(each, float) else str(each) for each in self)
+        return ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in self)
 
 
 def several(read: Read = str) -> Callable[[Any], Several]:
@@ -36,7 +36,7 @@ def several(read: Read = str) -> Callable[[Any], Several]:
         if isinstance(value, Several):  # a default
             return value
         # Keep commas within a name's parameters (`name:a=1,b=2`).
-        parts = [each.strip() for each in re.split(r",(?![a-z_]+=)", value) if each.strip()]
+        parts = [part.strip() for part in re.split(r",(?![a-z_]+=)", value) if part.strip()]
         if not parts:
             raise typer.BadParameter("give one or more values, comma-separated")
         return Several(map(read, parts))
@@ -44,30 +44,32 @@ def several(read: Read = str) -> Callable[[Any], Several]:
     return parse
 
 
-def number(kind: type[int] | type[float], least: float, most: float, unit: str = "") -> Read:
-    """Return a parser of numbers from `least` to `most`."""
+def number(kind: type[int] | type[float], low: float, high: float, unit: str = "") -> Read:
+    """Return a parser of numbers from `low` to `high`."""
 
     def read(text: str) -> int | float:
         try:
             value = kind(text)
         except ValueError:
-            value = kind(least) - 1  # refused below
-        if not least <= value <= most:
-            what = "a whole number" if kind is int else "a number"
-            raise typer.BadParameter(f"{text!r} is not {what} from {least:g} to {most:g}{unit}")
+            value = kind(low) - 1  # refused below
+        if not low <= value <= high:
+            noun = "a whole number" if kind is int else "a number"
+            raise typer.BadParameter(f"{text!r} is not {noun} from {low:g} to {high:g}{unit}")
         return value
 
     return read
 
 
-def one_of(*known: Any) -> Read:
-    """Return a parser of one of the `known` values."""
+def one_of(*choices: Any) -> Read:
+    """Return a parser of one of the `choices`."""
 
     def read(text: str) -> Any:
-        for value in known:
+        for value in choices:
             if str(value) == text:
                 return value
-        raise typer.BadParameter(f"{text!r} is unknown (choose from {', '.join(map(str, known))})")
+        raise typer.BadParameter(
+            f"{text!r} is unknown (choose from {', '.join(map(str, choices))})"
+        )
 
     return read
 
@@ -113,7 +115,7 @@ Where = Annotated[
     str | None,
     typer.Option(help="Which polygons to read, as in SQL: height > 10."),
 ]
-Limit = Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")]
+Limit = Annotated[int | None, typer.Option(min=1, help="Polygons to read at high.")]
 Dask = Annotated[
     str | None,
     typer.Option(
@@ -123,25 +125,27 @@ Dask = Annotated[
 ]
 
 
-def _written(metavar: str, read: Read, text: str) -> Any:
+def _list_option(metavar: str, read: Read, text: str) -> Any:
     return typer.Option(parser=several(read), metavar=metavar, help=f"{text}; comma-separated.")
 
 
 _SIZE = number(int, *RESOLUTIONS, " pixels")
 _DEGREES = number(float, -1e6, 1e6, " degrees")
 Triangulators = Annotated[
-    Several, _written("NAME,...", str, "Triangulators, see: raster-harness list triangulators")
+    Several, _list_option("NAME,...", str, "Triangulators, see: raster-harness list triangulators")
 ]
 Rasterisers = Annotated[
     Several | None,
-    _written(
+    _list_option(
         "NAME,...",
         str,
         "By default OpenGL's, or webgpu where EGL is missing. See: raster-harness list rasterisers",
     ),
 ]
-Devices = Annotated[Several | None, _written("NAME,...", str, "Devices; the best one by default")]
-Resolutions = Annotated[Several, _written("PX,...", _SIZE, "Width and height of the viewport")]
+Devices = Annotated[
+    Several | None, _list_option("NAME,...", str, "Devices; the best one by default")
+]
+Resolutions = Annotated[Several, _list_option("PX,...", _SIZE, "Width and height of the viewport")]
 Resolution = Annotated[
     int,
     typer.Option(
@@ -149,20 +153,21 @@ Resolution = Annotated[
     ),
 ]
 Rotations = Annotated[
-    Several, _written("DEGREES,...", _DEGREES, "Degrees by which it is turned, counter-clockwise")
+    Several,
+    _list_option("DEGREES,...", _DEGREES, "Degrees by which it is turned, counter-clockwise"),
 ]
 Rotation = Annotated[
     float,
     typer.Option(parser=_DEGREES, metavar="DEGREES", help="Turned, counter-clockwise."),
 ]
-Samples = Annotated[Several, _written("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
+Samples = Annotated[Several, _list_option("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
 Works = Annotated[
     Several,
-    _written("N,...", number(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"),
+    _list_option("N,...", number(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"),
 ]
 Orders = Annotated[
     Several,
-    _written(
+    _list_option(
         "ORDER,...",
         one_of(*ORDERS),
         "Orders of the triangles in a draw: native (as they were made), walk, vertex-cache, "
@@ -219,23 +224,23 @@ def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple
     return (first, *with_opengl) if first == "opengl" else (first,)
 
 
-def refuse_given(given: Mapping[str, object], why: str) -> None:
-    """Raise UsageError for the first option that was given; `why` follows its name."""
-    for option, value in given.items():
+def refuse_given(values: Mapping[str, object], reason: str) -> None:
+    """Raise UsageError for the first option that was given; `reason` follows its name."""
+    for option, value in values.items():
         if value not in (None, False):
-            raise UsageError(f"{option} {why}")
+            raise UsageError(f"{option} {reason}")
 
 
 def refuse_own_source(source: str, out: Path | None) -> None:
     """Raise UsageError if the output would overwrite the input."""
     from scenes.spec import parse_name
 
-    place = Path(parse_name(source)[0])
-    if out is not None and out.is_file() and place.is_file() and out.samefile(place):
+    file = Path(parse_name(source)[0])
+    if out is not None and out.is_file() and file.is_file() and out.samefile(file):
         raise UsageError(f"-o {out}: would overwrite the input; give another name")
 
 
 def is_given(context: typer.Context, *names: str) -> bool:
-    """Whether the user wrote any of the options on the command line."""
+    """Return whether the command line has any of the options."""
     sources = map(context.get_parameter_source, names)
     return any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)

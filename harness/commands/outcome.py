@@ -105,7 +105,7 @@ def require_all(outcome: RunResult | Run) -> None:
 
 
 def finish_study(run: Run) -> None:
-    """Print what disturbed a study's times, its folder and report; raise if a case failed."""
+    """Print disturbances of a study's times, its folder and report; raise if a case failed."""
     for line in state_of(run).words:
         typer.echo(line)
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
@@ -157,7 +157,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     covered = [record.counters.get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
         raise NothingMeasuredError(
-            "no pixel is covered in any case: if a polygon lies far away, leave it out by --where"
+            "no pixel is covered in any case: if a polygon is far away, exclude it by --where"
             " or --limit, or give a larger --resolution"
         )
     require_all(outcome)
@@ -167,11 +167,11 @@ def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> R
     """Write a complete run folder with table and report, or nothing; print the summary."""
     from harness.report.page import write_report
 
-    with translate_errors(folder), atomic.create_folder(folder) as made:
-        write(made)
-        stored = read_run(made)
+    with translate_errors(folder), atomic.create_folder(folder) as new_folder:
+        write(new_folder)
+        stored = read_run(new_folder)
         decided = decide_all(stored)
-        write_csv(decided, made / "summary.csv")
+        write_csv(decided, new_folder / "summary.csv")
         write_report(stored, decided=decided)
     stored = read_run(folder)
     console = Screen(quiet=quiet)

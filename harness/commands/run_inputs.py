@@ -38,10 +38,10 @@ def full_base_name(name: str | None, plan: Plan) -> str | None:
     """Return the full name of the triangulator that --base names, or None."""
     if not name:
         return None
-    known = [str(recipe) for recipe in plan.triangulators]
+    names = [str(recipe) for recipe in plan.triangulators]
     full_name = str(parse(name, seed=plan.seed))
-    if full_name not in known:
-        raise UsageError(f"--base {name}: not among --triangulators {','.join(known)}")
+    if full_name not in names:
+        raise UsageError(f"--base {name}: not among --triangulators {','.join(names)}")
     return full_name
 
 
@@ -63,9 +63,9 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
 
 def refuse_another_view(context: typer.Context, scene: str) -> None:
     """Raise UsageError if view options are given for map tiles or a model, which define a view."""
-    own = "view" if is_model_with_views(scene) else "tile" if is_tiled(scene) else ""
-    if own and is_given(context, "resolution", "rotation", "fit"):
-        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
+    kind = "view" if is_model_with_views(scene) else "tile" if is_tiled(scene) else ""
+    if kind and is_given(context, "resolution", "rotation", "fit"):
+        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[kind]))
 
 
 def read_plan(folder: Path) -> Plan:

@@ -231,28 +231,27 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
 
     solid : the output is a 3D model; UsageError if the source is one as well
     """
-    name, given, is_file = split_parameters(source)
+    name, parameters, is_file = split_parameters(source)
     if not is_file:
         yield from _of_scene(source, size)
         return
     if solid and is_model(Path(name)):
         raise UsageError(
-            f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
+            f"{name} is a 3D model, whose faces would be laid out next to each other: measure "
             f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
         )
-    given = convert_arguments(name, read, given)  # not those of map tiles
-    limit = given.pop("limit", None)
+    parameters = convert_arguments(name, read, parameters)  # not those of map tiles
+    limit = parameters.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
-    whole = read_chunks(name, size=size, **given)
-    left = limit
-    for chunk in whole:
-        if left is not None and len(chunk.cleaned.polygons) >= left:
-            cleaned = replace(chunk.cleaned, polygons=chunk.cleaned.polygons[:left])
-            table = None if chunk.attributes is None else chunk.attributes.iloc[:left]
+    remaining = limit
+    for chunk in read_chunks(name, size=size, **parameters):
+        if remaining is not None and len(chunk.cleaned.polygons) >= remaining:
+            cleaned = replace(chunk.cleaned, polygons=chunk.cleaned.polygons[:remaining])
+            table = None if chunk.attributes is None else chunk.attributes.iloc[:remaining]
             yield replace(chunk, cleaned=cleaned, attributes=table)
             return
-        left = None if left is None else left - len(chunk.cleaned.polygons)
+        remaining = None if remaining is None else remaining - len(chunk.cleaned.polygons)
         yield chunk
 
 
@@ -304,8 +303,8 @@ def add_chunks(
 def _format(target: Path) -> Callable[[Output, About], Writer]:
     make = FORMATS.get(target.suffix.lower())
     if make is None:
-        known = ", ".join(FORMATS)
-        raise UsageError(f"{target} has no suffix of a known format: give one of {known}")
+        formats = ", ".join(FORMATS)
+        raise UsageError(f"{target}: unknown suffix (choose from {formats})")
     if target.is_dir():
         raise UsageError(f"{target} is a folder: give the name of a file")
     return make
@@ -332,19 +331,19 @@ def full_triangulator_name(triangulator: str | None, criterion: str | None = Non
 def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> ExportMesh:
     begun = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
-    found = triangulate_many(polygons, how.name, device=how.device, **how.parameters)
+    result = triangulate_many(polygons, how.name, device=how.device, **how.parameters)
     report.triangulate_s += time.perf_counter() - begun
-    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
+    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)
-    mesh = mesh_of(polygons, found, chunk.attributes)
+    mesh = mesh_of(polygons, result, chunk.attributes)
     if parse(how.name).entry.name == "optimal":
         # an optimum by an exact algorithm: compiled code's, or the table's
         alone = polygons.ring_counts == 1
-        exact = found.compiled | (alone & (np.diff(mesh.vertex_offsets) <= LIMIT))
-        exact[list(found.failed)] = False
+        exact = result.compiled | (alone & (np.diff(mesh.vertex_offsets) <= LIMIT))
+        exact[list(result.failed)] = False
         report.proven += int(exact.sum())
     if report.certified is not None:
-        report.certified.add(chunk.cleaned.polygons, found, report.evidence)
+        report.certified.add(chunk.cleaned.polygons, result, report.evidence)
     gone = np.diff(mesh.triangle_offsets) == 0
     return remove_polygons(mesh, gone)
 

@@ -76,14 +76,14 @@ class Census(Counting):
         """Cut a file by its rows."""
         return cut_file(path, self.layer, self.where)
 
-    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the rows."""
         counter = _Counter(self.triangulators, threads)
         for chunk in read_chunks(
             part.path, layer=self.layer, where=self.where, size=CHUNK_ROWS, rows=part.rows
         ):
             counter.add_chunk(chunk, self)
-        return counter.save(part, place)
+        return counter.save(part, path)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class TileCensus(Counting):
         """Cut an archive by its tiles."""
         return cut_tiles(path, self.chosen.zooms)
 
-    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the tiles."""
         counter = _Counter(self.triangulators, threads)
         assert part.rows is not None
@@ -108,7 +108,7 @@ class TileCensus(Counting):
             extents.update(layer.extent for layer in counter.add_tile(tile, self.chosen.pixels))
         counter.count_waiting(self.chosen.pixels)
         counter.notes += note_rounding(extents, self.chosen.pixels)
-        return counter.save(part, place)
+        return counter.save(part, path)
 
 
 class _Batch(NamedTuple):
@@ -136,18 +136,18 @@ class _Counter:
         self.noted.note("dropped", chunk.cleaned.dropped)
         self.noted.note("repaired", chunk.cleaned.repaired)
         self.notes += chunk.notes
-        given = chunk.cleaned.polygons
-        if not len(given):
+        polygons = chunk.cleaned.polygons
+        if not len(polygons):
             return
         labels = [chunk.labels[source] for source in chunk.cleaned.source.tolist()]
-        kept, table = self.count([_Batch(FOOTPRINTS, given, labels)], census.units_per_pixel)
-        middle = shapely.get_coordinates(shapely.centroid(given[kept]))
+        counted, table = self.count([_Batch(FOOTPRINTS, polygons, labels)], census.units_per_pixel)
+        centres = shapely.get_coordinates(shapely.centroid(polygons[counted]))
         if chunk.projection is not None:
-            middle = chunk.projection.inverse(middle)
-        lanes = table[:, kept, MEASURES.index("helper_lanes")].astype(np.int64)
-        names = ("x", "y", "footprints", *(f"helper_lanes {each}" for each in self.triangulators))
-        places = np.floor(middle / census.cell).astype(np.int64).T
-        rows = np.vstack([places, np.ones(len(middle), np.int64), lanes])
+            centres = chunk.projection.inverse(centres)
+        lanes = table[:, counted, MEASURES.index("helper_lanes")].astype(np.int64)
+        names = ("x", "y", "footprints", *(f"helper_lanes {name}" for name in self.triangulators))
+        cells = np.floor(centres / census.cell).astype(np.int64).T
+        rows = np.vstack([cells, np.ones(len(centres), np.int64), lanes])
         self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
@@ -156,26 +156,26 @@ class _Counter:
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
             self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.repeats
-        layers = [own for own in tile.content.layers if len(own.polygons) or own.dropped]
-        for own in layers:
-            numbers = {"tiles": int(len(own.polygons) > 0)}
-            place = f"{tile.name} {own.name}"
-            for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
+        layers = [layer for layer in tile.content.layers if len(layer.polygons) or layer.dropped]
+        for layer in layers:
+            numbers = {"tiles": int(len(layer.polygons) > 0)}
+            label = f"{tile.name} {layer.name}"
+            for kind, notes in (("dropped", layer.dropped), ("repaired", layer.repaired)):
                 numbers[kind] = len(notes)
-                placed = [(f"{place} {which}", why) for which, why in notes]
-                self.noted.note(kind, placed, tile.repeats)
+                labelled = [(f"{label} {which}", why) for which, why in notes]
+                self.noted.note(kind, labelled, tile.repeats)
             numbers = {name: tile.repeats * count for name, count in numbers.items()}
-            group = (tile.zoom, own.name)
+            group = (tile.zoom, layer.name)
             self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
-            labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
-            self.waiting.append(_Batch(group, own.polygons, labels, tile.repeats))
-        if sum(len(some.polygons) for some in self.waiting) >= CHUNK_ROWS:
+            labels = [f"{label} polygon {number}" for number in range(len(layer.polygons))]
+            self.waiting.append(_Batch(group, layer.polygons, labels, tile.repeats))
+        if sum(len(part.polygons) for part in self.waiting) >= CHUNK_ROWS:
             self.count_waiting(side)
         return layers
 
     def count_waiting(self, side: int) -> None:
         """Count the waiting polygons in tiles of `side` pixels."""
-        if any(len(some.polygons) for some in self.waiting):
+        if any(len(part.polygons) for part in self.waiting):
             # Polygons extend at most one side beyond the edge.
             margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
             window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
@@ -193,34 +193,37 @@ class _Counter:
 
         Returns flags (p,) of the polygons that all triangulated, and counts (t, p, len(MEASURES)).
         """
-        sizes = [len(some.polygons) for some in batch]
-        given = np.concatenate([some.polygons for some in batch])
-        labels = [label for some in batch for label in some.labels]
-        times = np.repeat([some.times for some in batch], sizes)
-        pieces, owners = on_pixels(given, units_per_pixel, margin)
+        sizes = [len(part.polygons) for part in batch]
+        polygons = np.concatenate([part.polygons for part in batch])
+        labels = [label for part in batch for label in part.labels]
+        times = np.repeat([part.times for part in batch], sizes)
+        pieces, owners = on_pixels(polygons, units_per_pixel, margin)
         arrays = PolygonArray.from_shapely(pieces)
-        drawn = np.isin(np.arange(len(given)), owners)
-        left = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
+        drawn = np.isin(np.arange(len(polygons)), owners)
+        skipped = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
         for name in self.triangulators:
-            table, failed = _count_triangles(arrays, owners, len(given), name, window, self.threads)
+            table, failed = _count_triangles(
+                arrays, owners, len(polygons), name, window, self.threads
+            )
             tables.append(table)
             for k, why in sorted(failed.items()):
-                left.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
-        kept = np.ones(len(given), np.bool_)
-        for kind, k, why in left:
+                skipped.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
+        counted = np.ones(len(polygons), np.bool_)
+        for kind, k, why in skipped:
             self.noted.note(kind, [(labels[k], why)], int(times[k]))
-            kept[k] = False
-        number = {group: k for k, group in enumerate(dict.fromkeys(some.group for some in batch))}
-        of = np.repeat([number[some.group] for some in batch], sizes)
-        whole = np.stack(tables)
+            counted[k] = False
+        number = {group: k for k, group in enumerate(dict.fromkeys(part.group for part in batch))}
+        of = np.repeat([number[part.group] for part in batch], sizes)
+        counts = np.stack(tables)
         for group, k in number.items():
-            own = (of == k) & kept
-            lost = int(times[(of == k) & ~drawn].sum())
-            self.counted.add(group, _sum_up(whole[:, own], given[own], times[own], lost))
-        return kept, whole
+            members = (of == k) & counted
+            dropped = int(times[(of == k) & ~drawn].sum())
+            sums = _sum_up(counts[:, members], polygons[members], times[members], dropped)
+            self.counted.add(group, sums)
+        return counted, counts
 
-    def save(self, part: FilePart, place: Path) -> PartResult:
+    def save(self, part: FilePart, path: Path) -> PartResult:
         """Write the counts as the part's file."""
         zero = Sums.of(len(self.triangulators))
         sums = self.counted.sum_groups() if self.counted.groups else zero
@@ -234,7 +237,7 @@ class _Counter:
             notes=self.notes,
             left_out=self.noted.list_examples("dropped", "failed"),
         )
-        self.counted.save(place, done)
+        self.counted.save(path, done)
         return done
 
 
@@ -303,13 +306,13 @@ def _count_triangles(
 
     Returns sums (count, len(MEASURES)), and the reason of each failure by index.
     """
-    found = triangulate_many(polygons, name, check=False, threads=threads)
-    sizes = np.diff(found.triangle_offsets)
+    result = triangulate_many(polygons, name, check=False, threads=threads)
+    sizes = np.diff(result.triangle_offsets)
     first = polygons.vertex_offsets[:-1].astype(np.int32)
-    triangles = found.triangles + np.repeat(first, sizes)[:, None]
+    triangles = result.triangles + np.repeat(first, sizes)[:, None]
     points = np.rint(polygons.coords * SUBPIXEL).astype(np.int32)
-    each = predict(points, np.ascontiguousarray(triangles, np.int32), window)
-    columns: dict[str, NDArray[Any]] = {**each, "triangles": np.ones(len(triangles))}
+    counters = predict(points, np.ascontiguousarray(triangles, np.int32), window)
+    columns: dict[str, NDArray[Any]] = {**counters, "triangles": np.ones(len(triangles))}
     corners = polygons.coords[triangles]
     width, height = np.ptp(corners, axis=1).T
     (u, v) = (corners[:, k] - corners[:, 0] for k in (1, 2))
@@ -319,4 +322,4 @@ def _count_triangles(
     table = np.column_stack(
         [np.bincount(owner, weights=columns[measure], minlength=count) for measure in MEASURES]
     ).astype(np.float64)
-    return table, {int(owners[piece]): why for piece, why in found.failed.items()}
+    return table, {int(owners[piece]): why for piece, why in result.failed.items()}

@@ -41,11 +41,11 @@ def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     """
     both = pd.MultiIndex.from_product([triangulators, GAINED], names=["triangulator", "measure"])
     table = both.to_frame(index=False)
-    own = sums.totals[:, [MEASURES.index(measure) for measure in GAINED]]
-    base = np.broadcast_to(own[0], own.shape)
+    totals = sums.totals[:, [MEASURES.index(measure) for measure in GAINED]]
+    base = np.broadcast_to(totals[0], totals.shape)
     table["footprints"] = sums.count("polygons")
-    table["total"], table["total_of_base"] = own.ravel(), base.ravel()
-    ratio = np.divide(own, base, out=np.ones_like(own), where=base > 0)
+    table["total"], table["total_of_base"] = totals.ravel(), base.ravel()
+    ratio = np.divide(totals, base, out=np.ones_like(totals), where=base > 0)
     table["gain_of_total"] = (1.0 - ratio).ravel()
     upto = np.cumsum(sums.bins, axis=2).reshape(-1, BINS)
     count = upto[:, -1]
@@ -55,8 +55,8 @@ def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     lower = upto[:, np.searchsorted(EDGES, -0.01 - 1e-9) - 1]
     table["share_losing_1%"] = lower / np.maximum(1, count)
     for quantile in QUANTILES:
-        place = (upto < quantile * count[:, None]).sum(axis=1)
-        low = EDGES[np.minimum(place, BINS - 1)].round(4)
+        path = (upto < quantile * count[:, None]).sum(axis=1)
+        low = EDGES[np.minimum(path, BINS - 1)].round(4)
         table[f"gain_p{100 * quantile:.0f}"] = np.where(count, low, 0.0)
     return table
 
@@ -94,8 +94,8 @@ def _lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
                 name: sums.count(name)
                 for name in ("tiles", "polygons", "vertices", "dropped", "repaired")
             }
-            for place, (name, value) in enumerate(about.items()):
-                table.insert(place, name, value)
+            for path, (name, value) in enumerate(about.items()):
+                table.insert(path, name, value)
         tables.append(table)
     return pd.concat(tables)
 
@@ -113,22 +113,22 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
     sums = counted.sum_groups()
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
-    shown = plain_table(title, "triangulator", *headings)
+    table = plain_table(title, "triangulator", *headings)
     every = rows(sums, census.triangulators).query("measure == 'helper_lanes'")
     for row in every.iloc[1:].to_dict("records"):
-        shown.add_row(
+        table.add_row(
             row["triangulator"],
             *(f"{-row[name]:+z.1%}" for name in ("gain_of_total", "gain_p50")),
             *(f"{row[name]:.1%}" for name in ("share_gaining_10%", "share_gaining_30%")),
             f"{row['share_losing_1%']:.1%}",
         )
-    return shown
+    return table
 
 
 def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table:
     # Long names wrap after a colon or a hyphen.
     names = [name.replace(":", ":\n").replace("-", "-\n") for name in others]
-    shown = plain_table(
+    table = plain_table(
         f"map tiles: helper lanes, compared with {base}",
         *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
         padding=(0, 1, 0, 0),
@@ -142,9 +142,9 @@ def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table
         # A tile has several layers, so tiles of layers cannot be summed.
         tiles = "" if group[1] == "(all)" else f"{sums.count('tiles'):,}"
         counts = (sums.count("polygons"), sums.count("dropped"), int(lanes[0]))
-        saved = [f"{own / lanes[0] - 1:+z.1%}" if lanes[0] else "" for own in lanes[1:]]
-        shown.add_row(*group, tiles, *(f"{count:,}" for count in counts), *saved)
-    return shown
+        saved = [f"{value / lanes[0] - 1:+z.1%}" if lanes[0] else "" for value in lanes[1:]]
+        table.add_row(*group, tiles, *(f"{count:,}" for count in counts), *saved)
+    return table
 
 
 def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:

@@ -121,7 +121,7 @@ class PartWork:
         """Cut a file into slices; raise SceneError or OSError if it cannot be read."""
         raise NotImplementedError
 
-    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Write a part's file atomically; its content does not depend on times."""
         raise NotImplementedError
 
@@ -141,21 +141,21 @@ class PartWork:
             if the part cannot be read, the file cannot be written, or the code has another version
         """
         begun = time.perf_counter()
-        here, code = _code_version(), part.about["code"]
-        if here != code:
+        version, code = _code_version(), part.about["code"]
+        if version != code:
             raise IncompatibleRunsError(
-                f"this worker has another version of raster-harness ({here}, not {code}): "
+                f"this worker has another version of raster-harness ({version}, not {code}): "
                 "install the same on all machines"
             )
-        place = Path(out) / f"{part.key}{self.suffix}"
-        if (existing := self.read(place)) is not None:
+        path = Path(out) / f"{part.key}{self.suffix}"
+        if (existing := self.read(path)) is not None:
             return existing
         try:
-            done = self.make(part, place, threads)
+            done = self.make(part, path, threads)
         except SceneError as error:
             raise InputError(str(error)) from error
         except OSError as error:
-            if (existing := self.read(place)) is not None:  # written by another process
+            if (existing := self.read(path)) is not None:  # written by another process
                 return existing
             raise StorageError(format_os_error(error)) from error
         _release()
@@ -177,23 +177,23 @@ def files(pattern: str) -> list[Path]:
 
     A folder of map tiles counts as one file. Raises UsageError if there is no file.
     """
-    place = Path(pattern)
-    if place.is_dir() and not place.suffix and not is_folder(pattern):
-        paths = sorted(each for each in place.iterdir() if not each.name.startswith("."))
-        shapes = {each.stem for each in paths if each.suffix.lower() == ".shp"}
+    path = Path(pattern)
+    if path.is_dir() and not path.suffix and not is_folder(pattern):
+        paths = sorted(file for file in path.iterdir() if not file.name.startswith("."))
+        shapes = {file.stem for file in paths if file.suffix.lower() == ".shp"}
         paths = [
-            each
-            for each in paths
-            if each.suffix.lower() not in SHAPEFILE_PARTS or each.stem not in shapes
+            file
+            for file in paths
+            if file.suffix.lower() not in SHAPEFILE_PARTS or file.stem not in shapes
         ]
-    elif place.exists():
-        paths = [place]
+    elif path.exists():
+        paths = [path]
     else:
         # Path.glob takes no absolute pattern
         paths = sorted(map(Path, glob.glob(pattern, recursive=True)))  # noqa: PTH207
     if not paths:
         raise UsageError(f"{pattern}: no such file; check the path, and quote a pattern")
-    return [each.absolute() for each in paths]
+    return [path.absolute() for path in paths]
 
 
 @dataclass
@@ -254,7 +254,7 @@ class Dataset:
         self._cut(paths)
         if not self.parts and self._unreadable:
             raise InputError(next(iter(self._unreadable.values())))
-        self._look({part.key for part in self.parts})
+        self._scan_parts({part.key for part in self.parts})
 
     def _cut(self, paths: Iterable[Path]) -> None:
         """Cut files into parts; record the files that cannot be read."""
@@ -279,14 +279,14 @@ class Dataset:
                 }
                 self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
-    def _look(self, wanted: set[str]) -> None:
+    def _scan_parts(self, keys: set[str]) -> None:
         """Read the results in the folder; refuse a folder with other results."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
         for file in sorted(self.out.glob(f"*{self.work.suffix}")):
             done = self.work.read(file)
-            if done is None and file.stem in wanted:
+            if done is None and file.stem in keys:
                 continue  # damaged: processed again
             if done is None:
                 raise UsageError(
@@ -296,14 +296,14 @@ class Dataset:
             for name, value in self._about.items():
                 if about[name] != value:
                     raise IncompatibleRunsError(
-                        f"{self.out} holds parts that were made with other {name}: give another -o"
+                        f"{self.out} has parts with other {name}; give another -o"
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
                 raise IncompatibleRunsError(
                     f"{self.out} holds parts of {about['source']} as it was before it changed: "
                     "give another -o"
                 )
-            if about["key"] in wanted:
+            if about["key"] in keys:
                 self.done[about["key"]] = done
 
     @property
@@ -360,7 +360,7 @@ class Dataset:
     def _summary(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
         done = [self.done[key] for key in self.keys_done]
         counts: Counter[tuple[str, str]] = Counter()
-        for kind, reason, count in (each for part in done for each in part.counts):
+        for kind, reason, count in (entry for part in done for entry in part.counts):
             counts[kind, reason] += count
         return Summary(
             parts=len(self.parts),
@@ -374,7 +374,7 @@ class Dataset:
             pruned=self._pruned,
             seconds=time.perf_counter() - begun,
             certified=[part.certified for part in done if part.certified is not None],
-            left_out=[(part.about["source"], *each) for part in done for each in part.left_out],
+            left_out=[(part.about["source"], *entry) for part in done for entry in part.left_out],
         )
 
     def _write_manifest(self, summary: Summary) -> None:

@@ -44,8 +44,8 @@ def on_host(run: Run, host: str) -> Run:
                 f"{run.path} has devices of a host already: {record.id.device_name}"
             )
     records = [record.with_id(host=host) for record in run.records]
-    known = run.facts.get("devices") or {}
-    devices = {f"{label}{HOST_MARK}{host}": device for label, device in known.items()}
+    named_devices = run.facts.get("devices") or {}
+    devices = {f"{label}{HOST_MARK}{host}": device for label, device in named_devices.items()}
     return replace(run, records=records, facts={**run.facts, "devices": devices})
 
 
@@ -73,7 +73,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     sources.sort(key=lambda source: _sort_key(source.record, names))
     again = f"remove {out} and give the same command again"
     with RunFolder.create(out, again) as store:
-        store.write_facts({**facts, "interrupted": True})  # until all of it is there
+        store.write_facts({**facts, "interrupted": True})  # until the folder is complete
         _keep_drawings(store, runs)
         for source in sources:
             record = replace(source.record, key=source.record.id.key)
@@ -93,18 +93,18 @@ def _describe(record: Record) -> str:
 
 def _by_key(runs: Iterable[Run]) -> list[_Source]:
     """Return the record of each case; raise IncompatibleRunsError if two good ones differ."""
-    chosen: dict[str, _Source] = {}
+    sources: dict[str, _Source] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
-            new, old = _Source(record, run), chosen.get(record.id.key)
+            new, old = _Source(record, run), sources.get(record.id.key)
             if old is None or _rank(new) < _rank(old):
-                chosen[record.id.key] = new
+                sources[record.id.key] = new
             elif old.record.status == record.status == "ok" and old.record != record:
                 raise IncompatibleRunsError(
                     f"records of one case differ: {_describe(record)} ({old.run.path} and "
                     f"{run.path}); if the runs are of different hosts, name these with --hosts"
                 )
-    return list(chosen.values())
+    return list(sources.values())
 
 
 def _rank(source: _Source) -> tuple[int, str]:
@@ -134,13 +134,13 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
     if not any(run.records for run in runs):
-        raise InputError("there is no record to merge")
+        raise InputError("no record to merge")
     of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs}
     if None in of_runs or len(of_runs) > 1:
         places = ", ".join(sorted(str(run.path) for run in runs))
         raise IncompatibleRunsError(
             f"the runs are of different polygons, or one does not say of which ({places}): "
-            "merge whole runs of one scene"
+            "merge complete runs of one scene"
         )
 
 
@@ -152,11 +152,11 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
         facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
         times = sorted(_text(record.time.samples_s) for record in run.records if record.time)
         for what in [_text(facts), *([_text(times)] if times else [])]:
-            known, other = first.setdefault(what, (host, run))
-            if known != host:
+            first_host, other = first.setdefault(what, (host, run))
+            if first_host != host:
                 raise IncompatibleRunsError(
                     f"{other.path} and {run.path} hold the same measurements: one run cannot be "
-                    f"of two hosts, {known or 'its own'} and {host or 'its own'}"
+                    f"of two hosts, {first_host or 'its own'} and {host or 'its own'}"
                 )
 
 
@@ -167,7 +167,7 @@ def _facts(runs: Sequence[Run]) -> RunFacts:
     first = in_order[0]
     plans = [facts.get("plan") or {} for facts in in_order]
     names = [list(plan.get("triangulators") or []) for plan in plans]
-    same = all(each == names[0] for each in names)
+    same = all(name == names[0] for name in names)
     plan = {
         **plans[0],
         "triangulators": names[0] if same else sorted(set().union(*names)),
@@ -197,8 +197,8 @@ _LISTS = ("rasterisers", "devices", "views", "options")
 
 
 def _union(lists: Iterable[Any]) -> list[Any]:
-    found = {_text(entry): entry for entries in lists for entry in entries or []}
-    return [found[text] for text in sorted(found)]
+    unique = {_text(entry): entry for entries in lists for entry in entries or []}
+    return [unique[text] for text in sorted(unique)]
 
 
 def _text(value: Any) -> str:

@@ -88,15 +88,15 @@ class Counted:
 
     def sum_groups(self) -> Sums:
         """Return the sum of all groups, at least one."""
-        return Sums(*(sum(each) for each in zip(*self.groups.values(), strict=True)))
+        return Sums(*(sum(values) for values in zip(*self.groups.values(), strict=True)))
 
-    def save(self, place: Path, done: PartResult) -> None:
+    def save(self, path: Path, done: PartResult) -> None:
         """Write a part's file atomically."""
         cells = [_sum_cells(self.cells)] if self.cells else []
         content = {
             "done": asdict(done),
             "groups": list(self.groups),
-            "cells": [list(each) for each in cells],
+            "cells": [list(frame) for frame in cells],
             "damaged": self.damaged,
             "known": sorted(self.known),
         }
@@ -104,7 +104,7 @@ class Counted:
             name: np.array([getattr(sums, name) for sums in self.groups.values()])
             for name in Sums._fields
         } | {"cells": np.array(cells, np.int64)}
-        with Output(place, forced=True) as output:
+        with Output(path, forced=True) as output:
             with output.file() as file:
                 np.savez_compressed(file, allow_pickle=False, content=json.dumps(content), **arrays)
             output.publish()
@@ -117,8 +117,8 @@ class Counted:
             with np.load(file, allow_pickle=False) as stored:
                 content = json.loads(str(stored["content"]))
                 arrays = zip(*(stored[name] for name in Sums._fields), strict=True)
-                for (zoom, layer), own in zip(content["groups"], arrays, strict=True):
-                    result.add((zoom, layer), Sums(*own))
+                for (zoom, layer), sums in zip(content["groups"], arrays, strict=True):
+                    result.add((zoom, layer), Sums(*sums))
                 for rows, columns in zip(stored["cells"], content["cells"], strict=True):
                     result.cells.append(pd.DataFrame(rows, columns=columns))
             result.damaged += map(tuple, content["damaged"])

@@ -46,10 +46,10 @@ class Triangulating(PartWork):
         except (OSError, KeyError, TypeError, ValueError, pa.ArrowException):
             return None
 
-    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Triangulate the rows."""
         report = Report(certified=Certified.of(self.triangulator) if self.certify else None)
-        with Output(place, forced=True) as output:
+        with Output(path, forced=True) as output:
             how = Meshing(self.triangulator, {"threads": threads})
             chunks = read_chunks(
                 part.path, layer=self.layer, where=self.where, rows=part.rows, size=CHUNK_ROWS

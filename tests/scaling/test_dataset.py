@@ -98,7 +98,7 @@ def test_the_same_file_twice_is_done_twice(parts, tmp_path):
 def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, footprints):
     out = tmp_path / "out"
     complete(parts, out)
-    with pytest.raises(IncompatibleRunsError, match="made with other options"):
+    with pytest.raises(IncompatibleRunsError, match="parts with other options"):
         complete(parts, out, Triangulating("optimal:overdraw"))
     write_parquet(parts / "1.parquet", footprints[:60], 0)
     with pytest.raises(
