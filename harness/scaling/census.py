@@ -72,7 +72,7 @@ class Census(Counting):
     layer: str | None = None
     where: str | None = None
 
-    def cut_file(self, path: str) -> Slices:
+    def cut(self, path: str) -> Slices:
         """Cut a file by its rows."""
         return cut_file(path, self.layer, self.where)
 
@@ -95,7 +95,7 @@ class TileCensus(Counting):
 
     chosen: TileSelection
 
-    def cut_file(self, path: str) -> Slices:
+    def cut(self, path: str) -> Slices:
         """Cut an archive by its tiles."""
         return cut_tiles(path, self.chosen.zooms)
 

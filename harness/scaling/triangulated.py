@@ -30,7 +30,7 @@ class Triangulating(PartWork):
     where: str | None = None
     certify: bool = False
 
-    def cut_file(self, path: str) -> Slices:
+    def cut(self, path: str) -> Slices:
         """Cut a file by its rows."""
         return cut_file(path, self.layer, self.where)
 

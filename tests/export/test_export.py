@@ -219,7 +219,7 @@ class TestErrors:
         return str(caught.value)
 
     def test_output(self, tmp_path):
-        assert "give one of .glb" in self.refused(tmp_path, "paper", tmp_path / "a.xyz")
+        assert "choose from .glb" in self.refused(tmp_path, "paper", tmp_path / "a.xyz")
         (tmp_path / "dir.obj").mkdir()
         assert "is a folder" in self.refused(tmp_path, "paper", tmp_path / "dir.obj")
         (tmp_path / "file").write_text("x")
@@ -295,7 +295,7 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
         assert claim["proven"]
         assert "optimal" in check_evidence.check(line)
         half = {"cost": claim["cost"] / 2, "lower_bound": claim["cost"] / 2}
-        with pytest.raises(check_evidence.CertificateError):
+        with pytest.raises(check_evidence.EvidenceError):
             check_evidence.check(json.dumps(claim | half))
     assert proofs in report.files
 

@@ -152,7 +152,7 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
         # They were not timed together, so nothing is said of the one beside the other.
         assert compare_runs(base, head).cases[0].time.against != "rounds"
         git(folder, "commit", "-q", "-a", "-m", "second")
-        with pytest.raises(IncompatibleRunsError, match="beside"):
+        with pytest.raises(IncompatibleRunsError, match="the baseline"):
             measure(plan, "out", "HEAD", resume=True)
 
 

@@ -80,7 +80,7 @@ def test_on_the_command_line(tmp_path, harness):
     [
         (("-o", "out.obj"), "the output must keep the input format (.glb)"),
         (("-o", "out.glb", "--limit", "3"), "--limit is for polygons"),
-        (("-o", "out.glb", "--criterion", "mixed=1/2/0"), "give edge-length"),
+        (("-o", "out.glb", "--criterion", "mixed=1/2/0"), "choose from edge-length"),
         (("-o", "out.glb", "--criterion", "lenght"), "unknown criterion 'lenght'"),
         ((), "-o FILE is missing"),
     ],

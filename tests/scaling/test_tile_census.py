@@ -160,7 +160,7 @@ def test_slices_hold_each_tile_once_and_are_small(tmp_path):
     assert max(slices.sizes) == MAX_TILES
     archive = open_archive(Path(path))
     found = [run for rows in slices.rows for run in archive.runs(9, *rows)]
-    assert [archive.get_name(run.number) for run in found] == archive.names(9)
+    assert [archive.get_name(run.first) for run in found] == archive.names(9)
 
 
 def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
@@ -182,7 +182,7 @@ def test_entries_beside_leaves_are_in_order(tmp_path):
     assert [tiles.read_stored(name) for name in tiles.names(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
-    assert [(run.number - first_number(3), run.times) for run in tiles.runs(3)] == [
+    assert [(run.first - first_number(3), run.repeats) for run in tiles.runs(3)] == [
         (0, 1), (1, 1), (2, 1), (9, 2),
     ]  # fmt: skip
 
@@ -192,7 +192,7 @@ def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
     numbers = [first_number(3) + each for each in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    found = [run.number - first_number(3) for run in PMTiles(path).runs(3)]
+    found = [run.first - first_number(3) for run in PMTiles(path).runs(3)]
     assert found == [0, 2, 5]
     assert len(PMTiles(path).names(3)) == 3
 

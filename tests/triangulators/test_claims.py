@@ -16,7 +16,7 @@ import pytest
 import shapely
 
 from harness.export import check_evidence
-from tests.endurance.forgeries import NAMES, accepted_by_file, accepted_by_package, truth
+from tests.endurance.forgeries import NAMES, is_accepted_by_file, is_accepted_by_package, truth
 from tests.endurance.test_claims import compared, judged, polygon_of
 from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
@@ -70,7 +70,7 @@ def test_near_the_ends_of_doubles_nothing_false_is_proven(power):
             found = certify(polygon, worst, name)
             assert not found.proven
             claim = as_claim(polygon, worst, name, found)
-            assert not accepted_by_file(json.dumps(claim | {"proven": True}))
+            assert not is_accepted_by_file(json.dumps(claim | {"proven": True}))
 
 
 def test_a_bound_above_the_cost_is_refused(monkeypatch):
@@ -100,7 +100,7 @@ def test_where_64_bits_are_too_few_nothing_is_proven_and_the_bound_holds():
         for triangles in (best, triangulate(polygon, "greedy")):
             found = certify(polygon, triangles, "overdraw")
             assert not found.proven
-            assert accepted_by_file(json.dumps(as_claim(polygon, triangles, "overdraw", found)))
+            assert is_accepted_by_file(json.dumps(as_claim(polygon, triangles, "overdraw", found)))
             least = certify(polygon, best, "overdraw").cost
             assert found.lower_bound <= least
             assert found.lower_bound == pytest.approx(least, rel=1e-8)
@@ -172,11 +172,11 @@ OF_A_KITE = {
 def test_what_is_changed_in_one_place_is_refused_by_both(change):
     line = json.dumps(OF_A_KITE)
     assert truth(line) == "true"
-    assert accepted_by_file(line)
-    assert accepted_by_package(line)
+    assert is_accepted_by_file(line)
+    assert is_accepted_by_package(line)
     changed = json.dumps(OF_A_KITE | change)
-    assert not accepted_by_file(changed)
-    assert not accepted_by_package(changed)
+    assert not is_accepted_by_file(changed)
+    assert not is_accepted_by_package(changed)
 
 
 def test_a_ring_that_meets_itself_is_refused_by_both():
@@ -187,15 +187,15 @@ def test_a_ring_that_meets_itself_is_refused_by_both():
     line = json.dumps(claim | {"cost": 16.0, "lower_bound": 0.0, "gap": 1.0, "factor": 8192})
     with pytest.raises(check_evidence.EvidenceError, match="a ring meets itself"):
         check_evidence.check(line)
-    assert not accepted_by_package(line)
+    assert not is_accepted_by_package(line)
 
 
 def test_a_field_that_is_given_twice_is_refused_by_both():
     line = json.dumps(OF_A_KITE)
     twice = line.replace('"cost": 220.0', '"cost": 220.0, "cost": 220.0')
     assert json.loads(twice) == OF_A_KITE
-    assert not accepted_by_file(twice)
-    assert not accepted_by_package(twice)
+    assert not is_accepted_by_file(twice)
+    assert not is_accepted_by_package(twice)
 
 
 def test_other_criteria_are_refused_with_a_line_that_says_so():
@@ -213,8 +213,8 @@ def test_a_ring_whose_last_vertex_is_its_first_again_keeps_its_vertices():
     triangles = triangulate(polygon, "optimal:half-perimeter")
     claim = as_claim(polygon, triangles, "half-perimeter", certify(polygon, triangles))
     assert len(claim["rings"][0]) == 5
-    assert accepted_by_package(json.dumps(claim))
-    assert accepted_by_file(json.dumps(claim))
+    assert is_accepted_by_package(json.dumps(claim))
+    assert is_accepted_by_file(json.dumps(claim))
 
 
 def test_the_checker_in_a_file_needs_python_alone(tmp_path):
