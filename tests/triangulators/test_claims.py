@@ -16,8 +16,13 @@ import pytest
 import shapely
 
 from harness.export import check_evidence
-from tests.endurance.forgeries import NAMES, is_accepted_by_file, is_accepted_by_package, truth
-from tests.endurance.test_claims import compared, judged, polygon_of
+from tests.endurance.forgeries import (
+    NAMES,
+    decide_truth,
+    is_accepted_by_file,
+    is_accepted_by_package,
+)
+from tests.endurance.test_claims import compare, count_accepted, random_polygon
 from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of
@@ -116,7 +121,7 @@ def test_where_holes_touch_off_the_grid_optima_are_proven():
 
 
 def test_a_thousand_false_claims():
-    counts = judged(np.random.default_rng(7), 1000)
+    counts = count_accepted(np.random.default_rng(7), 1000)
     assert min(counts["no claim"], counts["false"], counts["genuine"]) > 50
 
 
@@ -124,7 +129,7 @@ def test_nothing_is_proven_where_brute_force_finds_less():
     rng = np.random.default_rng(11)
     counts = Counter()
     for number in range(6):
-        counts += compared(polygon_of(rng, holes=number % 2 == 1), NAMES[number // 2 % 3])
+        counts += compare(random_polygon(rng, holes=number % 2 == 1), NAMES[number // 2 % 3])
     assert counts["proven"] > 4
     assert counts["proven"] < counts["certificates"]
 
@@ -171,7 +176,7 @@ OF_A_KITE = {
 )
 def test_what_is_changed_in_one_place_is_refused_by_both(change):
     line = json.dumps(OF_A_KITE)
-    assert truth(line) == "true"
+    assert decide_truth(line) == "true"
     assert is_accepted_by_file(line)
     assert is_accepted_by_package(line)
     changed = json.dumps(OF_A_KITE | change)
