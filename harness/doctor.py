@@ -3,7 +3,9 @@
 Each device is opened in its own worker process, which counts and times on it.
 """
 
-from typing import Literal, NamedTuple
+import os
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,23 @@ EXAMINED = {
 
 REQUIRED = ("opengl", "llvmpipe")
 TIMEOUT_S = 120.0
+
+HIDING_VARIABLES = (
+    "LIBGL_DRIVERS_PATH",
+    "__EGL_VENDOR_LIBRARY_DIRS",
+    "__EGL_VENDOR_LIBRARY_FILENAMES",
+    "VK_DRIVER_FILES",
+    "VK_ICD_FILENAMES",
+)
+"""Environment variables that restrict loaders to some drivers, and so hide the others."""
+
+NVIDIA_NODE = Path("/dev/nvidiactl")
+"""Exists if NVIDIA's kernel driver is loaded, also in a container without the OpenGL libraries."""
+
+NVIDIA_REMEDY = (
+    "NVIDIA's kernel driver is loaded: in a container set NVIDIA_DRIVER_CAPABILITIES=graphics (or "
+    "all), and check that /usr/share/glvnd/egl_vendor.d/10_nvidia.json exists"
+)
 
 Status = Literal["ok", "warning", "missing"]
 
@@ -65,18 +84,28 @@ def examine_device(rasteriser: str, name: str) -> Finding:
         probes = {"opengl": probed.list_egl_devices, "webgpu": probed.list_webgpu_devices}
         reports = probes[rasteriser]()[1] if rasteriser in probes else ()
         problems = [problem for problem in reports if problem.startswith(name.rstrip("0"))]
-        return Finding(title, absent, "; ".join(problems) or "not found", kind.remedy(name))
+        return Finding(title, absent, "; ".join(problems) or "not found", _remedy(kind, name))
     try:
         with Worker(title, device.environment) as worker:
             detail, differs = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
-        return Finding(title, absent, str(error), kind.remedy(name))
+        return Finding(title, absent, str(error), _remedy(kind, name))
     if differs:
         detail += f"; differs from the reference: {differs[0]}"
         fix = "none: the driver rounds edges differently; its counts are its own"
         return Finding(title, "warning", detail, fix)
     agrees = "counts equal the reference's" if kind.counters else "it draws, but cannot count"
     return Finding(title, "ok", f"{detail}; {agrees}")
+
+
+def _remedy(kind: Any, name: str) -> str:
+    """Return the fix for a missing device of a rasteriser."""
+    remedy = str(kind.remedy(name))
+    if name.startswith("gpu") and NVIDIA_NODE.exists():
+        remedy = NVIDIA_REMEDY
+    if hiding := [variable for variable in HIDING_VARIABLES if os.environ.get(variable)]:
+        return f"unset {', '.join(hiding)}, which may hide an installed driver; else {remedy}"
+    return remedy
 
 
 def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:

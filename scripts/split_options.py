@@ -18,6 +18,9 @@ def main() -> None:
     except ValueError as error:
         print(f"error: input {name.lower()}: {error}: {os.environ[name]}", file=sys.stderr)
         sys.exit(2)
+    if any("\n" in word for word in options):
+        print(f"error: input {name.lower()}: a line break inside quotes", file=sys.stderr)
+        sys.exit(2)
     sys.stdout.writelines(f"{option}\n" for option in options)
 
 

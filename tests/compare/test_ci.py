@@ -61,6 +61,10 @@ def test_options_are_split_as_a_shell_splits_them():
     command = [sys.executable, str(ROOT / "scripts/split_options.py"), "RUN"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["--scene", "my town.gpkg", "--limit", "3"]
+    environment["RUN"] = "--scene 'my\ntown.gpkg'"
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "error: input run: a line break inside quotes\n"
 
 
 def test_the_judge_fails_as_the_command_did():

@@ -48,3 +48,19 @@ def test_crashing_driver_is_reported_as_a_finding(monkeypatch):
     assert finding.status == "missing"
     assert "requested device index 99" in finding.detail
     assert finding.fix
+
+
+def test_fix_names_variables_that_hide_drivers_and_capabilities_of_a_container(
+    monkeypatch, tmp_path
+):
+    kind = rasterisers.get("opengl")
+    for variable in doctor.HIDING_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(doctor, "NVIDIA_NODE", tmp_path / "missing")
+    assert doctor._remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
+    assert doctor._remedy(kind, "gpu0") == kind.remedy("gpu0")
+    monkeypatch.setattr(doctor, "NVIDIA_NODE", tmp_path)
+    assert "NVIDIA_DRIVER_CAPABILITIES=graphics" in doctor._remedy(kind, "gpu0")
+    assert doctor._remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
+    monkeypatch.setenv("LIBGL_DRIVERS_PATH", "/nowhere")
+    assert doctor._remedy(kind, "llvmpipe").startswith("unset LIBGL_DRIVERS_PATH, which may hide")
