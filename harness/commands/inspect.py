@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -138,6 +139,7 @@ def _draw(
     """Draw the picture of one polygon."""
     import numpy as np
 
+    from harness import atomic
     from harness.frame import make_frame
     from harness.heatmaps import draw_heatmaps
     from harness.triangulating.triangulate import triangulate_polygons
@@ -159,7 +161,9 @@ def _draw(
             drawn[str(recipe)] = part
     if not drawn:
         raise InputError(f"polygon {polygon} of {scene.name}: no triangulator succeeded")
-    draw_heatmaps(frame, drawn, file)
+    content = io.BytesIO()
+    draw_heatmaps(frame, drawn, content)
+    atomic.write(file, content.getvalue())
     typer.echo(f"picture: {file}")
 
 

@@ -221,6 +221,12 @@ def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple
     from harness.rasterisers import default_rasteriser
 
     first = default_rasteriser()
+    if first != "opengl":
+        typer.echo(
+            f"warning: opengl: no device works here; measuring with {first} instead (see: "
+            "raster-harness doctor)",
+            err=True,
+        )
     return (first, *with_opengl) if first == "opengl" else (first,)
 
 

@@ -1,5 +1,6 @@
 """The smaller commands: triangulate, cache, inspect, doctor, gains."""
 
+import errno
 import json
 import time
 from pathlib import Path
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 import trimesh
 
+from harness.commands.options import named_rasterisers
 from harness.commands.outcome import folder_for
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
@@ -98,6 +100,28 @@ def test_inspect_draws_a_picture(harness, block):
     require_ok(harness("inspect", str(block), "--out", "picture.png"))
     assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
     assert_refused(harness("inspect", str(block), "--polygon", "9"), "polygons 0 to 2")
+
+
+def test_picture_of_inspect_stays_complete_if_the_next_one_cannot_be_written(
+    harness, block, monkeypatch
+):
+    def fill_disk(frame, triangulations, out):
+        out.write_bytes(b"part") if isinstance(out, Path) else out.write(b"part")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    Path("picture.png").write_bytes(b"complete")
+    monkeypatch.setattr("harness.heatmaps.draw_heatmaps", fill_disk)
+    assert harness("inspect", str(block), "--out", "picture.png")[0] != 0
+    assert Path("picture.png").read_bytes() == b"complete"
+
+
+def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
+    for name in ("webgpu", "opengl"):
+        monkeypatch.setattr("harness.rasterisers.default_rasteriser", lambda name=name: name)
+        assert named_rasterisers(None)[0] == name
+        assert ("no device works here; measuring with webgpu" in capsys.readouterr().err) is (
+            name == "webgpu"
+        )
 
 
 def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
