@@ -8,6 +8,7 @@ import ctypes
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -31,7 +32,12 @@ def database_path() -> Path:
     """Return `RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
     if file := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(file)
-    return user_cache_path("raster-harness", appauthor=False) / "triangulations.sqlite"
+    if os.path.expanduser("~") == "~" and not os.environ.get("XDG_CACHE_HOME"):  # noqa: PTH111
+        # Neither HOME nor an entry in passwd, as in a container that runs as any user.
+        folder = Path(tempfile.gettempdir()) / f"raster-harness-{os.getuid()}"
+    else:
+        folder = user_cache_path("raster-harness", appauthor=False)
+    return folder / "triangulations.sqlite"
 
 
 def cache_file(name: str) -> Path:

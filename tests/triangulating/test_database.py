@@ -1,6 +1,7 @@
 import multiprocessing
 import os
 import sqlite3
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -241,3 +242,8 @@ def test_default_path(monkeypatch, tmp_path):
     assert database_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
     monkeypatch.setenv("RASTER_HARNESS_CACHE", "/somewhere/else")
     assert database_path() == Path("/somewhere/else")
+    for variable in ("RASTER_HARNESS_CACHE", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(variable)
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)  # no entry in passwd
+    folder = Path(tempfile.gettempdir()) / f"raster-harness-{os.getuid()}"
+    assert database_path() == folder / "triangulations.sqlite"
