@@ -20,7 +20,7 @@ from harness.triangulating.triangulate import triangulate_polygons, warm_up
 from scenes import load
 from tests.paths import ROOT
 from triangulators import certify, names, triangulate, triangulate_many
-from triangulators.compute.compiled_files import is_kept
+from triangulators.compute.compiled_files import is_cached
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
 """Small scenes that cover all kernels: polygons with holes, with many holes, without holes."""
@@ -34,7 +34,7 @@ SECOND_HALF = ("max-area", "greedy", "random", "pareto", "refined")
 def compile_everything() -> None:
     """Call each kernel as the product does; fast if all are compiled."""
     names_to_compile = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
-    if not is_kept(COMPILED_LATE):
+    if not is_cached(COMPILED_LATE):
         # A third process imports the tests, so that pytest rewrites their assertions only once.
         collect = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
         with (

@@ -1,4 +1,4 @@
-"""Triangulators: from a polygon to triangles over its vertices; no vertex is added.
+"""Triangulate polygons without adding vertices, minimise a criterion, verify and certify.
 
     >>> import shapely
     >>> from triangulators import triangulate, vertices
@@ -11,11 +11,11 @@
 
 Guarantees: orientations are decided exactly for all doubles (without overflow or underflow), so
 every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`
-is a conforming triangulation of the polygon as given, and `verify` decides coverage exactly. Only
-the comparison of costs is subject to rounding. Triangles of other libraries (`ear-clipping`,
-`delaunay`, `sweep`, `manifold`) are passed on as they are, counter-clockwise; if coordinates are
-not on a grid (see `predicates.grid_unit`), verification and repair treat a vertex within rounding
-error of an edge as lying on it.
+is a conforming triangulation of the input polygon, and `verify` decides coverage exactly. Only the
+comparison of costs is subject to rounding. Triangles of other libraries (`ear-clipping`,
+`delaunay`, `sweep`, `manifold`) are only made counter-clockwise; if coordinates are not on a grid
+(see `predicates.grid_unit`), verification and repair treat a vertex within rounding error of an
+edge as lying on it.
 """
 
 from importlib import import_module as _import_module
@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from triangulators import criteria as criteria
-    from triangulators.batch import Triangulations as Triangulations
     from triangulators.calling import triangulate as triangulate
     from triangulators.calling import triangulate_with_gap as triangulate_with_gap
     from triangulators.certificate.certify import certify as certify
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from triangulators.methods.flips import flip as flip
     from triangulators.polygon import vertices as vertices
     from triangulators.polygon_arrays import PolygonArray as PolygonArray
+    from triangulators.polygon_arrays import Triangulations as Triangulations
     from triangulators.registry import find as find
     from triangulators.registry import full_name as full_name
     from triangulators.registry import names as names
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 __version__ = "1.0.0"
 
 _NAMES = {
-    "batch": ("Triangulations",),
     "calling": ("triangulate", "triangulate_with_gap"),
     "certificate.certify": ("certify",),
     "checking.evidence": ("Certificate",),
@@ -61,7 +60,7 @@ _NAMES = {
     "many": ("triangulate_many",),
     "methods.flips": ("flip",),
     "polygon": ("vertices",),
-    "polygon_arrays": ("PolygonArray",),
+    "polygon_arrays": ("PolygonArray", "Triangulations"),
     "registry": ("find", "full_name", "names", "parse"),
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}

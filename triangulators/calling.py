@@ -11,8 +11,7 @@ from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, check_criterion, load, parse
-from triangulators.repair import insert_dropped_vertices, left_turning
-from triangulators.verify import rows_of
+from triangulators.verify import insert_dropped_vertices, orient_triangles, rows_of
 
 
 def triangulate(
@@ -90,8 +89,8 @@ def triangulate_with_gap(
     triangles : ndarray
         (m, 3) int32, as `triangulate` returns.
     gap : float or None
-        Relative to the cost: 0 if the result is optimal, infinite if no bound is known. None for
-        triangulators that do not look for the optimum.
+        Relative to the cost: 0 if the result is optimal, infinite without a bound. None for
+        triangulators that do not search for the optimum.
 
     Raises
     ------
@@ -136,7 +135,7 @@ def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any
     number for a triangle.
     """
     try:
-        triangles = left_turning(outline.points, rows_of(raw, outline.points))
+        triangles = orient_triangles(outline.points, rows_of(raw, outline.points))
     except ValueError as error:
         raise TriangulationError(f"{choice.full_name}: {error}") from error
     if criterion is not None and not isinstance(criterion, str):

@@ -15,12 +15,12 @@ SOFTWARE_RENDERERS = (
 
 
 def is_software(renderer: str) -> bool:
-    """Return whether a renderer's name, such as GL_RENDERER, is of one that runs on a CPU."""
+    """Whether a renderer, named as in GL_RENDERER, runs on a CPU."""
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
 def matches(name: str, renderer: str) -> bool:
-    """Return whether a device's name, such as "gpu0", selects a renderer, given by GL_RENDERER."""
+    """Whether a device's name, such as "gpu0", selects a renderer, named as in GL_RENDERER."""
     if name.startswith("gpu"):
         return not is_software(renderer)
     return renderer.lower().startswith(name)
@@ -32,12 +32,12 @@ def check_name(name: str) -> None:
     >>> check_name("gpu1")
     """
     if name not in (CPU, LLVMPIPE) and not (name.startswith("gpu") and name[3:].isdigit()):
-        known = f"gpu0, gpu1, ..., {LLVMPIPE}, {CPU}"
-        raise UnknownNameError(f"unknown device {name!r}; known: {known}")
+        choices = f"gpu0, gpu1, ..., {LLVMPIPE}, {CPU}"
+        raise UnknownNameError(f"unknown device {name!r}; known: {choices}")
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,8 +1,8 @@
-"""A drop-in for mapbox_earcut: the same arguments and results, triangles cheaper to draw.
+"""Drop-in replacement of mapbox_earcut: the same interface, triangles that are cheaper to draw.
 
     from triangulators.dropin import triangulate_float64   # was: from mapbox_earcut import ...
 
-`method` is a name as `triangulators.triangulate` takes it:
+`method` is one of these triangulators:
 
 - "flips:l1" (the default, also "flips"): earcut's triangles, with diagonals flipped while that
   shortens them in the L1 metric, which a GPU's quads follow (`flip`). Takes little longer than
@@ -11,8 +11,8 @@
   Delaunay triangles, in an order that walks from neighbour to neighbour.
 - "optimal:half-perimeter": the minimum sum of the half-perimeters of bounding boxes.
 
-If the last two get an invalid polygon, earcut's result is returned, as a program that works with
-earcut expects. `triangulate_many(..., "flips:l1")` does many polygons in one call.
+For an invalid polygon the last two return earcut's result, as a program that works with earcut
+expects. `triangulate_many(..., "flips:l1")` triangulates many polygons in one call.
 """
 
 import numpy as np
@@ -69,14 +69,40 @@ def triangulate_float64(
 def triangulate_float32(
     vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
 ) -> np.ndarray:
-    """Triangulate (n, 2) float32 vertices, exactly; otherwise `triangulate_float64`."""
+    """Triangulate the rings of a polygon with float32 vertices.
+
+    Parameters
+    ----------
+    vertices
+        (n, 2) float32, converted exactly.
+    ring_end_indices, method
+        As for `triangulate_float64`.
+
+    Returns
+    -------
+    ndarray
+        (3 m,) uint32, as `triangulate_float64` returns.
+    """
     return triangulate_float64(np.asarray(vertices, dtype=np.float64), ring_end_indices, method)
 
 
 def triangulate_int32(
     vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
 ) -> np.ndarray:
-    """Triangulate (n, 2) int32 vertices, exactly; otherwise `triangulate_float64`."""
+    """Triangulate the rings of a polygon with int32 vertices.
+
+    Parameters
+    ----------
+    vertices
+        (n, 2) int32, converted exactly.
+    ring_end_indices, method
+        As for `triangulate_float64`.
+
+    Returns
+    -------
+    ndarray
+        (3 m,) uint32, as `triangulate_float64` returns.
+    """
     vertices = np.asarray(vertices).astype(np.int32, copy=False)
     raw = clip_ears(vertices, ring_end_indices)
     return _improve(raw, vertices, ring_end_indices, method)
@@ -85,10 +111,19 @@ def triangulate_int32(
 def triangulate_int64(
     vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
 ) -> np.ndarray:
-    """Triangulate (n, 2) int64 vertices, exactly up to an extent of 2^53.
+    """Triangulate the rings of a polygon with int64 vertices.
 
-    Doubles cannot represent a larger polygon, which gets earcut's result. Otherwise
-    `triangulate_float64`.
+    Parameters
+    ----------
+    vertices
+        (n, 2) int64. Doubles cannot represent an extent above 2^53, which gets earcut's result.
+    ring_end_indices, method
+        As for `triangulate_float64`.
+
+    Returns
+    -------
+    ndarray
+        (3 m,) uint32, as `triangulate_float64` returns.
     """
     vertices = np.asarray(vertices).astype(np.int64, copy=False)
     raw = clip_ears(vertices, ring_end_indices)
@@ -103,7 +138,7 @@ def triangulate_int64(
 def _improve(
     raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str
 ) -> np.ndarray:
-    """Return triangles cheaper to draw than earcut's `raw`, or `raw` if the rings are invalid."""
+    """Improve earcut's triangles `raw`, or return them if the rings are invalid."""
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
         raise UnknownNameError(f"unknown method {method!r}; {suggest(method, METHODS)}")
@@ -114,22 +149,26 @@ def _improve(
         return raw
     if not len(raw) or not np.isfinite(points).all():
         return raw
-    best = _triangulate_slowly(points, np.append(0, ring_end_indices).astype(np.int64), method)
-    return raw if best is None else best.astype(np.uint32).ravel()
+    improved = _search_triangles(points, np.append(0, ring_end_indices).astype(np.int64), method)
+    return raw if improved is None else improved.astype(np.uint32).ravel()
 
 
-def _triangulate_slowly(
+def _search_triangles(
     points: np.ndarray, ring_offsets: np.ndarray, method: str
 ) -> np.ndarray | None:
     """Return triangles (m, 3) of a method other than flips, or None if the rings are invalid."""
-    # These take a second to import; flips do without them.
+    # Imported here, because these take a second to import, and flips do not need them.
     from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import by_full_table
-    from triangulators.polygon import UNSURE, checked_boundary, winding
+    from triangulators.polygon import UNSURE, checked_boundary, find_ring_orientation
     from triangulators.polygon_arrays import polygon_of_rings
 
     n, is_optimal = len(points), method == "optimal:half-perimeter"
-    if is_optimal and len(ring_offsets) == 2 and winding(points[np.arange(-1, n)]) != UNSURE:
+    if (
+        is_optimal
+        and len(ring_offsets) == 2
+        and find_ring_orientation(points[np.arange(-1, n)]) != UNSURE
+    ):
         triangles = np.empty((n - 2, 3), dtype=np.int32)
         if by_full_table(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
             return triangles

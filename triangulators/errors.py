@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 MAX_MESSAGE = 300
-"""Characters of a foreign message that are reported."""
+"""Maximum number of characters of a reported third-party message."""
 
 MAX_TRACEBACK = 10_000
-"""Characters of a traceback that are stored."""
+"""Maximum number of characters of a stored traceback."""
 
 
 class TriangulationError(Exception):
@@ -36,7 +36,7 @@ class ArgumentError(TriangulationError, ValueError):
     """An argument is invalid, or contradicts another argument or the name."""
 
 
-def suggest(name: str, known: Iterable[str], cutoff: float = 0.6, fallback: str = "") -> str:
+def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str = "") -> str:
     """Return "did you mean 'x'?" with the nearest known name, otherwise the fallback.
 
     The similarity has to reach `cutoff` (0 to 1); the default fallback lists all known names.
@@ -44,9 +44,9 @@ def suggest(name: str, known: Iterable[str], cutoff: float = 0.6, fallback: str 
     >>> suggest("ear-cliping", ["delaunay", "ear-clipping"])
     "did you mean 'ear-clipping'?"
     >>> suggest("xyz", ["delaunay", "ear-clipping"])
-    'known: delaunay, ear-clipping'
+    'names: delaunay, ear-clipping'
     """
-    choices = list(known)
+    choices = list(names)
     nearest = difflib.get_close_matches(name, choices, n=1, cutoff=cutoff)
     if nearest:
         return f"did you mean '{nearest[0]}'?"
@@ -67,6 +67,6 @@ def summarize_error(error: BaseException) -> str:
 
 
 def truncate(text: str) -> str:
-    """Return a foreign text as one line of at most `MAX_MESSAGE` characters, with its length."""
+    """Return a text as one line of at most `MAX_MESSAGE` characters, with its full length."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line

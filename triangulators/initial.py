@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.checking.edges import edges_of
+from triangulators.checking.edges import find_edges
 from triangulators.criteria.cost import Cost, total_cost
 from triangulators.errors import SkippedError, TriangulationError
 from triangulators.geometry.half_edges import is_triangulation, link, twins_of
@@ -12,35 +12,34 @@ from triangulators.geometry.shortest_diagonals import shortest_first
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
-from triangulators.repair import insert_dropped_vertices, left_turning
-from triangulators.verify import verify_boundary
+from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
 
 _MAX_GREEDY_VERTICES = 1000
 """Vertices up to which all pairs of them are tried."""
 
 
 def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
-    """Return those of ear clipping and Delaunay that conform, dropped vertices put back.
+    """Return the triangulations of ear clipping and Delaunay that conform after repair.
 
-    If neither does, because slivers within rounding error are left out, the greedy triangulation by
-    exact orientations. Raises `TriangulationError` if that fails, too.
+    If neither does, because slivers within rounding error are missing, return the greedy
+    triangulation by exact orientations. Raises `TriangulationError` if that fails as well.
     """
     conforming = []
     for method in (ear_clipping, delaunay):
         try:
-            raw = np.ascontiguousarray(method(outline), dtype=np.int32)
+            indices = np.ascontiguousarray(method(outline), dtype=np.int32)
         except TriangulationError:
             continue
-        triangles = insert_dropped_vertices(outline, left_turning(outline.points, raw))
+        triangles = insert_dropped_vertices(outline, orient_triangles(outline.points, indices))
         if verify_boundary(outline, triangles).conforming:
             conforming.append(outline.site[triangles])
     if not conforming and len(outline.points) <= _MAX_GREEDY_VERTICES:
-        triangles = shortest_first(outline.points, outline.edges, edges_of(outline).ends)
+        triangles = shortest_first(outline.points, outline.edges, find_edges(outline).ends)
         if verify_boundary(outline, triangles).conforming:
             conforming.append(triangles)
     if not conforming:
         raise TriangulationError(
-            "neither ear clipping nor Delaunay gave a valid triangulation to start from"
+            "no initial triangulation: the results of ear clipping and Delaunay are invalid"
         )
     return conforming
 
@@ -54,10 +53,10 @@ def best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
 
 
 class Cycle(NamedTuple):
-    """A simple polygon: `cycle` (n,), its corners counter-clockwise as indices of `points`' rows.
+    """A simple polygon: `cycle` (n,) has its vertices counter-clockwise, as indices.
 
-    `points` (n, 2) are the corners' coordinates; corner i sees `target[start[i]:start[i + 1]]`,
-    ascending, all > i (see `visible_pairs`).
+    `points` (n, 2) are the coordinates of the cycle; position i sees
+    `target[start[i]:start[i + 1]]`, ascending, all > i (see `visible_pairs`).
     """
 
     cycle: np.ndarray

@@ -1,4 +1,4 @@
-"""Triangulations as other libraries make them: ear clipping, Delaunay, manifold, sweep."""
+"""Triangulations by other libraries: ear clipping, Delaunay, manifold, sweep."""
 
 import ctypes.util
 import importlib.util
@@ -11,15 +11,12 @@ import shapely
 
 from triangulators.errors import TriangulationError
 from triangulators.geometry.earcut import clip_ears
-from triangulators.polygon import Boundary, sites, wound
+from triangulators.polygon import Boundary, orient_rings, sites
 from triangulators.polygon_arrays import polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of mapbox_earcut.
-
-    It drops collinear vertices, so it may leave T-junctions.
-    """
+    """Return the triangles (m, 3) of mapbox_earcut; dropped collinear vertices are T-junctions."""
     ring_ends = outline.ring_offsets[1:].astype(np.uint32)
     return clip_ears(outline.points, ring_ends).reshape(-1, 3)
 
@@ -27,7 +24,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 def delaunay(outline: Boundary) -> np.ndarray:
     """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely.
 
-    GEOS answers in coordinates; they are looked up here.
+    GEOS returns coordinates; they are mapped back to vertex indices.
     """
     try:
         pieces = shapely.constrained_delaunay_triangles(
@@ -37,17 +34,17 @@ def delaunay(outline: Boundary) -> np.ndarray:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     count = len(outline.points)
-    found = sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # 0.0 is -0.0, too
-    if (found >= count).any():
+    indices = sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # -0.0 to 0.0
+    if (indices >= count).any():
         raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")
-    return found.reshape(-1, 3)
+    return indices.reshape(-1, 3)
 
 
 def manifold(outline: Boundary) -> np.ndarray:
     """Return the triangles (m, 3) of manifold3d: ear clipping that tolerates imprecise input."""
     import manifold3d
 
-    corners = wound(outline.points, outline.ring_offsets)
+    corners = orient_rings(outline.points, outline.ring_offsets)
     rings = np.split(outline.points[corners], outline.ring_offsets[1:-1])
     try:
         triangles = manifold3d.triangulate(rings)
@@ -57,15 +54,15 @@ def manifold(outline: Boundary) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def sweep_installed() -> bool:
-    """Whether PyOpenGL and libGLU are there: what `sweep` needs."""
+def is_sweep_installed() -> bool:
+    """Whether PyOpenGL and libGLU, which `sweep` needs, are installed."""
     return bool(importlib.util.find_spec("OpenGL") and ctypes.util.find_library("GLU"))
 
 
 def sweep(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of a sweep line into monotone pieces.
+    """Return the triangles (m, 3) of a sweep-line decomposition into monotone pieces.
 
-    By the GLU tessellator, through PyOpenGL. Needs the library libGLU, but no GL context.
+    Uses the GLU tessellator through PyOpenGL, which needs the library libGLU but no GL context.
     """
     from OpenGL import GLU
 
@@ -73,7 +70,7 @@ def sweep(outline: Boundary) -> np.ndarray:
     errors: list[int] = []
 
     def combine(coordinates: Any, vertices: Any, _weights: Any) -> int:
-        """Name the vertex where edges meet: one of the polygon's, if rings touch there."""
+        """Return the polygon's vertex where edges meet, or note an error if there is none."""
         for index in vertices:
             if index is not None and np.array_equal(outline.points[index], coordinates[:2]):
                 return int(index)
@@ -91,8 +88,8 @@ def sweep(outline: Boundary) -> np.ndarray:
         GLU.GLU_TESS_BEGIN: lambda _mode: None,
         GLU.GLU_TESS_END: lambda: None,
     }
-    for which, function in callbacks.items():
-        GLU.gluTessCallback(tessellator, which, function)
+    for name, function in callbacks.items():
+        GLU.gluTessCallback(tessellator, name, function)
     try:
         GLU.gluTessBeginPolygon(tessellator, None)
         for start, end in pairwise(outline.ring_offsets.tolist()):

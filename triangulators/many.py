@@ -1,4 +1,4 @@
-"""Millions of small polygons at once: arrays in, arrays out, and in parallel."""
+"""Triangulation of millions of small polygons, in parallel or on a device."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 from mapbox_earcut import triangulate_float64
 
-from triangulators.batch import Batch, Triangulations, allocate_batch, rings_at
 from triangulators.calling import triangulate
 from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
@@ -22,25 +21,32 @@ from triangulators.errors import (
     format_error,
 )
 from triangulators.geometry.earcut import far_offsets
-from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, improve_many, test_of
+from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, find_test, improve_batch
 from triangulators.methods.optimal import SearchOptions
-from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
-from triangulators.optimum.full_table import SMALL, do_rings
-from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.optimum.cut_holes import MAX_HOLES, by_cuts
+from triangulators.optimum.full_table import SMALL, triangulate_rings
+from triangulators.polygon_arrays import (
+    Batch,
+    PolygonArray,
+    Triangulations,
+    allocate_batch,
+    offsets_of,
+    rings_at,
+)
 from triangulators.registry import Choice, check_criterion, parse
 
 _CHUNK_VERTICES = 20_000
-"""Vertices whose ears are clipped while those of others are improved. mapbox_earcut holds the
-interpreter's lock; a thread that waits for it waits up to 5 ms, in which some 30,000 are done."""
-_ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
-"""Coefficients of half-perimeter, bounding-box area and edge length that devices know."""
+"""Vertices per chunk of ear clipping; other threads improve earlier chunks. mapbox_earcut holds the
+GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
+_DEVICE_COSTS = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
+"""Coefficients of half-perimeter, bounding-box area and edge length that devices support."""
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
-"""Triangulators that are ear clipping with flips after it, and by which test."""
+"""Triangulators that flip after ear clipping, and their flip test."""
 
-_FLIPPED = ("refined", "flips")
-"""Triangulators whose flips may lessen any criterion."""
+_FLIP_TRIANGULATORS = ("refined", "flips")
+"""Triangulators whose flips can decrease any criterion."""
 
 
 def triangulate_many(
@@ -56,26 +62,51 @@ def triangulate_many(
 ) -> Triangulations:
     """Triangulate many polygons; those that fail are listed in `failed`, not fatal.
 
-    polygons: shapely polygons, or a `PolygonArray`. If `name` is the optimum (or worst) of
-    half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
-    to 192 vertices with few holes or none, exactly and on all threads; also `refined`, `flips`,
-    `earcut-refine` and `ear-clipping`. All others, and everything under other names, go one at a
-    time through `triangulate`. Either way a polygon's triangulation costs what that of
-    `triangulate` does.
+    Parameters
+    ----------
+    polygons
+        Shapely polygons, or a `PolygonArray`.
+    name
+        A triangulator, as for `triangulate`.
+    check
+        Test shapely polygons for validity first.
+    threads
+        Number of threads, by default one per core that this process may use.
+    device
+        "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of half-perimeter in
+        OpenGL compute shaders, for polygons without holes, of up to 64 vertices, on a grid
+        (1/256 px, integer metres, ...), with the same results. The CPU does the other polygons, and
+        all of them if the device fails, which is logged once.
+    criterion, repair, **parameters
+        As for `triangulate`.
 
-    check: test shapely polygons for validity first. threads: by default one for each core this
-    process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
-    half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 64 vertices, on
-    a grid (1/256 px, whole metres, ...); the results are the same. Compiled code does the others,
-    and all if the device fails, of which one line is logged. criterion, repair, parameters: as for
-    `triangulate`. Raises `UnknownNameError`.
+    Returns
+    -------
+    Triangulations
+        A sequence of p arrays (m, 3), and the reasons of failures.
 
-        >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
-        >>> found[0].shape, found.failed
-        ((2, 3), {1: 'the polygon is empty'})
+    Raises
+    ------
+    UnknownNameError
+        If there is no such triangulator, criterion or device.
+    ArgumentError
+        If the criterion is given twice, or `polygons` is a single polygon.
+
+    Notes
+    -----
+    For the optimum (or worst) of half-perimeter, overdraw, edge-length or a calibrated criterion,
+    compiled code triangulates polygons of up to 192 vertices with at most three holes, exactly and
+    on all threads; for `refined`, `flips`, `earcut-refine` and `ear-clipping` polygons of any size.
+    `triangulate` does all other polygons one by one. The costs are those of `triangulate`.
+
+    Examples
+    --------
+    >>> results = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
+    >>> results[0].shape, results.failed
+    ((2, 3), {1: 'the polygon is empty'})
     """
-    steering = {"criterion": criterion, "repair": repair, **parameters}
-    batch = attempt_many(polygons, name, check=check, threads=threads, device=device, **steering)
+    options = {"criterion": criterion, "repair": repair, **parameters}
+    batch = attempt_many(polygons, name, check=check, threads=threads, device=device, **options)
     offsets, triangles, done = batch.triangle_offsets, batch.triangles, batch.compiled
     if done.all():
         return batch
@@ -88,7 +119,7 @@ def triangulate_many(
         pieces.append(triangles[offsets[copied] : offsets[index]])
         copied = index + 1
         try:
-            pieces.append(triangulate(polygons[index], name, **steering))
+            pieces.append(triangulate(polygons[index], name, **options))
         except (Exception, SystemExit) as error:
             wrong_call = isinstance(error, (ArgumentError, UnknownNameError))
             refused = isinstance(error, TriangulationError) and not wrong_call
@@ -112,7 +143,7 @@ def attempt_many(
     repair: bool = False,
     **parameters: Any,
 ) -> Triangulations:
-    """Do the part of `triangulate_many` that a device and compiled code can.
+    """Triangulate the polygons that a device or compiled code supports, for `triangulate_many`.
 
     Triangles of polygons with `compiled[i] == False` are uninitialised. Raises `UnknownNameError`.
     """
@@ -139,30 +170,30 @@ def attempt_many(
         valid = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
         _clip_ears(batch, valid, threads, flips, NO_COST, False)
-    elif choice.entry.name in _FLIPPED:
-        _clip_ears(batch, valid, threads, test_of(cost), cost, choice.entry.name == "refined")
+    elif choice.entry.name in _FLIP_TRIANGULATORS:
+        _clip_ears(batch, valid, threads, find_test(cost), cost, choice.entry.name == "refined")
     else:
-        if device != CPU and cost["box"].tolist() in _ON_DEVICE:
-            wanted = valid & (arrays.ring_counts == 1)
+        if device != CPU and cost["box"].tolist() in _DEVICE_COSTS:
+            selected = valid & (arrays.ring_counts == 1)
             worst = bool(cost["box"][0] < 0.0)
-            from triangulators.gpu import engine  # asked for by name alone
+            from triangulators.gpu import engine  # imported only if a device is selected
 
-            engine.attempt(device, batch, wanted, options.limit, worst)
+            engine.attempt(device, batch, selected, options.limit, worst)
         _optimise(batch, cost, valid, threads, options.limit)
     return result
 
 
 def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int) -> None:
-    """Find the optima that compiled code can; marks them in `batch.done`."""
+    """Optimise the polygons that compiled code supports; marks them in `batch.done`."""
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     valid &= (vertices >= 3) & (vertices <= min(limit, SMALL))
     single = valid & (rings == 1) & ~batch.done
-    with_holes = np.flatnonzero(valid & (rings > 1) & (rings <= MOST_HOLES + 1))
+    with_holes = np.flatnonzero(valid & (rings > 1) & (rings <= MAX_HOLES + 1))
     with ThreadPoolExecutor(threads) as pool:
         running = []
         for kernel, count, selection in (
             (_optimise_with_holes, len(with_holes), with_holes),
-            (do_rings, len(batch.done), single),
+            (triangulate_rings, len(batch.done), single),
         ):
             chunks = max(1, min(8 * threads, count // 64))
             bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
@@ -177,7 +208,7 @@ def _optimise_with_holes(
 ) -> None:
     """Triangulate the polygons indices[first:last], which have holes; marks `batch.done`.
 
-    Called one by one: each takes some fifty microseconds, a call two or three, and a loop in
+    A Python loop: each polygon takes about fifty microseconds, a call two or three, and a loop in
     compiled code would compile all of `cut_holes` a second time.
     """
     offsets = batch.triangle_offsets
@@ -188,11 +219,11 @@ def _optimise_with_holes(
 
 
 def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
-    """Clip ears in this thread, and let others `improve_many`; marks `batch.done`."""
+    """Clip ears in this thread, and `improve_batch` in others; marks `batch.done`."""
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
     ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)  # as earcut takes them
-    wanted = (valid & (np.diff(batch.vertex_offsets) >= 3)).tolist()
+    is_selected = (valid & (np.diff(batch.vertex_offsets) >= 3)).tolist()
     empty = np.empty(0, dtype=np.uint32)
     marks = np.arange(0, vertex_offsets[-1], _CHUNK_VERTICES)
     cuts = np.searchsorted(batch.vertex_offsets, marks)
@@ -212,7 +243,7 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
                     local[vertex_offsets[i] - start : vertex_offsets[i + 1] - start],
                     ring_ends[geom_offsets[i] : geom_offsets[i + 1]],
                 )
-                if wanted[i]
+                if is_selected[i]
                 else empty
                 for i in range(first, last)
             ]
@@ -220,21 +251,25 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
             part = (first, last, batch, (joined, rows), *how)
             if last < len(batch.done):
-                running.append(pool.submit(improve_many, *part))
-            else:  # there is nothing else left for this thread to do
-                improve_many(*part)
+                running.append(pool.submit(improve_batch, *part))
+            else:  # the last chunk: this thread is idle
+                improve_batch(*part)
         for task in running:
             task.result()
 
 
 def _plain_cost(choice: Choice, criterion: Any, weights: dict[str, Any]) -> Cost | None:
-    """Return the cost if compiled code can minimise it for all polygons alike; otherwise None.
+    """Return the cost if compiled code supports it and it is the same for all polygons, or None.
 
-    criterion, weights: given apart from the triangulator's name, or None and {}
+    criterion, weights: arguments besides the triangulator's name, or None and {}
     """
     name = choice.entry.name
-    wanted = choice.criterion if criterion is None else criterion
-    if name not in ("optimal", "worst", *_FLIPPED) or wanted is None or wanted in FLIP_TESTS:
+    resolved = choice.criterion if criterion is None else criterion
+    if (
+        name not in ("optimal", "worst", *_FLIP_TRIANGULATORS)
+        or resolved is None
+        or resolved in FLIP_TESTS
+    ):
         return None
-    cost = plain_cost(find_criterion(wanted, **weights), -1.0 if name == "worst" else 1.0)
-    return cost if cost is not None and (cost["is_box"] or name in _FLIPPED) else None
+    cost = plain_cost(find_criterion(resolved, **weights), -1.0 if name == "worst" else 1.0)
+    return cost if cost is not None and (cost["is_box"] or name in _FLIP_TRIANGULATORS) else None

@@ -1,10 +1,9 @@
 """A shapely polygon as arrays: its vertices, its rings, its boundary edges.
 
-Most polygons are one simple ring: its edges meet nowhere but at the vertex that neighbours share.
-That makes it valid. It is looked at edge by edge in one compiled pass (`winding`), which for a
-building costs a tenth of what a general test of validity does. It says yes only where a float64
-filter is sure; every other polygon, valid or not, is left to GEOS, whose words the error messages
-are.
+Most polygons are one simple ring, whose edges meet only at common vertices, so they are valid. One
+compiled pass (`find_ring_orientation`) recognises them if a float64 filter is certain; for a
+building it takes a tenth of the time of a general validity test. GEOS tests all other polygons, and
+its reasons are the error messages.
 """
 
 from functools import lru_cache
@@ -19,7 +18,7 @@ from triangulators.errors import InvalidPolygonError
 from triangulators.geometry.predicates import FILTER, orient, touching
 from triangulators.polygon_arrays import offsets_of
 
-MOST_SIMPLE = 96  # vertices up to which all pairs of a ring's edges are looked at
+MAX_SIMPLE_VERTICES = 96  # up to which all pairs of a ring's edges are compared
 
 UNSURE, LEFT, RIGHT = 0, 1, -1
 
@@ -27,11 +26,11 @@ UNSURE, LEFT, RIGHT = 0, 1, -1
 class Boundary(NamedTuple):
     """A polygon's boundary, oriented so that the interior lies on the left.
 
-    `points` (n, 2) are `vertices(polygon)` and `ring_offsets` (h + 2,) where in them each ring
-    begins, and the end; `site` (n,) maps a vertex to the first vertex with the same coordinates,
-    so that rings which touch share a site; `edges` (b, 2) are directed boundary edges between
-    sites, ring after ring: those of length zero are left out, and those on which another ring's
-    vertex lies are split there; `holes` counts interiors.
+    `points` (n, 2) are `vertices(polygon)`, and `ring_offsets` (h + 2,) the offsets of the rings in
+    them; `site` (n,) maps a vertex to the first vertex with the same coordinates, so that rings
+    that touch share a site; `edges` (b, 2) are directed boundary edges between sites, ring by ring:
+    edges of length zero are omitted, and edges with a vertex of another ring on them are split
+    there; `holes` is the number of interiors.
     """
 
     points: np.ndarray
@@ -44,7 +43,7 @@ class Boundary(NamedTuple):
     def expected_triangles(self) -> int:
         """Triangles in every conforming triangulation: 2V - B - 2(1 - h), by Euler's formula.
 
-        V distinct vertices, B edges: n + 2h - 2 where no vertex is repeated.
+        V distinct vertices, B edges: n + 2h - 2 if no vertex is repeated.
         """
         if self.simple:
             return len(self.edges) - 2
@@ -57,7 +56,7 @@ class Boundary(NamedTuple):
 
 
 def check(polygon: shapely.Polygon) -> None:
-    """Raise `InvalidPolygonError`, saying what and where, unless `polygon` is a valid polygon."""
+    """Raise `InvalidPolygonError` with the reason unless `polygon` is a valid polygon."""
     if not isinstance(polygon, shapely.Polygon):
         raise InvalidPolygonError(f"expected a shapely Polygon, got {type(polygon).__name__}")
     if polygon.is_empty:
@@ -69,7 +68,7 @@ def check(polygon: shapely.Polygon) -> None:
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (n, 2), and where in them each ring begins, and the end, (h + 2,) int64."""
+    """Return the vertices (n, 2) and the offsets of the rings in them, (h + 2,) int64."""
     lengths = shapely.get_num_points(shapely.get_rings(polygon))
     coordinates = shapely.get_coordinates(polygon)
     keep = np.ones(len(coordinates), dtype=bool)
@@ -78,12 +77,23 @@ def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
 
 
 def vertices(polygon: shapely.Polygon) -> np.ndarray:
-    """Return the polygon's vertices, (n, 2) float64: exterior ring, then the interiors in order.
+    """Return the vertices of a polygon; triangulations are indices into them.
 
-    No ring's first vertex is repeated at its end. Triangulations index these rows.
+    Parameters
+    ----------
+    polygon
+        A polygon, valid or not.
 
-        >>> vertices(shapely.Polygon([(0, 0), (2, 0), (0, 1)])).tolist()
-        [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
+    Returns
+    -------
+    ndarray
+        (n, 2) float64: the exterior ring, then the interiors in order. The first vertex of a ring
+        is not repeated at its end.
+
+    Examples
+    --------
+    >>> vertices(shapely.Polygon([(0, 0), (2, 0), (0, 1)])).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
     """
     return rings_of(polygon)[0]
 
@@ -97,38 +107,38 @@ def sites(points: np.ndarray) -> np.ndarray:
 
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
-    outline = _of_simple_ring(polygon)
+    outline = _boundary_of_simple_ring(polygon)
     return boundary_of_rings(*rings_of(polygon)) if outline is None else outline
 
 
 def checked_boundary(polygon: shapely.Polygon) -> Boundary:
-    """Do `check` and `boundary` in one; what is plainly a simple ring is valid without a test."""
-    outline = _of_simple_ring(polygon) if isinstance(polygon, shapely.Polygon) else None
+    """Check a polygon and return its `Boundary`; a certain simple ring skips GEOS's test."""
+    outline = _boundary_of_simple_ring(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
         check(polygon)
         outline = boundary_of_rings(*rings_of(polygon))
     return outline
 
 
-def _of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
+def _boundary_of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
     coordinates = shapely.get_coordinates(polygon)
-    turning = winding(coordinates)
-    if turning == UNSURE:
+    orientation = find_ring_orientation(coordinates)
+    if orientation == UNSURE:
         return None
     n = len(coordinates) - 1
-    site, edges = _numbers(n, turning == LEFT)
+    site, edges = _simple_ring_edges(n, orientation == LEFT)
     return Boundary(coordinates[:n], np.array((0, n)), site.copy(), edges.copy(), 0)
 
 
 @njit(nogil=True)
-def winding(coordinates: np.ndarray) -> int:
-    """Return LEFT or RIGHT, the way a simple ring winds, or UNSURE.
+def find_ring_orientation(coordinates: np.ndarray) -> int:
+    """Return the orientation of a simple ring, LEFT or RIGHT, or UNSURE.
 
-    coordinates: (n + 1, 2), as shapely gives them: the first vertex is repeated at the end. Those
-    of a polygon with holes have it in the middle too, so they are not taken for one ring.
+    coordinates: (n + 1, 2), as shapely gives them: the first vertex is repeated at the end. In the
+    coordinates of a polygon with holes it is also in the middle, so they are UNSURE.
     """
     n = len(coordinates) - 1
-    if n < 3 or n > MOST_SIMPLE:
+    if n < 3 or n > MAX_SIMPLE_VERTICES:
         return UNSURE
     x, y = coordinates[0, 0], coordinates[0, 1]
     if coordinates[n, 0] != x or coordinates[n, 1] != y:
@@ -139,18 +149,18 @@ def winding(coordinates: np.ndarray) -> int:
         bx, by = coordinates[a + 1, 0], coordinates[a + 1, 1]
         if a > 0 and ax == x and ay == y:
             return UNSURE
-        if not (abs(ax) < 1e150 and abs(ay) < 1e150):  # not a number, or products would overflow
+        if not (abs(ax) < 1e150 and abs(ay) < 1e150):  # NaN, or products would overflow
             return UNSURE
         span = max(span, abs(ax - x), abs(ay - y))
         area += (ax - x) * (by - y) - (ay - y) * (bx - x)
-        # The edge that follows may not go back along this one.
+        # The next edge must not run back along this one.
         c = a + 2 if a + 2 <= n else 1
         cx, cy = coordinates[c, 0], coordinates[c, 1]
         ahead = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
         if not ahead > 0.0 and orient(ax, ay, bx, by, cx, cy) == 0.0:
             return UNSURE
     for a in range(n):
-        if not _meets_none_beyond(coordinates, a, n):
+        if not _meets_no_later_edge(coordinates, a, n):
             return UNSURE
     if not abs(area) > 1e-12 * span * span * n:
         return UNSURE
@@ -158,8 +168,8 @@ def winding(coordinates: np.ndarray) -> int:
 
 
 @njit(nogil=True)
-def _meets_none_beyond(coordinates: np.ndarray, a: int, n: int) -> bool:
-    """Whether edge a surely has no point in common with those from a + 2 on."""
+def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
+    """Whether edge a certainly does not meet the edges from a + 2 on."""
     ax, ay = coordinates[a, 0], coordinates[a, 1]
     bx, by = coordinates[a + 1, 0], coordinates[a + 1, 1]
     low_x, high_x = min(ax, bx), max(ax, bx)
@@ -171,17 +181,17 @@ def _meets_none_beyond(coordinates: np.ndarray, a: int, n: int) -> bool:
             continue
         if max(cy, dy) < low_y or min(cy, dy) > high_y:
             continue
-        if _sure_side(ax, ay, bx, by, cx, cy) * _sure_side(ax, ay, bx, by, dx, dy) == 1:
+        if _certain_side(ax, ay, bx, by, cx, cy) * _certain_side(ax, ay, bx, by, dx, dy) == 1:
             continue
-        if _sure_side(cx, cy, dx, dy, ax, ay) * _sure_side(cx, cy, dx, dy, bx, by) == 1:
+        if _certain_side(cx, cy, dx, dy, ax, ay) * _certain_side(cx, cy, dx, dy, bx, by) == 1:
             continue
         return False
     return True
 
 
 @njit(nogil=True)
-def _sure_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
-    """Return the side of a-b that c is on, 1 or -1; 0 on it or where rounding may decide."""
+def _certain_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
+    """Return the side of a-b that c is on, 1 or -1; 0 if it is on a-b or uncertain."""
     left, right = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
     determinant = left - right
     if abs(determinant) <= FILTER * (abs(left) + abs(right)):
@@ -190,7 +200,7 @@ def _sure_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
 
 
 @lru_cache(maxsize=256)
-def _numbers(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
+def _simple_ring_edges(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the sites and the boundary edges of a simple ring of n vertices."""
     site = np.arange(n, dtype=np.int32)
     ring = site if left else site[::-1]
@@ -209,8 +219,8 @@ def twice_ring_area(points: np.ndarray) -> float:
 
 
 @njit(nogil=True)
-def wound(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
-    """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
+def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
+    """Return vertex indices ring by ring, the exterior counter-clockwise, holes clockwise."""
     ring = np.empty(len(points), dtype=np.int32)
     for number in range(len(ring_offsets) - 1):
         start, end = ring_offsets[number], ring_offsets[number + 1]
@@ -223,13 +233,13 @@ def wound(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
 def boundary_of_rings(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of rings given as in `rings_of`, the exterior first.
 
-    Where rings touch, edges are split at the vertices that lie on them, exactly: as GEOS judges
-    validity. A vertex beside an edge by less than a rounding error is not on it: what is between
-    them is a sliver of the polygon, and triangulated as one.
+    If rings touch, edges are split at the vertices that lie exactly on them, consistent with GEOS's
+    validity test. A vertex within rounding error of an edge is not on it: the sliver of the polygon
+    between them is triangulated.
     """
     site = sites(points)
     edges = []
-    for ring in np.split(wound(points, ring_offsets), ring_offsets[1:-1]):
+    for ring in np.split(orient_rings(points, ring_offsets), ring_offsets[1:-1]):
         corners = site[ring]
         pairs = np.column_stack((corners, np.roll(corners, -1)))
         edges.append(pairs[pairs[:, 0] != pairs[:, 1]])
@@ -247,14 +257,14 @@ def vertices_on(
 ) -> dict[tuple[int, int], list[int]]:
     """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.
 
-    edges (k, 2) int32; allowed: how far off, see `predicates.on_segment`. Edges that none lies on
-    are left out.
+    edges (k, 2) int32; allowed: tolerance, see `predicates.on_segment`. Edges without such vertices
+    are omitted.
     """
     points, candidates = outline.points, np.unique(outline.edges)
     candidates = candidates[np.argsort(points[candidates, 0])]
-    found = touching(points, edges, candidates, allowed)
+    incidences = touching(points, edges, candidates, allowed)
     inside: dict[tuple[int, int], list[int]] = {}
-    for number, v in sorted(found):
+    for number, v in sorted(incidences):
         a, b = edges[number].tolist()
         inside.setdefault((a, b), []).append(v)
     for (a, b), between in inside.items():

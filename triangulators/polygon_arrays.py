@@ -1,4 +1,6 @@
-"""Many polygons as three arrays, in GeoArrow's layout; shapely polygons are made when asked for.
+"""Many polygons and their triangulations as arrays; shapely polygons are made on demand.
+
+The layout is GeoArrow's:
 
     coords         (n, 2)  vertices, ring after ring; a ring's first vertex is not repeated
     ring_offsets   (r + 1,)  ring k has coords[ring_offsets[k]:ring_offsets[k + 1]]
@@ -12,13 +14,15 @@ GeoArrow and shapely repeat the first vertex at the end of a ring; nothing else 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+
+from triangulators.compute.kernels import njit
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +32,11 @@ class PolygonArray(Sequence[shapely.Polygon]):
     Parameters
     ----------
     coords : (n, 2) array
-        vertices: float64, or int32 on the grid of a frame
+        Vertices: float64, or int32 on the grid of a frame.
     ring_offsets : (r + 1,) int64 array
-        where in `coords` each ring begins, and the end
+        Offsets of the rings in `coords`.
     geom_offsets : (p + 1,) int64 array
-        where in `ring_offsets` each polygon begins, and the end
+        Offsets of the polygons in `ring_offsets`.
 
     Examples
     --------
@@ -74,7 +78,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
     @cached_property
     def vertex_offsets(self) -> NDArray[np.int64]:
-        """(p + 1,) where in `coords` each polygon begins, and the end."""
+        """(p + 1,) offsets of the polygons in `coords`."""
         return self.ring_offsets[self.geom_offsets]
 
     @property
@@ -101,10 +105,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return np.asarray(geometries, dtype=object)
 
     def rings_of(self, index: int) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Return the vertices (n, 2) of one polygon, and where in them each ring begins, (h + 2,).
-
-        The last offset is n.
-        """
+        """Return the vertices (n, 2) of one polygon, and the offsets of its rings, (h + 2,)."""
         first, last = self.geom_offsets[index : index + 2].tolist()
         offsets = self.ring_offsets[first : last + 1]
         return self.coords[offsets[0] : offsets[-1]], offsets - offsets[0]
@@ -116,7 +117,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return low, high
 
     def take(self, selection: ArrayLike) -> PolygonArray:
-        """Return the polygons that (p,) flags mark, or those of (k,) indices, in their order."""
+        """Return the polygons selected by (p,) flags, or by (k,) indices in their order."""
         indices = np.asarray(selection)
         indices = np.flatnonzero(indices) if indices.dtype == np.bool_ else indices.astype(np.int64)
         ring_counts, vertex_counts = self.ring_counts[indices], self.vertex_counts[indices]
@@ -135,7 +136,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
     @overload
     def __getitem__(self, index: slice) -> PolygonArray: ...
     def __getitem__(self, index: int | slice) -> shapely.Polygon | PolygonArray:
-        """Return one polygon, or those of a slice, as an array, in their order here."""
+        """Return one polygon, or the polygons of a slice as an array."""
         if isinstance(index, slice):
             return self.take(np.arange(len(self))[index])
         if "geometries" in vars(self):
@@ -150,12 +151,12 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
 
 _unpickled: PolygonArray | None = None
-"""The last array that this process was sent. A worker gets the polygons of a view with each of its
-triangulators: it converts them once, as they come as the same object."""
+"""The array that this process received last. A worker receives the polygons of a view with each
+triangulator; reusing the object converts them to shapely once."""
 
 
 def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
-    """Return the array that was unpickled last, if it is the same, or another."""
+    """Return the array that was unpickled last if it is equal, otherwise a new one."""
     global _unpickled
     before = _unpickled
     if before is None or not (
@@ -169,12 +170,12 @@ def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
 
 
 def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
-    """Return where each of k runs begins, and where the last ends, (k + 1,), by their lengths."""
+    """Return the offsets (k + 1,) of k consecutive runs from their lengths."""
     return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)), dtype=np.int64)
 
 
 def ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
+    """Concatenate the ranges of `lengths` integers from each of `starts`."""
     before = offsets_of(lengths)
     return np.arange(before[-1]) + np.repeat(starts - before[:-1], lengths)
 
@@ -185,3 +186,77 @@ def polygon_of_rings(points: NDArray[Any], ring_offsets: NDArray[np.int64]) -> s
     # Closed here: shapely would take a last vertex that repeats the first for the closing one.
     closed = [np.concatenate((ring, ring[:1])) for ring in rings]
     return shapely.Polygon(closed[0], closed[1:])
+
+
+@dataclass(frozen=True)
+class Triangulations(Sequence[np.ndarray]):
+    """Triangulations of p polygons; `[i]` is that of polygon i, (m, 3) int32.
+
+    Attributes
+    ----------
+    triangles : (M, 3) int32 array
+        Polygon by polygon, as indices into the vertices of each polygon.
+    triangle_offsets : (p + 1,) int64 array
+        Offsets of the polygons in `triangles`.
+    failed : dict
+        The reason for each polygon without a triangulation, by index.
+    compiled : (p,) bool array
+        Polygons triangulated by compiled code or a device; their optima are exact.
+    """
+
+    triangles: np.ndarray
+    triangle_offsets: np.ndarray
+    failed: dict[int, str] = field(default_factory=dict)
+    compiled: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+
+    def __len__(self) -> int:
+        return len(self.triangle_offsets) - 1
+
+    def __getitem__(self, index: Any) -> Any:
+        rows = range(len(self))[index]
+        if isinstance(rows, range):
+            return [self[row] for row in rows]
+        return self.triangles[self.triangle_offsets[rows] : self.triangle_offsets[rows + 1]]
+
+
+class Batch(NamedTuple):
+    """The arrays of a `PolygonArray` with space for triangles, for compiled code.
+
+    triangle_offsets (p + 1,): rows of `triangles` (m, 3) reserved for each polygon; done (p,):
+    polygons whose triangles are written.
+    """
+
+    coords: np.ndarray
+    ring_offsets: np.ndarray
+    geom_offsets: np.ndarray
+    vertex_offsets: np.ndarray
+    triangle_offsets: np.ndarray
+    triangles: np.ndarray
+    done: np.ndarray
+
+
+def allocate_batch(polygons: PolygonArray) -> Batch:
+    """Return polygons with space for the triangles of each; none is done.
+
+    A triangulation of n vertices and h holes has at most n + 2 h - 2 triangles.
+    """
+    max_triangles = polygons.vertex_counts - 2 + 2 * (polygons.ring_counts - 1)
+    triangle_offsets = offsets_of(np.maximum(max_triangles, 0))
+    return Batch(
+        np.ascontiguousarray(polygons.coords, dtype=np.float64),
+        np.ascontiguousarray(polygons.ring_offsets, dtype=np.int64),
+        np.ascontiguousarray(polygons.geom_offsets, dtype=np.int64),
+        polygons.vertex_offsets,
+        triangle_offsets,
+        np.empty((triangle_offsets[-1], 3), dtype=np.int32),
+        np.zeros(len(polygons), dtype=np.bool_),
+    )
+
+
+@njit(nogil=True)
+def rings_at(
+    index: int, coords: np.ndarray, ring_offsets: np.ndarray, geom_offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices (n, 2) of one polygon, and the offsets of its rings in them, (h + 2,)."""
+    offsets = ring_offsets[geom_offsets[index] : geom_offsets[index + 1] + 1]
+    return coords[offsets[0] : offsets[-1]], offsets - offsets[0]

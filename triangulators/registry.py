@@ -89,26 +89,28 @@ class Entry:
         return function
 
 
-def _ours(
-    name: str, description: str, where: str = "", *, holes: bool = True, **more: Any
+def _method(
+    name: str, description: str, reference: str = "", *, holes: bool = True, **fields: Any
 ) -> Entry:
-    """Return an entry of `methods`; where: "module:function", by default "NAME:triangulate"."""
-    function = f"triangulators.methods.{where or f'{name}:triangulate'}"
-    return Entry(name, description, function, handles_holes=holes, **more)
+    """Return an entry of `methods`; reference: "module:function" or "" for "NAME:triangulate"."""
+    function = f"triangulators.methods.{reference or f'{name}:triangulate'}"
+    return Entry(name, description, function, handles_holes=holes, **fields)
 
 
-def _library(name: str, description: str, **more: Any) -> Entry:
+def _library(name: str, description: str, **fields: Any) -> Entry:
     function = f"triangulators.libraries:{name.replace('-', '_')}"
-    return Entry(name, description, function, **more)
+    return Entry(name, description, function, **fields)
 
 
 BUILTIN = {
     entry.name: entry
     for entry in (
-        _ours("fan", "a fan from a vertex that sees the whole polygon", "simple:fan", holes=False),
-        _ours(
+        _method(
+            "fan", "a fan from a vertex that sees the whole polygon", "simple:fan", holes=False
+        ),
+        _method(
             "strip",
-            "a zigzag of diagonals, where some start allows it",
+            "a zigzag of diagonals, if one is inside the polygon",
             "simple:strip",
             holes=False,
         ),
@@ -117,7 +119,7 @@ BUILTIN = {
         _library(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
-            needs="triangulators.libraries:sweep_installed",
+            needs="triangulators.libraries:is_sweep_installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
         _library(
@@ -126,62 +128,63 @@ BUILTIN = {
             needs="manifold3d",
             install="pip install manifold3d",
         ),
-        _ours(
+        _method(
             "max-area", "largest triangle first (Persson 2009)", "simple:largest_first", holes=False
         ),
-        _ours("greedy", "shortest diagonals first", "simple:greedy"),
-        _ours(
+        _method("greedy", "shortest diagonals first", "simple:greedy"),
+        _method(
             "random",
             "uniform over all triangulations, by counting; seed=",
             "counting:draw",
             holes=False,
         ),
-        _ours(
+        _method(
             "pareto",
-            "a point of the Pareto front of A and D, by its number from the least A on; k=",
+            "point k of the Pareto front of A and D, by ascending A; k=",
             holes=False,
         ),
-        _ours(
+        _method(
             "listed",
-            "one of all that the paper's method lists, by its number from the least A on; k=",
+            "triangulation k of the paper's list, by ascending A; k=",
             "exhaustive:triangulate_listed",
             holes=False,
         ),
-        _ours(
+        _method(
             "exhaustive",
-            "the best of all triangulations, every one listed (the paper's method)",
+            "the best of all triangulations, by listing them (the paper's method)",
             holes=False,
             criteria=True,
         ),
-        _ours(
+        _method(
             "earcut-refine",
-            "ear clipping, then flips to Delaunay, as refine() of npm's earcut 3.2.4 makes them",
+            "ear clipping, then the Delaunay flips of refine() in npm's earcut 3.2.4",
             "flips:triangulate_as_earcut",
         ),
-        _ours(
+        _method(
             "flips",
             "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
             criteria=True,
             default_criterion="l1",
             tests=FLIP_TESTS,
         ),
-        _ours(
+        _method(
             "refined",
             "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
             "flips:triangulate_refined",
             criteria=True,
             default_criterion="half-perimeter",
         ),
-        _ours(
+        _method(
             "optimal",
-            "the minimum of a criterion: exact up to 2,000 vertices, with holes nearly always;"
-            " beyond by search",
+            "the minimum of a criterion: exact up to 2,000 vertices, with holes almost always;"
+            " otherwise by local search",
             criteria=True,
             with_gap="triangulators.methods.optimal:triangulate_with_gap",
         ),
-        _ours(
+        _method(
             "worst",
-            "the maximum of a criterion: exact up to 2,000 vertices without holes; else by search",
+            "the maximum of a criterion: exact up to 2,000 vertices without holes; otherwise by"
+            " local search",
             "optimal:triangulate_worst",
             criteria=True,
         ),
@@ -223,17 +226,22 @@ def names(*, available_only: bool = False) -> list[str]:
     Parameters
     ----------
     available_only
-        Leave out triangulators whose package is not installed.
+        Omit triangulators whose package is not installed.
+
+    Returns
+    -------
+    list of str
+        Names for `find` and `triangulate`.
 
     Examples
     --------
     >>> names()[:3]
     ['fan', 'strip', 'ear-clipping']
     """
-    known = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
+    registered = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
     if available_only:
-        return [name for name in known if find(name).available() is None]
-    return known
+        return [name for name in registered if find(name).available() is None]
+    return registered
 
 
 def find(name: str) -> Entry:
@@ -243,6 +251,11 @@ def find(name: str) -> Entry:
     ----------
     name
         A name without a criterion, or "module:function".
+
+    Returns
+    -------
+    Entry
+        Its description, its function, and the polygons that it supports.
 
     Raises
     ------
@@ -273,6 +286,11 @@ def parse(text: str) -> Choice:
     text
         "name", "name:criterion" or "module:function". A triangulator that takes a criterion gets
         its default if the name contains none.
+
+    Returns
+    -------
+    Choice
+        The entry, and the criterion's name or None.
 
     Raises
     ------
@@ -306,9 +324,9 @@ def _split(text: str) -> tuple[str, str]:
 
 
 def check_criterion(text: str, criterion: Any) -> None:
-    """Raise `ArgumentError` if a built-in triangulator's name does not admit this criterion.
+    """Raise `ArgumentError` if a built-in triangulator's name does not admit a criterion argument.
 
-    criterion: as given besides the name; None if it was not.
+    criterion: the argument besides the name, or None.
     """
     name, in_name = _split(text)
     if name not in BUILTIN or criterion is None:
@@ -329,6 +347,11 @@ def full_name(text: str) -> str:
     ----------
     text
         As for `parse`.
+
+    Returns
+    -------
+    str
+        The name in its canonical form.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""The verifier: is this set of triangles a triangulation of this polygon?
+"""Verification that triangles are a triangulation of a polygon, and repair of T-junctions.
 
-Triangles that all turn left and whose edges add up, as a chain, to the polygon's boundary cover
-each point as often as the boundary winds round it: once inside, never outside. So no pair of
-triangles need be intersected, and on snapped input no rounding enters. Edges that cancel only
-after they are split at vertices lying on them are T-junctions: covered, but not conforming.
+Counter-clockwise triangles whose edges add up, as a chain, to the polygon's boundary cover each
+point as often as the winding number of the boundary: once inside, never outside. So no triangles
+are intersected, and snapped input is verified without rounding. Edges that cancel only after they
+are split at vertices lying on them are T-junctions: covered, but not conforming.
 """
 
 from collections import Counter
@@ -15,24 +15,30 @@ from typing import Any
 import numpy as np
 import shapely
 
-from triangulators.batch import rings_at
 from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
 from triangulators.geometry.half_edges import is_triangulation, link
-from triangulators.geometry.predicates import OUTSIDE, all_left, tolerance, turns
+from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left, orientations, tolerance
 from triangulators.polygon import Boundary, boundary, boundary_area, vertices_on
-from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.polygon_arrays import PolygonArray, offsets_of, rings_at
 
 Edge = tuple[int, int]
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What `verify` found.
+    """The result of `verify`.
 
-    `problems` are reasons why the triangles do not cover the polygon exactly once; `t_junctions`
-    are (vertex, (a, b)): the vertex lies inside the edge a-b of a triangle. `area_error` is the
-    triangles' area minus the polygon's, in square units of the coordinates.
+    Attributes
+    ----------
+    triangles, expected_triangles : int
+        The number of triangles, and that of a conforming triangulation.
+    area_error : float
+        The triangles' area minus the polygon's, in square units of the coordinates.
+    problems : list of str
+        Reasons why the triangles do not cover the polygon exactly once.
+    t_junctions : list
+        (vertex, (a, b)): the vertex lies inside the edge a-b of a triangle.
     """
 
     triangles: int
@@ -48,13 +54,27 @@ class Verification:
 
     @property
     def conforming(self) -> bool:
-        """Whether it is also free of T-junctions."""
+        """Whether the triangles are `ok` and without T-junctions."""
         return self.ok and not self.t_junctions
 
 
 def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
-    """Check triangles (m, 3), indices into `vertices(polygon)`, against a valid polygon.
+    """Check whether triangles are a triangulation of a valid polygon.
 
+    Parameters
+    ----------
+    polygon
+        A valid polygon; holes are allowed.
+    triangles
+        (m, 3) indices into `vertices(polygon)`.
+
+    Returns
+    -------
+    Verification
+        Its `ok`, `conforming` and `problems` are the answer.
+
+    Examples
+    --------
     >>> square = shapely.Polygon([(0, 0), (2, 0), (2, 2), (0, 2)])
     >>> verify(square, np.array([(0, 1, 2), (0, 2, 3)])).conforming
     True
@@ -71,7 +91,7 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
         triangles = rows_of(triangles, outline.points)
     except ValueError as error:
         return Verification(len(triangles), expected, float("nan"), [str(error)])
-    orientation = turns(outline.points, triangles)
+    orientation = orientations(outline.points, triangles)
     problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
     problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
     loose = unmatched_edges(outline, triangles)
@@ -97,20 +117,20 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
 
 def rows_of(triangles: Any, points: np.ndarray) -> np.ndarray:
     """Return triangles as int32 (m, 3); raises `ValueError` unless they index (n, 2) points."""
-    found = np.asarray(triangles)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise ValueError(f"triangles have shape {found.shape}, expected (m, 3)")
-    if found.size and found.dtype.kind not in "iu":
-        raise ValueError(f"triangles are {found.dtype}, expected integer indices")
-    rows = np.ascontiguousarray(found, dtype=np.int32)
-    wrapped = found.dtype.itemsize > rows.itemsize and not np.array_equal(rows, found)
-    if wrapped or all_left(points, rows) == OUTSIDE:
+    array = np.asarray(triangles)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"triangles have shape {array.shape}, expected (m, 3)")
+    if array.size and array.dtype.kind not in "iu":
+        raise ValueError(f"triangles are {array.dtype}, expected integer indices")
+    rows = np.ascontiguousarray(array, dtype=np.int32)
+    overflows = array.dtype.itemsize > rows.itemsize and not np.array_equal(rows, array)
+    if overflows or all_left(points, rows) == OUTSIDE:
         raise ValueError(f"triangles have indices outside 0..{len(points) - 1}")
     return rows
 
 
 def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
-    """Return the directed edges, between sites, that are left when all that match are cancelled.
+    """Return the directed edges between sites that do not cancel, with their multiplicity.
 
     A triangle's edge counts +1, a boundary edge -1, and a-b cancels b-a.
     """
@@ -119,8 +139,8 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
     tails = np.concatenate((corners.ravel(), outline.edges[:, 1]))
     heads = np.concatenate((corners[:, [1, 2, 0]].ravel(), outline.edges[:, 0]))
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
-    keys, which = np.unique(low * size + high, return_inverse=True)
-    balance = np.bincount(which, weights=np.where(tails < heads, 1, -1), minlength=len(keys))
+    keys, inverse = np.unique(low * size + high, return_inverse=True)
+    balance = np.bincount(inverse, weights=np.where(tails < heads, 1, -1), minlength=len(keys))
     loose: Counter[Edge] = Counter()
     for index in np.flatnonzero(balance).tolist():
         a, b = divmod(int(keys[index]), size)
@@ -130,10 +150,10 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
 
 
 def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
-    """Return the polygons whose triangles one quick pass does not confirm; `verify` decides.
+    """Return the polygons whose triangles a fast check does not confirm; `verify` decides.
 
-    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming.
-    Others may be valid, too, for example those with T-junctions.
+    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming;
+    others may be valid, for example with T-junctions.
     """
     if not triangles:
         return []
@@ -150,7 +170,7 @@ def _unconfirmed(
     triangles: np.ndarray,
     row_offsets: np.ndarray,
 ) -> list[int]:
-    """Return those of the polygons `indices` (k,) of which `is_triangulation` is not true.
+    """Return the polygons among `indices` (k,) for which `is_triangulation` is False.
 
     polygons: the arrays of a `PolygonArray`; the triangles of polygon indices[i] are the rows from
     row_offsets[i] to row_offsets[i + 1].
@@ -165,3 +185,47 @@ def _unconfirmed(
         if not in_range or not is_triangulation(points, rings, corner, link(corner)):
             unconfirmed.append(indices[k])
     return unconfirmed
+
+
+def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return int32 triangles oriented counter-clockwise, without those of zero area."""
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+    if all_left(points, triangles) == ALL_LEFT:
+        return triangles
+    orientation = orientations(points, triangles)
+    triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
+    return np.ascontiguousarray(triangles[orientation != 0.0])
+
+
+def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
+    """Split triangles at vertices that lie on their edges; return (m', 3) int32.
+
+    Each T-junction is resolved by joining its vertex to the opposite one. Area, coverage and
+    orientation do not change; the order of the other triangles is preserved. A sliver with a vertex
+    on its opposite edge is removed: the triangle across that edge is split there.
+    """
+    loose = unmatched_edges(outline, triangles)
+    if not loose:
+        return triangles
+    inside = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
+    result: list[tuple[int, int, int]] = []
+    for corners in triangles.tolist():
+        chains = []
+        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
+            on_edge = inside.get((int(outline.site[tail]), int(outline.site[head])), [])
+            chains.append([tail, *on_edge, head])
+        if not any(set(chain[1:-1]) & set(corners) for chain in chains):
+            _split(chains, result)
+    return np.array(result, dtype=np.int32).reshape(-1, 3)
+
+
+def _split(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
+    """Append the pieces of a triangle given by the vertices along each of its three edges."""
+    for first in range(3):
+        edge, second, third = chains[first], chains[first - 2], chains[first - 1]
+        if len(edge) > 2:
+            vertex, apex = edge[1], third[0]
+            _split([edge[:2], [vertex, apex], third], result)
+            _split([edge[1:], second, [apex, vertex]], result)
+            return
+    result.append((chains[0][0], chains[1][0], chains[2][0]))

@@ -49,7 +49,7 @@ def cache(
             typer.echo(f"removed compiled code of {old:,} old modules")
             return
         kinds = database.info()
-    compiled = compiled_files.kept()
+    compiled = compiled_files.measure_cache()
     typer.echo(
         f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
         f"{len(compiled.old):,} old modules"

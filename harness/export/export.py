@@ -33,11 +33,10 @@ from scenes.registry import split_parameters
 from scenes.scene import NoteCounter
 from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse
-from triangulators.batch import Triangulations
 from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
-from triangulators.polygon_arrays import PolygonArray
+from triangulators.polygon_arrays import PolygonArray, Triangulations
 
 CHUNK_POLYGONS = 20_000
 """Polygons in memory at a time."""

@@ -14,8 +14,7 @@ from harness.atomic import Output
 from harness.models.gltf_file import write_glb
 from scenes.cleaning.projection import Projection
 from scenes.readers.gltf import BIN, JSON
-from triangulators.batch import Triangulations
-from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
 from harness.workers.pool import WorkerPool, WorkerSpec, third_party_limits
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
-from triangulators.compute.compiled_files import is_kept
+from triangulators.compute.compiled_files import is_cached
 from triangulators.devices import cores
 
 T = TypeVar("T")
@@ -130,7 +130,7 @@ class MeasuringPool(WorkerPool):
         written to disk.
         """
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
-        if self.is_used(SECOND) or len(builtin) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
+        if self.is_used(SECOND) or len(builtin) < 2 or cores() < 2 or is_cached(COMPILED_LATE):
             return
         self.compute(warm_up, *builtin)
 

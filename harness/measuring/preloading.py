@@ -26,9 +26,9 @@ def preload() -> None:
     from harness.triangulating.recipes import parse
     from harness.triangulating.triangulate import warm_up
     from triangulators import many  # noqa: F401 - for the workers
-    from triangulators.compute.storing import NotCompiledError, only_kept
+    from triangulators.compute.storing import NotCompiledError, forbid_compiling
 
-    with suppress(NotCompiledError), only_kept():  # on a new machine nothing is compiled yet
+    with suppress(NotCompiledError), forbid_compiling():  # on a new machine nothing is compiled yet
         for name in DEFAULT_TRIANGULATORS:
             warm_up(parse(name))
     # Workers collect only their own garbage: a scan of shared objects would copy their pages.

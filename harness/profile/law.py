@@ -33,7 +33,7 @@ from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.profile.counted import TERMS, Design
 from triangulators.criteria import predict
-from triangulators.criteria.families import CALIBRATED_FEATURES
+from triangulators.criteria.criterion import CALIBRATED_FEATURES
 
 CONFIDENCE = 0.95
 FAMILY_CONFIDENCE = 1.0 - (1.0 - CONFIDENCE) / len(TERMS)

@@ -29,7 +29,7 @@ from harness.style import plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry
-from triangulators.methods.pareto import LIMIT, pareto_front
+from triangulators.methods.pareto import MAX_VERTICES, pareto_front
 
 NAMED = (
     *("fan", "ear-clipping", "delaunay", "sweep", "greedy", "max-area"),
@@ -90,7 +90,7 @@ def take_apart(
     fronts = {}
     parts = []
     if alone or polygons:
-        design = StudySize(polygons=max(polygons, 1), most_vertices=LIMIT)
+        design = StudySize(polygons=max(polygons, 1), most_vertices=MAX_VERTICES)
         for number, part in choose_polygons(scene, design):
             drawn = make_frame(part.polygons, view).polygons
             if len(drawn) != 1 or drawn[0].interiors:  # the grid breaks it

@@ -20,8 +20,7 @@ from harness.triangulating import recipes
 from harness.triangulating.result import check_triangles
 from harness.workers.serving import TaskError
 from triangulators import parse
-from triangulators.batch import Triangulations
-from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of
 from triangulators.verify import find_unconfirmed
 
 _LOG = logging.getLogger(__name__)

@@ -126,7 +126,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{ROOT}")
     # Compiled code is for all: each command that starts a process would compile anew.
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(compiled_files.place().parents[1]))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(compiled_files.cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     if not FULL:
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)

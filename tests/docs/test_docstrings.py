@@ -4,6 +4,8 @@ import doctest
 import importlib
 import inspect
 import pkgutil
+import re
+from pkgutil import resolve_name
 
 import pytest
 
@@ -67,3 +69,16 @@ def test_the_reference_has_every_public_name(name):
         place = f"{name}.errors" if public.endswith("Error") else name
         described = public in ("criteria", "CRITERIA") or f"\n### {place}.{public}\n" in page
         assert described, public
+
+
+def test_documented_functions_have_numpydoc_sections():
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    names = re.findall(r"^### (triangulators\S+)$", page, re.MULTILINE)
+    functions = [function for function in map(resolve_name, names) if inspect.isfunction(function)]
+    assert len(functions) > 15
+    for function in functions:
+        signature, text = inspect.signature(function), inspect.getdoc(function) or ""
+        assert not signature.parameters or "\nParameters\n---" in text, function
+        assert signature.return_annotation in (None, "None") or "\nReturns\n---" in text, function
+        for parameter in signature.parameters:
+            assert re.search(rf"^[\w*, ]*\b{parameter}\b", text, re.MULTILINE), parameter

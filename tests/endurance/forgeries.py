@@ -20,7 +20,7 @@ from scipy.optimize import linprog
 from harness.export import check_evidence
 from tests.endurance.brute_force import SmallPolygon, list_sides
 from triangulators import TriangulationError, certify, criteria, triangulate
-from triangulators.certificate.certify import certificate_of
+from triangulators.certificate.certify import make_certificate
 from triangulators.checking.evidence import Evidence, as_claim
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -48,7 +48,7 @@ def is_accepted_by_package(line: str) -> bool:
         evidence = Evidence(*fields, edges, potentials, claim["lift"])
         criterion = criteria.find(claim["criterion"])
         cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles)
-        certificate = certificate_of(outline, outline.site[triangles], cost, evidence)
+        certificate = make_certificate(outline, outline.site[triangles], cost, evidence)
     except (TriangulationError, ValueError, LookupError, OverflowError, RecursionError):
         return False
     except shapely.GEOSException:

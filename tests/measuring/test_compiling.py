@@ -100,7 +100,7 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
         (False, 1, []),
     ):
         log: list[tuple[str, list[str]]] = []
-        monkeypatch.setattr(measuring_pool, "is_kept", lambda _, kept=kept: kept)
+        monkeypatch.setattr(measuring_pool, "is_cached", lambda _, kept=kept: kept)
         monkeypatch.setattr(measuring_pool, "cores", lambda cores=cores: cores)
         pool = measuring_pool.MeasuringPool(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
         pool.compile_ahead(recipes)
@@ -113,6 +113,6 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
 
 def test_what_is_compiled_late_is_a_module_with_kernels():
     triangulate(box(0, 0, 2, 1), "optimal:half-perimeter")
-    assert compiled_files.is_kept(measuring_pool.COMPILED_LATE)
-    assert not compiled_files.is_kept("triangulators.errors")
-    assert not compiled_files.is_kept("triangulators.not_there")
+    assert compiled_files.is_cached(measuring_pool.COMPILED_LATE)
+    assert not compiled_files.is_cached("triangulators.errors")
+    assert not compiled_files.is_cached("triangulators.not_there")

@@ -42,8 +42,8 @@ def polygons() -> list[Polygon]:
 @pytest.fixture
 def apart(monkeypatch):
     """Let no skeleton connect the rings, and let the linear program not be asked."""
-    monkeypatch.setattr(proof, "by_table", lambda *_: None)
-    monkeypatch.setattr(optimal, "PROVEN", 0)
+    monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
+    monkeypatch.setattr(optimal, "MAX_PROGRAM_VERTICES", 0)
 
 
 def cut(name: str, polygons: list[Polygon], database=None) -> FrameTriangulation:

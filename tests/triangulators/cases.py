@@ -1,4 +1,4 @@
-"""Polygons for the tests of triangulators, and a brute force written apart from the product."""
+"""Polygons for the tests of triangulators, and an independent brute force."""
 
 import json
 import math
@@ -24,20 +24,20 @@ def paper_polygon() -> shapely.Polygon:
 
 @cache
 def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
-    """Rings of a file in the shared data, as written; skips the test where it is absent."""
+    """Rings of a file in the shared data; skip the test if the file is missing."""
     entries = json.loads(find_shared_data(name).read_text())
     return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
 
 
 @cache
 def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
-    """Polygons of a file in the shared data; rings that shapely cannot take are left out."""
-    found = []
+    """Polygons of a file in the shared data, without rings that shapely does not support."""
+    shared_polygons = []
     for label, rings in shared_rings(name):
         rings = [ring for ring in rings if len(ring) >= 3]
         if rings:
-            found.append((label, shapely.Polygon(rings[0], rings[1:])))
-    return found
+            shared_polygons.append((label, shapely.Polygon(rings[0], rings[1:])))
+    return shared_polygons
 
 
 def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
@@ -55,23 +55,23 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
 
 
 def uncrossed(points: np.ndarray) -> shapely.Polygon:
-    """A polygon through all points (n, 2); usually, not always, one that does not cross itself."""
-    apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)).tolist()
+    """A polygon through all points (n, 2), usually without self-intersections."""
+    distances = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)).tolist()
     order = list(range(len(points)))
     for _ in range(60):
-        if not _uncross(apart, order):
+        if not _uncross(distances, order):
             break
     return shapely.Polygon(points[order])
 
 
-def _uncross(apart: list[list[float]], order: list[int]) -> bool:
-    """Turn each piece round that shortens the way by it, by distances; tell whether any did."""
+def _uncross(distances: list[list[float]], order: list[int]) -> bool:
+    """Reverse each piece that makes the ring shorter (2-opt); return whether any did."""
     changed = False
     n = len(order)
     for i in range(n - 1):
         for j in range(i + 2, n):
             a, b, c, d = order[i], order[i + 1], order[j], order[(j + 1) % n]
-            if apart[a][c] + apart[b][d] < apart[a][b] + apart[c][d] - 1e-9:
+            if distances[a][c] + distances[b][d] < distances[a][b] + distances[c][d] - 1e-9:
                 order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1]
                 changed = True
     return changed
@@ -110,10 +110,10 @@ def diagonals(polygon: shapely.Polygon) -> set[tuple[int, int]]:
     """Pairs of vertices (i < j) joined by a side or by a segment inside, through no vertex."""
     points = shapely.get_coordinates(polygon)[:-1]
     n = len(points)
-    found = {(min(i, j), max(i, j)) for i, j in pairwise([*range(n), 0])}
+    pairs = {(min(i, j), max(i, j)) for i, j in pairwise([*range(n), 0])}
     for i in range(n):
         for j in range(i + 2, n):
-            if (i, j) in found:
+            if (i, j) in pairs:
                 continue
             segment = shapely.LineString([points[i], points[j]])
             through = any(
@@ -121,8 +121,8 @@ def diagonals(polygon: shapely.Polygon) -> set[tuple[int, int]]:
             )
             inside = polygon.contains(segment) and not segment.within(polygon.boundary)
             if inside and not through:
-                found.add((i, j))
-    return found
+                pairs.add((i, j))
+    return pairs
 
 
 def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, int]]]:
@@ -147,7 +147,7 @@ def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, in
 
 
 def brute_cost(name: str, a, b, c) -> float:
-    """The criteria, written plainly once more."""
+    """The criteria in plain Python."""
     x, y = zip(a, b, c, strict=True)
     width, height = max(x) - min(x), max(y) - min(y)
     area = abs(twice_area(a, b, c)) / 2
@@ -175,7 +175,7 @@ def brute_cost(name: str, a, b, c) -> float:
 
 
 def union_of_copies(triangle, size: int) -> float:
-    """Mean number of size x size blocks with a covered centre, from areas that GEOS unites."""
+    """Mean number of size x size blocks with a covered centre, from a union by GEOS."""
     shape = shapely.Polygon(triangle)
     moves = range(size)
     copies = [shapely.affinity.translate(shape, -dx, -dy) for dx in moves for dy in moves]
@@ -203,24 +203,24 @@ def rings(
     for _ in range(draw(st.integers(0, max_holes))):
         hole = _simple(draw, draw(st.integers(3, 6)), 4)
         shift = draw(st.tuples(*[st.integers(0, size)] * 2))
-        rest = area.difference(shapely.affinity.translate(hole, *shift))
-        if rest.geom_type == "Polygon" and rest.area > 0:
-            area = rest
+        remainder = area.difference(shapely.affinity.translate(hole, *shift))
+        if remainder.geom_type == "Polygon" and remainder.area > 0:
+            area = remainder
     if on_grid is None:
         on_grid = draw(st.booleans())
     if on_grid:
         squeeze = draw(st.sampled_from([1, 1, 1 / 16, 1 / 256]))
-        found = [np.round(ring * [1, squeeze] * 256) / 256 for ring in _open_rings(area)]
+        rings_drawn = [np.round(ring * [1, squeeze] * 256) / 256 for ring in _open_rings(area)]
     else:
         turn = draw(st.floats(0, 2 * math.pi))
         scale = draw(st.floats(1e-3, 1e3))
         turned = shapely.affinity.rotate(area, turn, origin=(0, 0), use_radians=True)
-        found = [ring * scale for ring in _open_rings(turned)]
+        rings_drawn = [ring * scale for ring in _open_rings(turned)]
     for _ in range(draw(st.integers(0, 3))):
-        found = [_subdivided(draw, ring) for ring in found]
-    polygon = polygon_of([ring.tolist() for ring in found])
+        rings_drawn = [_subdivided(draw, ring) for ring in rings_drawn]
+    polygon = polygon_of([ring.tolist() for ring in rings_drawn])
     assume(polygon.is_valid and polygon.area > 0)
-    return [ring.tolist() for ring in found]
+    return [ring.tolist() for ring in rings_drawn]
 
 
 def _simple(draw: st.DrawFn, vertices: int, size: int) -> shapely.Polygon:
@@ -238,13 +238,13 @@ def _open_rings(polygon: shapely.Polygon) -> list[Any]:
 
 
 def _subdivided(draw: st.DrawFn, ring: np.ndarray) -> np.ndarray:
-    """Repeat a vertex, or halve an edge, here and there; on the grid where the ring is."""
-    where = draw(st.integers(-3, len(ring) - 1))
-    if where < 0:
+    """Repeat some vertices and halve some edges; on the grid if the ring is."""
+    start = draw(st.integers(-3, len(ring) - 1))
+    if start < 0:
         return ring
-    following = ring[(where + 1) % len(ring)]
-    extra = ring[where] if draw(st.booleans()) else (ring[where] + following) / 2
-    return np.insert(ring, where + 1, extra, axis=0)
+    following = ring[(start + 1) % len(ring)]
+    extra = ring[start] if draw(st.booleans()) else (ring[start] + following) / 2
+    return np.insert(ring, start + 1, extra, axis=0)
 
 
 def hard_polygons(max_vertices: int = 24) -> st.SearchStrategy[shapely.Polygon]:
@@ -258,7 +258,7 @@ def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    found = []
+    letters = []
     for character in characters:
         path = TextPath((0, 0), character, size=256, prop=FontProperties(family="DejaVu Sans"))
         area = shapely.Polygon()
@@ -266,8 +266,8 @@ def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
             piece = shapely.Polygon(np.round(ring * 256) / 256) if len(ring) > 3 else area
             area = area.symmetric_difference(piece) if piece.is_valid else area
         parts = shapely.get_parts(shapely.set_precision(area, 1 / 256))
-        found += [(character, part) for part in parts if part.geom_type == "Polygon"]
-    return found
+        letters += [(character, part) for part in parts if part.geom_type == "Polygon"]
+    return letters
 
 
 def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Polygon:
@@ -295,14 +295,14 @@ def with_holes(rng: np.random.Generator, exterior: int, holes: int) -> shapely.P
 
 
 def touching_polygons(seed: int, count: int) -> Iterator[shapely.Polygon]:
-    """Yield `count` polygons with one to three holes, each touching a ring where rounding puts it.
+    """Yield `count` polygons with one to three holes that touch a ring up to rounding.
 
-    A corner of a hole is a point of another ring's edge, as float64 has it: on it, beside it on
-    either side by less than the last digit, or at a vertex of it.
+    A vertex of a hole is a rounded point of another ring's edge: on it, within a rounding error on
+    either side, or at a vertex.
     """
     rng = np.random.default_rng(seed)
-    made = 0
-    while made < count:
+    yielded = 0
+    while yielded < count:
         scale = float(rng.choice([1.0, 0.1, 1 / 3, 1e-3, 1e5 / 7]))
         shift = float(rng.choice([0.0, 0.0, 0.3, 1e3 / 3, 1e6 / 7]))
         outer = shapely.get_coordinates(random_simple(rng, int(rng.integers(4, 10)), 16))[:-1]
@@ -310,12 +310,12 @@ def touching_polygons(seed: int, count: int) -> Iterator[shapely.Polygon]:
         for _ in range(int(rng.integers(1, 4))):
             polygon = _touched(rng, polygon, scale)
         if polygon.interiors and polygon.is_valid:
-            made += 1
+            yielded += 1
             yield polygon
 
 
 def _touched(rng: np.random.Generator, polygon: shapely.Polygon, scale: float) -> shapely.Polygon:
-    """Return the polygon with one more hole at one of its edges, or as it was."""
+    """Return the polygon with one more hole at one of its edges, or unchanged."""
     rings = [polygon.exterior, *polygon.interiors]
     for _ in range(30):
         ring = shapely.get_coordinates(rings[int(rng.integers(len(rings)))])
@@ -325,8 +325,8 @@ def _touched(rng: np.random.Generator, polygon: shapely.Polygon, scale: float) -
         touch = a + (b - a) * share
         if rng.random() < 0.3:
             touch = np.nextafter(touch, touch + rng.normal(size=2))
-        others = touch + rng.uniform(-5, 5, (int(rng.integers(2, 4)), 2)) * scale
-        hole = shapely.Polygon([touch, *others])
+        far_points = touch + rng.uniform(-5, 5, (int(rng.integers(2, 4)), 2)) * scale
+        hole = shapely.Polygon([touch, *far_points])
         if not hole.is_valid or hole.area < 1e-3 * scale**2:
             continue
         cut = shapely.Polygon(polygon.exterior, [*polygon.interiors, hole.exterior])

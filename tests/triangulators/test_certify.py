@@ -1,4 +1,4 @@
-"""Certificates: what they claim against every triangulation listed, and what is refused."""
+"""Certificates against exhaustive lists of triangulations, and rejected evidence."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -20,24 +20,24 @@ from tests.triangulators.cases import (
     with_holes,
 )
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
-from triangulators.certificate.certify import _down, certificate_of
+from triangulators.certificate.certify import _round_down, make_certificate
 from triangulators.certificate.proof import prove
 from triangulators.checking.checker import _check_potentials
-from triangulators.checking.edges import edges_of
+from triangulators.checking.edges import find_edges
 from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import (
     TOO_LARGE,
     Units,
     _binary_places,
-    costs_of,
-    doubles_add_up,
-    factor_for,
+    compute_costs,
+    compute_weight,
+    compute_weights,
+    find_exact_scale,
+    find_factor,
+    find_units,
+    has_exact_sums,
     lowest_first,
     noise,
-    units_for,
-    weight,
-    weights_of,
-    whole_scale,
 )
 from triangulators.criteria.cost import (
     BBOX_AREA,
@@ -57,7 +57,7 @@ ROUNDED = ("edge-length", "expected-quads", "shape")
 
 @numba.njit
 def scrambled(ax, ay, bx, by, cx, cy):
-    """A cost without rhyme or reason, so that the program's solution need not be whole."""
+    """A pseudo-random cost, so that the linear program's solution may be fractional."""
     x, y = ax * bx * cx + 17.0 * (ax + bx + cx), ay * by * cy + 31.0 * (ay + by + cy)
     return (abs(43758.5453 * np.sin(12.9898 * x + 78.233 * y)) % 1.0) ** 3
 
@@ -76,7 +76,7 @@ HALVES = (  # found by chance: three of 1,880 rings for which half triangles wou
 
 @numba.njit
 def in_debt(ax, ay, bx, by, cx, cy):
-    """The half-perimeter, counted negative: its optimum has the longest diagonals."""
+    """The negative half-perimeter, whose optimum has the longest diagonals."""
     return -(max(ax, bx, cx) - min(ax, bx, cx)) - (max(ay, by, cy) - min(ay, by, cy))
 
 
@@ -87,7 +87,7 @@ def solve(polygon, name="half-perimeter"):
 
 
 @pytest.mark.parametrize("name", [*WHOLE, *ROUNDED, in_debt])
-def test_the_proven_optimum_is_the_least_of_all_triangulations(name):
+def test_proven_optimum_is_minimum_over_all_triangulations(name):
     rng = np.random.default_rng(len(name) if isinstance(name, str) else 5)
     criterion = criteria.find(name)
 
@@ -97,29 +97,29 @@ def test_the_proven_optimum_is_the_least_of_all_triangulations(name):
     for _ in range(40):
         polygon = with_holes(rng, int(rng.integers(4, 7)), int(rng.integers(1, 4)))
         rings = [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-        least = float(Small(rings).optimum(cost)[0])
-        best, found = solve(polygon, name)
+        minimum = float(Small(rings).optimum(cost)[0])
+        best, certificate = solve(polygon, name)
         assert verify(polygon, best).conforming
-        assert found.proven, polygon.wkt
-        assert found.cost == pytest.approx(least, rel=1e-12), polygon.wkt
-        assert found.lower_bound <= least + 1e-12 * abs(least)
+        assert certificate.proven, polygon.wkt
+        assert certificate.cost == pytest.approx(minimum, rel=1e-12), polygon.wkt
+        assert certificate.lower_bound <= minimum + 1e-12 * abs(minimum)
         if name in WHOLE:
-            assert found.gap == 0.0
-        assert found.gap < 1e-8
+            assert certificate.gap == 0.0
+        assert certificate.gap < 1e-8
 
 
 @pytest.mark.parametrize("wkt", HALVES)
-def test_where_the_program_is_not_whole_the_bound_is_told(wkt):
+def test_fractional_program_gives_bound_without_proof(wkt):
     polygon = shapely.from_wkt(wkt)
-    _, found = solve(polygon, scrambled)
-    assert not found.proven
-    assert 0.0 < found.gap < 0.2
+    _, certificate = solve(polygon, scrambled)
+    assert not certificate.proven
+    assert 0.0 < certificate.gap < 0.2
     for name in ("delaunay", "greedy"):
         total = criteria.find(scrambled).total(vertices(polygon), triangulate(polygon, name))
-        assert found.lower_bound <= total
+        assert certificate.lower_bound <= total
 
 
-def test_the_table_and_the_program_agree_without_holes():
+def test_dynamic_and_linear_programs_agree_without_holes():
     rng = np.random.default_rng(8)
     for number in range(40):
         polygon = random_simple(rng, int(rng.integers(5, 40)), 60)
@@ -174,18 +174,18 @@ def test_triangulations_that_cannot_be_certified():
 class TestChecker:
     def claim(self, name="half-perimeter"):
         polygon = shapely.Polygon(star(30).exterior, [[(480, 500), (530, 520), (510, 560)]])
-        best, found = solve(polygon, name)
+        best, certificate = solve(polygon, name)
         outline = boundary(polygon)
         cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
         about = (outline, best, cost)
-        assert certificate_of(*about, found.evidence) == found
-        return about, found.evidence
+        assert make_certificate(*about, certificate.evidence) == certificate
+        return about, certificate.evidence
 
     def refused(self, about, evidence, match):
         with pytest.raises(CertificateError, match=match):
-            certificate_of(*about, evidence)
+            make_certificate(*about, evidence)
 
-    def test_a_corrupted_dual(self):
+    def test_rejects_corrupted_dual(self):
         about, evidence = self.claim()
         refusals = 0
         for edge in range(len(evidence.edges)):
@@ -194,36 +194,36 @@ class TestChecker:
                 potentials[edge] += change
                 changed = replace(evidence, potentials=potentials)
                 try:
-                    refusals += not certificate_of(*about, changed).proven
+                    refusals += not make_certificate(*about, changed).proven
                 except CertificateError:
                     refusals += 1
         assert refusals >= 2 * len(evidence.edges) - 6
         lifted = replace(evidence, lift=evidence.lift + (1 << 40))
         self.refused(about, lifted, "potentials exceed")
 
-    def test_an_edge_that_is_given_twice(self):
+    def test_rejects_repeated_edge(self):
         about, evidence = self.claim()
         edges = np.vstack([evidence.edges, evidence.edges[:1]])
         twice = replace(evidence, edges=edges, potentials=np.r_[evidence.potentials, 0])
-        self.refused(about, twice, "an edge is given twice")
+        self.refused(about, twice, "an edge is repeated")
 
-    def test_units_that_are_not_those_of_the_claim(self):
+    def test_rejects_units_of_another_claim(self):
         about, evidence = self.claim()
-        self.refused(about, replace(evidence, factor=4), "the units")
+        self.refused(about, replace(evidence, factor=4), "wrong units")
 
 
 @pytest.mark.parametrize("bits", range(11))
-def test_noise_of_edges_is_below_its_bits_and_takes_all_values(bits):
-    """The same whichever end comes first, and none without bits."""
-    found = {int(noise(a, b, bits)) for a in range(80) for b in range(a, 80)}
-    assert found <= set(range(2**bits))
-    assert len(found) >= 0.9 * 2**bits
+def test_edge_noise_takes_all_values_below_its_bits(bits):
+    """Symmetric in the ends, and zero without bits."""
+    values = {int(noise(a, b, bits)) for a in range(80) for b in range(a, 80)}
+    assert values <= set(range(2**bits))
+    assert len(values) >= 0.9 * 2**bits
     assert noise(3, 70, bits) == noise(70, 3, bits)
 
 
 @pytest.mark.parametrize("bits", [1, 7, 10])
-def test_noise_of_edges_is_what_evidence_says_it_is(bits):
-    """The plain checker's way, in Python's numbers."""
+def test_edge_noise_equals_independent_checker(bits):
+    """Compared with Python integers."""
     plain = SimpleNamespace(bits=bits)
     for a, b in combinations((*range(40), 10**6), 2):
         assert noise(a, b, bits) == check_evidence.Claim.noise(plain, a, b)
@@ -231,31 +231,31 @@ def test_noise_of_edges_is_what_evidence_says_it_is(bits):
 
 @numba.njit
 def of_first_corner(ax, ay, bx, by, cx, cy):
-    """A cost that depends on which corner comes first."""
+    """A cost that depends on the first vertex."""
     return ax + 0.25 * bx - 0.5 * cy + 100.0
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "edge-length", of_first_corner])
 @pytest.mark.parametrize("bits", [0, 1, 10])
 @pytest.mark.parametrize("scale", [4.0, 2.0**50])
-def test_weights_are_what_evidence_says_they_are_whichever_corner_comes_first(name, bits, scale):
+def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
     rng = np.random.default_rng(bits)
     points = rng.integers(-50, 50, (20, 2)).astype(float)
     triangles = np.array([rng.permutation(20)[:3] for _ in range(60)], np.int32)
     cost = cost_of(criteria.find(name), 1.0, 18)
-    units = Units(scale, factor_for(18, bits), bits, True, False)
-    weights = weights_of(points, triangles, cost, units)
+    units = Units(scale, find_factor(18, bits), bits, True, False)
+    weights = compute_weights(points, triangles, cost, units)
     for turned in range(3):
-        own = weights_of(points, np.roll(triangles, turned, 1), cost, units)
+        own = compute_weights(points, np.roll(triangles, turned, 1), cost, units)
         assert np.array_equal(own, weights)
     if name is not of_first_corner:
         return
     most = 2**59 // units.factor
     first = np.array([np.roll(row, -np.argmin(row)) for row in triangles])
-    for row, known in zip(first, weights.tolist(), strict=True):
+    for row, expected_weight in zip(first, weights.tolist(), strict=True):
         one = of_first_corner(*points[row].ravel())
         own = sum(int(noise(row[k], row[k - 1], bits)) for k in range(3))
-        assert known == units.factor * int(min(np.floor(one * scale), most)) + own
+        assert expected_weight == units.factor * int(min(np.floor(one * scale), most)) + own
 
 
 def weighing(each: float):
@@ -266,22 +266,22 @@ def weighing(each: float):
     return with_fields(cost, weights=weights)
 
 
-def test_a_weight_may_be_as_far_below_0_as_above_it():
+def test_weight_range_is_symmetric():
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    units = Units(1.0, factor_for(1, 10), 10, True, False)
-    most = 2**59 // units.factor
-    own = weight(points, 0, 1, 2, weighing(0.0), units)
-    assert 0 < own < units.factor
-    for each in (-most, most):
-        found = weight(points, 0, 1, 2, weighing(each), units)
-        assert found == each * units.factor + own
-    assert weight(points, 0, 1, 2, weighing(-most - 1.0), units) >= TOO_LARGE
-    assert weight(points, 0, 1, 2, weighing(np.nan), units) >= TOO_LARGE
+    units = Units(1.0, find_factor(1, 10), 10, True, False)
+    limit = 2**59 // units.factor
+    zero_weight = compute_weight(points, 0, 1, 2, weighing(0.0), units)
+    assert 0 < zero_weight < units.factor
+    for value in (-limit, limit):
+        clamped = compute_weight(points, 0, 1, 2, weighing(value), units)
+        assert clamped == value * units.factor + zero_weight
+    assert compute_weight(points, 0, 1, 2, weighing(-limit - 1.0), units) >= TOO_LARGE
+    assert compute_weight(points, 0, 1, 2, weighing(np.nan), units) >= TOO_LARGE
 
 
-def test_a_weight_that_is_no_number_proves_nothing():
-    edges = edges_of(boundary(SQUARE))
-    units = Units(1.0, factor_for(7, 10), 10, True, False)
+def test_weight_nan_proves_nothing():
+    edges = find_edges(boundary(SQUARE))
+    units = Units(1.0, find_factor(7, 10), 10, True, False)
     none = np.zeros(len(edges.ends), np.int64)
     with pytest.raises(CertificateError, match="a weight is too large"):
         _check_potentials(edges, none, 0, weighing(np.nan), units)
@@ -298,48 +298,48 @@ TRIANGLE = np.array([[0, 1, 2]], np.int32)
 
 
 @pytest.mark.parametrize("count", [1, 30, 4000, 10**5, 2 * 10**5, 10**6, 10**7])
-def test_units_of_real_costs_are_fine_and_leave_room_for_noise(count):
+def test_units_of_real_costs_are_fine_and_leave_noise_bits(count):
     """Of 2^-36 to 2^-32 of the total; noise has as many bits as fit, ten at most."""
     for total in (0.75, 1.5, 1.1e-7, 3.3e9):
         points = np.array([(0.0, 0.0), (total / 2, 0.0), (0.0, 0.0)])
         cost = cost_of(criteria.find("edge-length"), 1.0, 1)
-        own = float(costs_of(points, TRIANGLE, cost)[0])
-        units = units_for(outlined(points, count), TRIANGLE, cost)
-        assert 2.0**32 <= own * units.scale < 2.0**36
+        triangle_cost = float(compute_costs(points, TRIANGLE, cost)[0])
+        units = find_units(outlined(points, count), TRIANGLE, cost)
+        assert 2.0**32 <= triangle_cost * units.scale < 2.0**36
         assert np.log2(units.scale) % 4 == 0
         assert (units.exact, units.real) == (False, True)
-        assert units.factor == factor_for(count, units.bits)
+        assert units.factor == find_factor(count, units.bits)
         assert units.factor << 38 < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or factor_for(count, more) << 38 >= 2**61
+        assert units.bits == 10 or find_factor(count, more) << 38 >= 2**61
     assert units.bits != 1
 
 
 @pytest.mark.parametrize(("total", "scale"), [(0.0, 1.0), (1e-300, 2.0**900), (1e300, 2.0**-900)])
-def test_units_of_very_small_and_large_costs_are_numbers(total, scale):
+def test_units_of_extreme_costs_are_finite(total, scale):
     points = np.array([(0.0, 0.0), (total, 0.0), (0.0, 0.0)])
     # No squares, which would leave the range of doubles; not whole, so that costs are real.
-    assert units_for(outlined(points), TRIANGLE, boxes(1.5)).scale == scale
+    assert find_units(outlined(points), TRIANGLE, boxes(1.5)).scale == scale
 
 
-def test_exact_weights_leave_room_for_four_triangulations_and_noise():
+def test_exact_weights_of_four_triangulations_fit_with_noise():
     rng = np.random.default_rng(3)
     cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
     for size in 2.0 ** rng.uniform(0, 50, 60):
         points = np.rint(np.array([(0.0, 0.0), (size, 0.0), (0.0, size)]))
         count = int(rng.integers(1, 10**4))
-        units = units_for(outlined(points, count, holes=1), TRIANGLE, cost)
+        units = find_units(outlined(points, count, holes=1), TRIANGLE, cost)
         assert (units.exact, units.real) == (True, False)
-        total = int(costs_of(points, TRIANGLE, cost)[0] * units.scale)
+        total = int(compute_costs(points, TRIANGLE, cost)[0] * units.scale)
         assert 4 * total * units.factor < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or 4 * total * factor_for(count, more) >= 2**61
+        assert units.bits == 10 or 4 * total * find_factor(count, more) >= 2**61
 
 
 @pytest.mark.parametrize("bits", range(11))
-def test_a_unit_is_more_than_the_noise_of_all_triangles(bits):
+def test_unit_exceeds_noise_of_all_triangles(bits):
     for count in (1, 2, 5, 1000):
-        factor = factor_for(count, bits)
+        factor = find_factor(count, bits)
         assert factor.bit_count() == 1
         assert 3 * count * (2**bits - 1) < factor <= max(1, 6 * count * 2**bits)
 
@@ -348,7 +348,7 @@ def test_a_unit_is_more_than_the_noise_of_all_triangles(bits):
     ("values", "places"),
     [([0.5], 1), ([3.0, 4.0], 0), ([4.0, -8.0], -2), ([3 / 1024, 7.0], 10), ([0.0], -16)],
 )
-def test_binary_places_are_those_of_the_finest_coordinate(values, places):
+def test_binary_places_follow_finest_coordinate(values, places):
     assert _binary_places(np.array(values)) == places
 
 
@@ -359,13 +359,13 @@ def boxes(around: float = 0.0, box: float = 0.0):
     return with_fields(cost, weights=weights)
 
 
-def test_four_times_a_total_stays_below_the_room_for_weights():
+def test_four_times_total_stays_below_limit():
     """Of 2^k and one unit less, the larger leaves a bit less for noise."""
-    factor = factor_for(1, 10)
+    factor = find_factor(1, 10)
     side = 2.0**58 / factor
     for total, bits in ((2 * side, 9), (2 * side - 1, 10)):
         points = np.array([(0.0, 0.0), (side, 0.0), (0.0, total - side)])
-        units = units_for(outlined(points, holes=1), TRIANGLE, boxes(1.0))
+        units = find_units(outlined(points, holes=1), TRIANGLE, boxes(1.0))
         assert (units.scale, units.exact, units.bits) == (1.0, True, bits)
         assert (4 * int(total) * factor < 2**61) == (bits == 10)
 
@@ -387,30 +387,34 @@ def test_four_times_a_total_stays_below_the_room_for_weights():
         (2.0**51 + 1, boxes(1.0), 0.0, 2.0**52 + 2),
     ],
 )
-def test_whole_costs_have_units_where_doubles_are_exact(side, cost, scale, most):
+def test_integer_costs_have_units_if_doubles_are_exact(side, cost, scale, most):
     points = np.array([(16.0, 0.0), (16.0 + side, 0.0), (16.0, side)])
-    found, whole, units = whole_scale(points, cost)
-    assert (found, units) == (scale, most)
-    assert whole == (side % 1 == 0 and most < np.inf)
+    scale_of_units, is_integer, units = find_exact_scale(points, cost)
+    assert (scale_of_units, units) == (scale, most)
+    assert is_integer == (side % 1 == 0 and most < np.inf)
 
 
-def test_whole_costs_may_weigh_all_that_is_whole():
+def test_integer_costs_may_combine_all_integer_features():
     weights = np.zeros_like(boxes()["weights"])
     weights[:4] = 1, -1, 2, 3
     points = np.array([(0.0, 0.0), (7.0, 0.0), (0.0, 7.0)])
-    assert whole_scale(points, with_fields(boxes(), weights=weights)) == (2.0, True, 7 * 2 * 49.0)
+    assert find_exact_scale(points, with_fields(boxes(), weights=weights)) == (
+        2.0,
+        True,
+        7 * 2 * 49.0,
+    )
 
 
-def test_doubles_add_up_while_a_sum_of_all_is_exact():
+def test_has_exact_sums_up_to_2_52():
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    assert doubles_add_up(outlined(points, 2**51 - 1), boxes(1.0))
-    assert not doubles_add_up(outlined(points, 2**51), boxes(1.0))
-    assert not doubles_add_up(outlined(points), boxes(1.5))
-    assert not doubles_add_up(outlined((2.0**25 + 1) * points), boxes(0.0, 1.0))
+    assert has_exact_sums(outlined(points, 2**51 - 1), boxes(1.0))
+    assert not has_exact_sums(outlined(points, 2**51), boxes(1.0))
+    assert not has_exact_sums(outlined(points), boxes(1.5))
+    assert not has_exact_sums(outlined((2.0**25 + 1) * points), boxes(0.0, 1.0))
 
 
-def test_the_table_proves_as_many_corners_as_its_limit(monkeypatch):
-    monkeypatch.setattr("triangulators.certificate.certify.TABLE", 4)
+def test_dynamic_program_proves_up_to_its_limit(monkeypatch):
+    monkeypatch.setattr("triangulators.certificate.certify.MAX_RING_VERTICES", 4)
     monkeypatch.setattr("triangulators.certificate.certify.prove", lambda *_: None)
     four = shapely.box(0, 0, 9, 4)
     five = shapely.Polygon([(0, 0), (9, 0), (9, 4), (4, 6), (0, 4)])
@@ -418,23 +422,23 @@ def test_the_table_proves_as_many_corners_as_its_limit(monkeypatch):
     assert not certify(five, triangulate(five, "optimal:half-perimeter")).proven
 
 
-def test_a_triangle_is_turned_to_its_lowest_corner():
+def test_lowest_first_rotates_triangle():
     for corners in permutations((2, 5, 9)):
-        found = lowest_first(*corners)
-        assert found[0] == 2
-        assert found in [corners[k:] + corners[:k] for k in range(3)]
+        rotated = lowest_first(*corners)
+        assert rotated[0] == 2
+        assert rotated in [corners[k:] + corners[:k] for k in range(3)]
 
 
-def test_what_cannot_be_proven_in_time_has_its_cost_and_no_bound(monkeypatch):
+def test_certificate_without_bound_has_cost(monkeypatch):
     monkeypatch.setattr("triangulators.certificate.certify.prove", lambda *_: None)
     best = triangulate(SQUARE, "optimal:half-perimeter")
-    found = certify(SQUARE, best)
-    assert not found.proven
-    assert (found.lower_bound, found.gap) == (-np.inf, np.inf)
-    assert found.cost == np.ptp(vertices(SQUARE)[best], axis=1).sum()
+    certificate = certify(SQUARE, best)
+    assert not certificate.proven
+    assert (certificate.lower_bound, certificate.gap) == (-np.inf, np.inf)
+    assert certificate.cost == np.ptp(vertices(SQUARE)[best], axis=1).sum()
 
 
 @pytest.mark.parametrize("value", [Fraction(1, 3), Fraction(2, 3), Fraction(-1, 3), Fraction(5)])
-def test_a_bound_is_rounded_down_by_no_more_than_a_step(value):
-    low = _down(value)
+def test_round_down_changes_at_most_one_step(value):
+    low = _round_down(value)
     assert Fraction(low) <= value < Fraction(np.nextafter(low, np.inf))

@@ -1,4 +1,4 @@
-"""Proofs that travel: two checkers that share no code accept the true ones and no others."""
+"""Claims in files: two independent checkers accept the true ones only."""
 
 import ast
 import itertools
@@ -25,11 +25,11 @@ from tests.endurance.forgeries import (
 from tests.endurance.test_claims import compare, count_accepted, random_polygon
 from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
-from triangulators.certificate.certify import certificate_of
+from triangulators.certificate.certify import make_certificate
 from triangulators.checking import checker
-from triangulators.checking.edges import _meets, edges_of
+from triangulators.checking.edges import _meets, find_edges
 from triangulators.checking.evidence import CertificateError, Evidence, as_claim
-from triangulators.checking.units import exact_total, units_for
+from triangulators.checking.units import exact_total, find_units
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
 
@@ -46,48 +46,48 @@ def about(polygon, triangles, name="half-perimeter"):
     return outline, np.ascontiguousarray(outline.site[triangles], np.int32), cost
 
 
-def test_units_that_are_too_coarse_are_refused():
+def test_rejects_coarse_units():
     worst = triangulate(SQUARE, "worst:half-perimeter")
     true = certify(SQUARE, worst).evidence
     zeros = np.zeros(len(true.edges), np.int64)
     forged = Evidence(1e-300, true.factor, true.bits, true.edges, zeros, 0)
-    with pytest.raises(CertificateError, match="the evidence has the units"):
-        certificate_of(*about(SQUARE, worst), forged)
+    with pytest.raises(CertificateError, match="wrong units"):
+        make_certificate(*about(SQUARE, worst), forged)
 
 
 @pytest.mark.parametrize("lift", [2**60, -(2**60), 2**70, np.int64(2**60)])
-def test_a_lift_too_large_is_refused(lift):
+def test_rejects_large_lift(lift):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
     forged = replace(true, lift=lift)
     with pytest.raises(CertificateError, match="too large"):
-        certificate_of(*about(SQUARE, best), forged)
+        make_certificate(*about(SQUARE, best), forged)
 
 
 @pytest.mark.parametrize("power", [-440, -460, -508, -512, -537, 480, 500])
-def test_near_the_ends_of_doubles_nothing_false_is_proven(power):
-    """Units that cannot be fine enough would prove anything; squares of steps leave the range."""
+def test_extreme_coordinates_prove_nothing_false(power):
+    """Coarse units would prove anything; squares of steps overflow."""
     corners = np.array([(0, 0), (9.1, 0.3), (17.7, 5.2), (13.3, 12.9), (2.2, 10.1)])
     for shape in (shapely.Polygon(corners), shapely.Polygon(np.rint(corners))):
         polygon = shapely.transform(shape, lambda points: points * 2.0**power)
         worst = triangulate(polygon, "worst:overdraw")
         for name in ("overdraw", "half-perimeter"):
-            found = certify(polygon, worst, name)
-            assert not found.proven
-            claim = as_claim(polygon, worst, name, found)
+            certificate = certify(polygon, worst, name)
+            assert not certificate.proven
+            claim = as_claim(polygon, worst, name, certificate)
             assert not is_accepted_by_file(json.dumps(claim | {"proven": True}))
 
 
-def test_a_bound_above_the_cost_is_refused(monkeypatch):
+def test_rejects_bound_above_cost(monkeypatch):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
     monkeypatch.setattr(checker, "_check_potentials", lambda *_: None)  # so that nothing else does
     forged = replace(true, lift=true.lift + true.factor)
-    with pytest.raises(CertificateError, match="above what the triangulation costs"):
-        certificate_of(*about(SQUARE, best), forged)
+    with pytest.raises(CertificateError, match="bound exceeds the weight"):
+        make_certificate(*about(SQUARE, best), forged)
 
 
-def test_four_units_in_five_million_million_are_seen():
+def test_detects_four_units_in_5e12():
     greedy = certify(RING, triangulate(RING, "greedy"), "overdraw")
     best = certify(RING, triangulate(RING, "optimal:overdraw"), "overdraw")
     assert (greedy.cost, greedy.proven) == (5372176259625.0, False)
@@ -97,35 +97,37 @@ def test_four_units_in_five_million_million_are_seen():
     assert not fast.proven
 
 
-def test_where_64_bits_are_too_few_nothing_is_proven_and_the_bound_holds():
+def test_overflow_of_64_bits_gives_valid_bound_without_proof():
     rng = np.random.default_rng(2)
     for _ in range(8):
         polygon = random_simple(rng, 9, 2**31)
         best = triangulate(polygon, "optimal:overdraw")
         for triangles in (best, triangulate(polygon, "greedy")):
-            found = certify(polygon, triangles, "overdraw")
-            assert not found.proven
-            assert is_accepted_by_file(json.dumps(as_claim(polygon, triangles, "overdraw", found)))
-            least = certify(polygon, best, "overdraw").cost
-            assert found.lower_bound <= least
-            assert found.lower_bound == pytest.approx(least, rel=1e-8)
+            certificate = certify(polygon, triangles, "overdraw")
+            assert not certificate.proven
+            assert is_accepted_by_file(
+                json.dumps(as_claim(polygon, triangles, "overdraw", certificate))
+            )
+            optimal_cost = certify(polygon, best, "overdraw").cost
+            assert certificate.lower_bound <= optimal_cost
+            assert certificate.lower_bound == pytest.approx(optimal_cost, rel=1e-8)
 
 
-def test_where_holes_touch_off_the_grid_optima_are_proven():
+def test_touching_holes_off_grid_are_proven():
     for number, polygon in enumerate(touching_polygons(1, 24)):
         name = ("expected-quads", *NAMES)[number % 4]
         polygon = polygon.reverse() if number % 3 else polygon
-        found = certify(polygon, triangulate(polygon, "optimal", criterion=name), name)
-        assert found.proven, (name, polygon.wkt)
-        assert found.gap < 1e-8
+        certificate = certify(polygon, triangulate(polygon, "optimal", criterion=name), name)
+        assert certificate.proven, (name, polygon.wkt)
+        assert certificate.gap < 1e-8
 
 
-def test_a_thousand_false_claims():
+def test_rejects_thousand_false_claims():
     counts = count_accepted(np.random.default_rng(7), 1000)
     assert min(counts["no claim"], counts["false"], counts["genuine"]) > 50
 
 
-def test_nothing_is_proven_where_brute_force_finds_less():
+def test_nothing_cheaper_by_brute_force_is_proven():
     rng = np.random.default_rng(11)
     counts = Counter()
     for number in range(6):
@@ -174,7 +176,7 @@ OF_A_KITE = {
         {"more": 0},
     ],
 )
-def test_what_is_changed_in_one_place_is_refused_by_both(change):
+def test_both_checkers_reject_single_changes(change):
     line = json.dumps(OF_A_KITE)
     assert decide_truth(line) == "true"
     assert is_accepted_by_file(line)
@@ -184,8 +186,8 @@ def test_what_is_changed_in_one_place_is_refused_by_both(change):
     assert not is_accepted_by_package(changed)
 
 
-def test_a_ring_that_meets_itself_is_refused_by_both():
-    """Two triangles at one corner, each of which the ring runs round: nothing can cost less."""
+def test_both_checkers_reject_self_touching_ring():
+    """Two triangles with a common vertex, both surrounded by the ring."""
     bow = [[0, 0], [4, 0], [4, 4], [0, 0], [-4, 0], [-4, -4]]
     zeros = {"edges": [[0, 1]], "potentials": [0], "lift": 0}
     claim = OF_A_KITE | {"rings": [bow], "triangles": [[0, 1, 2], [3, 4, 5]], **zeros}
@@ -195,7 +197,7 @@ def test_a_ring_that_meets_itself_is_refused_by_both():
     assert not is_accepted_by_package(line)
 
 
-def test_a_field_that_is_given_twice_is_refused_by_both():
+def test_rejects_repeated_field():
     line = json.dumps(OF_A_KITE)
     twice = line.replace('"cost": 220.0', '"cost": 220.0, "cost": 220.0')
     assert json.loads(twice) == OF_A_KITE
@@ -203,7 +205,7 @@ def test_a_field_that_is_given_twice_is_refused_by_both():
     assert not is_accepted_by_package(twice)
 
 
-def test_other_criteria_are_refused_with_a_line_that_says_so():
+def test_unsupported_criteria_are_rejected_with_reason():
     triangles = triangulate(SQUARE, "optimal:shape")
     claim = as_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
     with pytest.raises(
@@ -212,7 +214,7 @@ def test_other_criteria_are_refused_with_a_line_that_says_so():
         check_evidence.check(json.dumps(claim))
 
 
-def test_a_ring_whose_last_vertex_is_its_first_again_keeps_its_vertices():
+def test_closed_ring_keeps_its_vertices():
     ring = [(0, 0), (9, 0), (9, 9), (0, 9), (0, 0), (0, 0)]
     polygon = shapely.Polygon(ring, [[(2, 2), (2, 4), (4, 3)]])
     triangles = triangulate(polygon, "optimal:half-perimeter")
@@ -222,7 +224,7 @@ def test_a_ring_whose_last_vertex_is_its_first_again_keeps_its_vertices():
     assert is_accepted_by_file(json.dumps(claim))
 
 
-def test_the_checker_in_a_file_needs_python_alone(tmp_path):
+def test_check_evidence_needs_only_python(tmp_path):
     source = Path(check_evidence.__file__).read_text(encoding="utf-8")
     names = {
         alias.name if isinstance(node, ast.Import) else node.module
@@ -231,24 +233,24 @@ def test_the_checker_in_a_file_needs_python_alone(tmp_path):
         for alias in node.names
     }
     assert names <= sys.stdlib_module_names | {"collections.abc"}
-    alone = tmp_path / "alone.py"
-    alone.write_text(source)
+    script = tmp_path / "alone.py"
+    script.write_text(source)
     proofs = tmp_path / "proofs.jsonl"
     line = json.dumps(OF_A_KITE)
     for text, code in ((line, 0), (f"{line}\n{line[:-1]}", 1)):
         proofs.write_text(text)
-        done = subprocess.run([sys.executable, "-I", "-S", alone, proofs], capture_output=True)
+        done = subprocess.run([sys.executable, "-I", "-S", script, proofs], capture_output=True)
         assert done.returncode == code
         assert done.stdout.startswith(b"1: costs at most 0.364 more")
         assert (b"2: refused" in done.stdout) == bool(code)
 
 
-def test_a_real_cost_is_proven_within_a_unit_of_each_triangle(monkeypatch):
-    """Each triangle's cost is rounded down by less than a unit: so far below may the bound be."""
+def test_real_costs_are_proven_within_one_unit_per_triangle(monkeypatch):
+    """Each triangle's cost is rounded down by less than a unit, and so is the bound."""
     best = triangulate(SQUARE, "optimal:edge-length")
     outline, corners, cost = about(SQUARE, best, "edge-length")
     evidence = certify(SQUARE, best, "edge-length").evidence
-    units = units_for(outline, corners, cost)
+    units = find_units(outline, corners, cost)
     assert units.real
     assert not units.exact
     total = exact_total(outline, corners, cost, units)
@@ -256,12 +258,12 @@ def test_a_real_cost_is_proven_within_a_unit_of_each_triangle(monkeypatch):
         bound = math.floor(total * Fraction(units.scale)) - below
         # What the total exceeds a whole number of units by is below a unit, too.
         monkeypatch.setattr(checker, "lower_bound", lambda *_, b=bound: b * units.factor)
-        assert certificate_of(outline, corners, cost, evidence).proven is proven
+        assert make_certificate(outline, corners, cost, evidence).proven is proven
 
 
 @pytest.mark.parametrize("size", [2**6, 2**20])
-def test_no_entry_of_a_table_may_be_one_better(size):
-    """Each is the least there is, of some triangle: a unit more, one way or other, is refused."""
+def test_dynamic_program_potentials_are_tight(size):
+    """Changing a potential by one unit violates the inequality of some triangle."""
     rng = np.random.default_rng(5)
     for _ in range(4):
         polygon = random_simple(rng, 9, size)
@@ -282,23 +284,23 @@ def test_no_entry_of_a_table_may_be_one_better(size):
             assert all("potentials exceed" in why for why in refused), refused
 
 
-def test_a_single_side_that_is_no_edge_is_refused():
+def test_rejects_side_that_is_not_an_edge():
     best = triangulate(SQUARE, "optimal:half-perimeter")
     outline, sites, cost = about(SQUARE, best)
     true = certify(SQUARE, best).evidence
     checker.lower_bound(outline, sites, cost, true)
     beyond = replace(true, edges=np.where(true.edges == 0, len(outline.points), true.edges))
-    with pytest.raises(CertificateError, match="vertices that are none"):
+    with pytest.raises(CertificateError, match="out of range"):
         checker.lower_bound(outline, sites, cost, beyond)
-    seen = {tuple(sorted(edge)) for edge in edges_of(outline).ends.tolist()}
+    seen = {tuple(sorted(edge)) for edge in find_edges(outline).ends.tolist()}
     across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
     third = next(k for k in range(len(outline.points)) if k not in across)
     sites[0] = [*across, third]
-    with pytest.raises(CertificateError, match="a side of a triangle is no edge"):
+    with pytest.raises(CertificateError, match="not an edge of the polygon"):
         checker.lower_bound(outline, sites, cost, true)
 
 
-def test_segments_that_touch_meet_and_segments_in_line_apart_do_not():
+def test_meets_includes_touching_but_not_disjoint_collinear_segments():
     ends = [[0, 0], [4, 0], [2, 0], [2, 3], [2, -3], [5, 0], [9, 0], [9, 1], [0, 4]]
     points = np.array([*ends, [2, 1], [2, -1]], float)
     for second, meets in (

@@ -32,7 +32,7 @@ from triangulators import (
     vertices,
 )
 from triangulators.criteria import predict, predict_many
-from triangulators.criteria.families import CALIBRATED_FEATURES
+from triangulators.criteria.criterion import CALIBRATED_FEATURES
 from triangulators.criteria.features import exact_quads
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon_arrays import offsets_of
@@ -44,12 +44,12 @@ ONE = np.array([[0, 1, 2]])
 
 @settings(deadline=None)
 @given(corners)
-def test_each_equals_its_plain_definition(triangle):
+def test_features_equal_plain_definitions(triangle):
     assume(abs(twice_area(*triangle)) > 0.5)
-    found = predict(np.array(triangle), ONE)
+    sums = predict(np.array(triangle), ONE)
     for name in PLAIN:
         expected = brute_cost(name, *triangle)
-        assert found[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert sums[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @settings(deadline=None)
@@ -65,33 +65,33 @@ def test_beauty_is_half_the_radius_of_the_inscribed_circle(triangle):
 
 @settings(deadline=None)
 @given(corners)
-def test_expected_blocks_are_exact_but_for_slivers_with_gaps(triangle):
+def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     area = abs(twice_area(*triangle)) / 2
     assume(area > 0.25)
-    found = predict(np.array(triangle), ONE)["expected_blocks"]
+    blocks = predict(np.array(triangle), ONE)["expected_blocks"]
     exact = union_of_copies(triangle, 4)
     # Each covered centre for itself is the most that gaps can make of it.
-    assert exact * (1 - 1e-9) - 1e-9 <= found <= area + 1e-9
+    assert exact * (1 - 1e-9) - 1e-9 <= blocks <= area + 1e-9
     sides = [np.subtract(triangle[k - 1], triangle[k]) for k in range(3)]
     longest = max(np.hypot(*side) for side in sides)
     if 2 * area / longest > max(4, longest / 3):  # no sharp corner, where gaps begin
-        assert found == pytest.approx(exact, rel=0.05)
+        assert blocks == pytest.approx(exact, rel=0.05)
 
 
 def test_large_triangles_have_the_textbook_number_of_quads():
-    """(S + (b-1)(w+h) + (b-1)^2) / b^2 blocks of b x b are touched; corners may miss a centre."""
+    """(S + (b-1)(w+h) + (b-1)^2) / b^2 blocks of b x b, except those without a covered centre."""
     points = np.array([[0.0, 0.0], [900.0, 100.0], [300.0, 700.0]])
-    found = predict(points, ONE)
-    textbook = (found["area"] + found["half_perimeter"] + 1) / 4
-    assert found["expected_quads"] == pytest.approx(textbook, rel=1e-5)
-    assert found["expected_quads"] < textbook
+    sums = predict(points, ONE)
+    textbook = (sums["area"] + sums["half_perimeter"] + 1) / 4
+    assert sums["expected_quads"] == pytest.approx(textbook, rel=1e-5)
+    assert sums["expected_quads"] < textbook
 
 
 def test_sums_of_the_papers_polygon():
     polygon = paper_polygon()
-    found = predict(vertices(polygon), triangulate(polygon, "optimal"))
+    predicted = predict(vertices(polygon), triangulate(polygon, "optimal"))
     sums = ("triangles", "area", "overdraw", "bbox_area", "complexity", "expected_setups")
-    assert [found[name] for name in sums] == [7, 46.0, 56.0, 102.0, 24 * 7, 7]
+    assert [predicted[name] for name in sums] == [7, 46.0, 56.0, 102.0, 24 * 7, 7]
 
 
 def test_mixed_is_normalised_as_stated():
@@ -103,8 +103,8 @@ def test_mixed_is_normalised_as_stated():
         + 3 * sums["shape"] / (240 * sums["triangles"])
         + 5 * sums["complexity"] / (24 * sums["triangles"])
     )
-    found = criteria.find("mixed", alpha=2, beta=3, gamma=5).total(points, triangles)
-    assert found == pytest.approx(expected, rel=1e-12)
+    total = criteria.find("mixed", alpha=2, beta=3, gamma=5).total(points, triangles)
+    assert total == pytest.approx(expected, rel=1e-12)
 
 
 def test_calibrated_takes_coefficients_by_name():
@@ -112,8 +112,8 @@ def test_calibrated_takes_coefficients_by_name():
     sums = predict(points, triangles)
     coefficients = {name: 2.0 + k for k, name in enumerate(CALIBRATED_FEATURES)}
     expected = sum(weight * sums[key] for key, weight in coefficients.items())
-    found = criteria.find("calibrated", coefficients=coefficients)
-    assert found.total(points, triangles) == pytest.approx(expected, rel=1e-12)
+    criterion = criteria.find("calibrated", coefficients=coefficients)
+    assert criterion.total(points, triangles) == pytest.approx(expected, rel=1e-12)
     with pytest.raises(ValueError, match="helper"):
         criteria.find("calibrated", coefficients={"helper": 1.0})
 
@@ -137,13 +137,13 @@ def _beyond_sums(ax, ay, bx, by, cx, cy):
 
 @pytest.mark.parametrize("name", ["optimal", "refined", "worst"])
 @pytest.mark.parametrize("holes", [False, True])
-def test_a_criterion_that_is_no_number_is_one_clear_error(name, holes):
+def test_nan_criterion_raises_one_error(name, holes):
     polygon = shapely.Point(0, 0).buffer(5, quad_segs=8)
     if holes:
         polygon = polygon.difference(shapely.box(-1, -1, 1, 1))
-    with pytest.raises(TriangulationError, match="gives nan: it has to be a number"):
+    with pytest.raises(TriangulationError, match="nan is not a finite number"):
         triangulate(polygon, name, criterion=_no_number)
-    with pytest.raises(TriangulationError, match="gives inf: it has to be a number"):
+    with pytest.raises(TriangulationError, match="inf is not a finite number"):
         triangulate(polygon, name, criterion=_beyond_sums)
 
 
@@ -156,24 +156,24 @@ def _no_number_for_large_ones(ax, ay, bx, by, cx, cy):
 OCTAGON = 0.7 * np.array([(0, 0), (5, -2), (10, 0), (12, 5), (10, 10), (5, 12), (0, 10), (-2, 5)])
 
 
-def test_a_triangle_that_is_no_number_is_taken_only_where_no_other_will_do():
+def test_nan_triangle_is_avoided_if_possible():
     polygon, criterion = shapely.Polygon(OCTAGON), _no_number_for_large_ones
     best = [triangulate(polygon, name, criterion=criterion) for name in ("optimal", "exhaustive")]
     totals = [criteria.find(criterion).total(OCTAGON, triangles) for triangles in best]
     assert totals[0] == pytest.approx(totals[1], rel=1e-12)
     assert certify(polygon, best[0], criterion).proven
-    with pytest.raises(TriangulationError, match="gives nan: it has to be a number"):
+    with pytest.raises(TriangulationError, match="nan is not a finite number"):
         certify(polygon, triangulate(polygon, "max-area"), criterion)
 
 
-def test_triangles_without_area_may_be_no_number():
-    """As a ratio of sides is: no result has such a triangle."""
+def test_degenerate_triangles_may_be_nan():
+    """For example a ratio of sides; no result has such a triangle."""
     square = shapely.Polygon([(0, 0), (3, 0), (6, 0), (6, 3), (6, 6), (3, 6), (0, 6), (0, 3)])
     for name in ("optimal", "refined", "flips"):
         assert len(triangulate(square, name, criterion=_no_number_for_large_ones)) == 6
 
 
-def test_weights_whose_sums_overflow_are_refused():
+def test_rejects_weights_whose_sums_overflow():
     with pytest.raises(ArgumentError, match=r"alpha is beyond 1e\+200"):
         triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e300/0/0")
     assert len(triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e199/0/0")) == 2
@@ -192,7 +192,7 @@ def counted(polygon: shapely.Polygon, triangles: np.ndarray) -> int:
     st.lists(st.integers(0, 12 * UNITS), min_size=6, max_size=6),
     st.sampled_from([1, 7, 64, 128, 256]),
 )
-def test_a_triangle_shades_the_quads_that_the_reference_counts(corners, step):
+def test_exact_quads_equal_reference_rasteriser(corners, step):
     corners = [step * (value // step) for value in corners]
     points = np.array(corners, np.int32).reshape(3, 2)
     expected = rasterised(points, np.array([[0, 1, 2]], np.int32))["quads"][0]
@@ -201,7 +201,7 @@ def test_a_triangle_shades_the_quads_that_the_reference_counts(corners, step):
     assert exact_quads(*(points / UNITS - 40).ravel()) == expected
 
 
-def test_it_is_the_least_of_all_triangulations():
+def test_optimum_of_exact_quads_is_minimum_over_all_triangulations():
     """300 polygons, each triangulation listed and its quads counted by the reference."""
     rng = np.random.default_rng(17)
     checked, better = 0, 0
@@ -221,27 +221,27 @@ def test_it_is_the_least_of_all_triangulations():
 
 
 @pytest.mark.parametrize("resolution", [256, 1024])
-def test_nothing_shades_fewer(resolution):
-    """Polygons of the city, with holes and without, by every triangulator and at random."""
+def test_no_triangulator_has_fewer_exact_quads(resolution):
+    """City polygons, with and without holes, against all triangulators and random ones."""
     frame = make_frame(load("city:buildings=60").polygons, View(resolution))
-    others = [name for name in names(available_only=True) if name not in ("exhaustive", "listed")]
+    peers = [name for name in names(available_only=True) if name not in ("exhaustive", "listed")]
     assert sum(bool(polygon.interiors) for polygon in frame.polygons) >= 3
     for polygon in frame.polygons:
-        least = counted(polygon, triangulate(polygon, "optimal:exact-quads"))
-        for name in [*others, "optimal:half-perimeter", "optimal:expected-quads"]:
+        optimal_quads = counted(polygon, triangulate(polygon, "optimal:exact-quads"))
+        for name in [*peers, "optimal:half-perimeter", "optimal:expected-quads"]:
             try:
                 triangles = triangulate(polygon, name)
             except SkippedError:
                 continue
             if len(triangles) == len(vertices(polygon)) + 2 * len(polygon.interiors) - 2:
-                assert counted(polygon, triangles) >= least, name
+                assert counted(polygon, triangles) >= optimal_quads, name
         if not polygon.interiors:
             for seed in range(10):
                 triangles = triangulate(polygon, "random", seed=seed)
-                assert counted(polygon, triangles) >= least
+                assert counted(polygon, triangles) >= optimal_quads
 
 
-def test_with_holes_it_is_proven():
+def test_exact_quads_with_holes_are_proven():
     frame = make_frame(load("city:buildings=300").polygons, View(512))
     holed = [polygon for polygon in frame.polygons if polygon.interiors][:12]
     assert len(holed) == 12
@@ -254,12 +254,12 @@ def test_with_holes_it_is_proven():
 
 def test_too_many_vertices_are_skipped_with_the_reason():
     polygon = smooth(600)
-    with pytest.raises(SkippedError, match=r"exact-quads of 600 vertices: up to 500 are done"):
+    with pytest.raises(SkippedError, match=r"exact-quads: 600 vertices \(more than 500\)"):
         triangulate(polygon, "optimal:exact-quads")
     assert len(triangulate(star(60), "optimal:exact-quads")) == 58
 
 
-def test_predictions_of_many_polygons_are_those_of_each_one():
+def test_predict_many_equals_predict():
     polygons = make_frame(load("city:buildings=40").polygons, View(256)).polygons
     parts = [triangulate(polygon, "ear-clipping") for polygon in polygons]
     parts[3] = parts[3][:0]

@@ -1,4 +1,4 @@
-"""The drop-in takes and returns what mapbox_earcut does."""
+"""The drop-in has the interface of mapbox_earcut."""
 
 import mapbox_earcut
 import numpy as np
@@ -20,19 +20,19 @@ def outlines():
     return [random_simple(rng, int(n), 40) for n in range(3, 40)] + [star(100), star(200)]
 
 
-def test_the_usual_method_flips_earcuts_own_triangles():
+def test_default_method_flips_earcut_triangles():
     for polygon in outlines():
         points, ends = earcut_rings(polygon)
-        found = dropin.triangulate_float64(points, ends)
-        assert found.dtype == np.uint32
+        indices = dropin.triangulate_float64(points, ends)
+        assert indices.dtype == np.uint32
         raw = mapbox_earcut.triangulate_float64(points, ends)
-        assert np.array_equal(found.reshape(-1, 3), flip(points, raw))
-        assert np.array_equal(found.reshape(-1, 3), triangulate(polygon, "flips:l1"))
-        assert np.array_equal(found, dropin.triangulate_float64(points, ends, method="flips"))
+        assert np.array_equal(indices.reshape(-1, 3), flip(points, raw))
+        assert np.array_equal(indices.reshape(-1, 3), triangulate(polygon, "flips:l1"))
+        assert np.array_equal(indices, dropin.triangulate_float64(points, ends, method="flips"))
 
 
-def test_an_unknown_method_is_named():
-    """Among them "optimal", which is the optimum for overdraw elsewhere."""
+def test_unknown_method_raises_error():
+    """Also "optimal", which elsewhere means the optimum for overdraw."""
     with pytest.raises(ValueError, match="unknown method 'best'; known: flips:l1, refined:"):
         dropin.triangulate_float64(*earcut_rings(star(9)), method="best")
     with pytest.raises(ValueError, match="unknown method 'optimal'; known: flips"):
@@ -40,16 +40,16 @@ def test_an_unknown_method_is_named():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_holes_are_never_worse_than_earcut(method):
+def test_optimum_with_holes_is_never_worse_than_earcut(method):
     rng = np.random.default_rng(4)
     better = 0
     for _ in range(30):
         polygon = with_hole(rng, 14, 6)
         points, ends = earcut_rings(polygon)
-        found = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
+        improved = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        costs = [predict(points, triangles)["half_perimeter"] for triangles in (found, raw)]
-        assert verify(polygon, found).ok
+        costs = [predict(points, triangles)["half_perimeter"] for triangles in (improved, raw)]
+        assert verify(polygon, improved).ok
         assert costs[0] <= costs[1] * (1 + 1e-12)
         better += costs[0] < costs[1] * (1 - 1e-9)
     assert better > 15
@@ -64,7 +64,7 @@ def test_float32():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_hostile_input_gives_a_valid_result_or_earcuts_own(method):
+def test_hostile_input_gives_valid_or_earcut_triangles(method):
     for name, rings in shared_rings("earcut_fixtures.json"):
         points = np.concatenate([ring.reshape(-1, 2) for ring in rings])
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
@@ -72,12 +72,12 @@ def test_hostile_input_gives_a_valid_result_or_earcuts_own(method):
         if len(points) > (3000 if len(rings) == 1 else 300):
             continue
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        found = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
-        areas = [predict(points, triangles)["area"] for triangles in (raw, found)]
+        improved = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
+        areas = [predict(points, triangles)["area"] for triangles in (raw, improved)]
         assert areas[0] == pytest.approx(areas[1], rel=1e-9), name
 
 
-def test_bad_arguments_raise_what_earcut_raises():
+def test_bad_arguments_raise_earcut_errors():
     points = vertices(star(10))
     cases = [
         (points, np.array([7], dtype=np.uint32)),
@@ -94,29 +94,29 @@ def test_bad_arguments_raise_what_earcut_raises():
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64])
-def test_whole_numbers(kind):
-    """As earcut's functions for integers, which a program with tiles or pixels calls."""
-    whole = getattr(dropin, f"triangulate_{kind.__name__}")
+def test_integer_functions_equal_float64(kind):
+    """Earcut's integer functions, for programs with tiles or pixels."""
+    triangulate_integers = getattr(dropin, f"triangulate_{kind.__name__}")
     raw = getattr(mapbox_earcut, f"triangulate_{kind.__name__}")
     better = 0
     for polygon in (star(50), with_hole(np.random.default_rng(4), 14, 6)):
         points, ends = earcut_rings(polygon)
         points = np.round(points * 1000).astype(kind)
-        found = whole(points, ends)
-        assert found.dtype == np.uint32
-        assert np.array_equal(found, dropin.triangulate_float64(points.astype(np.float64), ends))
+        indices = triangulate_integers(points, ends)
+        assert indices.dtype == np.uint32
+        assert np.array_equal(indices, dropin.triangulate_float64(points.astype(np.float64), ends))
         costs = [
             predict(points.astype(np.float64), flat.reshape(-1, 3))["half_perimeter"]
-            for flat in (found, raw(points, ends))
+            for flat in (indices, raw(points, ends))
         ]
         assert costs[0] <= costs[1] * (1 + 1e-12)
         better += costs[0] < costs[1]
         # Earcut casts what is not of its kind; so does the drop-in.
-        assert np.array_equal(whole(points.astype(np.float64) + 0.25, ends), found)
+        assert np.array_equal(triangulate_integers(points.astype(np.float64) + 0.25, ends), indices)
     assert better
 
 
-def test_whole_numbers_far_from_zero_are_exact_and_beyond_doubles_earcuts_own():
+def test_large_integers_are_exact_up_to_2_53():
     points, ends = earcut_rings(star(50))
     near = np.round(points * 1000).astype(np.int64)
     far = near + 2**60
@@ -156,7 +156,7 @@ def test_polygons_far_from_the_origin_are_covered_once(name):
 
 @pytest.mark.parametrize("kind", [np.float64, np.int32, np.int64])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_local_origin_moves_no_vertex_relative_to_another(kind, sign):
+def test_local_origin_preserves_relative_positions(kind, sign):
     rng = np.random.default_rng(4)
     points = (sign * (10**6 + rng.integers(0, 10**5, (50, 2)))).astype(kind)
     starts = np.array([0, 20])

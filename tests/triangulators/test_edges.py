@@ -1,4 +1,4 @@
-"""The optimum over edges: integers or floats, the same cost by every way."""
+"""Edge costs: integer and float dynamic programs give the same cost."""
 
 from itertools import chain
 
@@ -33,14 +33,14 @@ def by_triangles(ring, criterion, sign=1.0):
 
 
 def by_ring(ring, box):
-    """The table of a ring, which needs no visibility."""
+    """The dense dynamic program, without visibility."""
     triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
     assert by_full_table(ring, box, triangles) < np.inf
     return triangles
 
 
 @pytest.mark.parametrize("n", [130, 300])
-def test_where_most_corners_see_each_other_the_ring_is_as_good_as_visible_pairs(n):
+def test_dense_and_sparse_programs_have_equal_cost(n):
     assert grid_unit(vertices(convex(n))) == 0.0
     for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
         ring = cycle_of(boundary(polygon), "test")
@@ -51,7 +51,7 @@ def test_where_most_corners_see_each_other_the_ring_is_as_good_as_visible_pairs(
 
 @pytest.mark.parametrize(("criterion", "box"), [("half-perimeter", H), ("edge-length", E)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_edges_find_what_costs_of_triangles_find(criterion, box, sign):
+def test_edge_costs_equal_triangle_costs(criterion, box, sign):
     # Ear clipping leaves corners on edges in it.
     twice = shapely.Polygon([(3, 3.5), *[(4, 4)] * 2, (3, 3), (3, 2), *[(3, 1)] * 2, (2, 0)])
     for polygon in (star(40, spread=0.4), star(90), convex(33), smooth(64), twice):
@@ -59,15 +59,15 @@ def test_edges_find_what_costs_of_triangles_find(criterion, box, sign):
         expected = by_triangles(ring, criterion, sign)
         cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
         assert cost["box"].tolist() == (sign * box).tolist()
-        found = by_lists(ring.points, ring.start, ring.target, cost)
-        assert verify(polygon, ring.cycle[found]).conforming
-        total = criteria.find(criterion).total(ring.points, found)
+        edge_optimum = by_lists(ring.points, ring.start, ring.target, cost)
+        assert verify(polygon, ring.cycle[edge_optimum]).conforming
+        total = criteria.find(criterion).total(ring.points, edge_optimum)
         assert total == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("above", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_sums_are_exact_on_both_sides_of_the_guard(monkeypatch, above, sign):
+def test_sums_are_exact_around_int32_limit(monkeypatch, above, sign):
     # The longest diagonals of a flat polygon come next to n (w + h): a zigzag, taken by `worst`.
     n = 128  # with fewer corners no grid reaches the guard
     width = INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
@@ -96,24 +96,24 @@ def test_sums_are_exact_on_both_sides_of_the_guard(monkeypatch, above, sign):
         assert costs[0] > 0.9 * n * width
 
 
-def test_on_frames_the_optimum_is_that_of_the_table_of_triangles_exactly():
+def test_optimum_on_frames_equals_triangle_recurrence_exactly():
     compared = 0
     scenes = [load(name).polygons[::7] for name in ("city", "cad", "glyphs")]
-    for polygon in chain.from_iterable(make_frame(each, View(1024)).polygons for each in scenes):
+    for polygon in chain.from_iterable(make_frame(scene, View(1024)).polygons for scene in scenes):
         if polygon.interiors or len(vertices(polygon)) > 250:
             continue
         outline = boundary(polygon)
         ring = cycle_of(outline, "test")
         assert grid_unit(ring.points) > 0.0
         for name in ("half-perimeter", "overdraw"):
-            found = triangulate(polygon, f"optimal:{name}")
+            triangles = triangulate(polygon, f"optimal:{name}")
             expected = by_triangles(ring, name)
-            assert criteria.find(name).total(outline.points, found) == expected
+            assert criteria.find(name).total(outline.points, triangles) == expected
             compared += 1
     assert compared > 100
 
 
-def test_a_mixture_of_boxes_and_edges_is_exact_in_the_table_of_a_ring():
+def test_dense_program_is_exact_for_box_and_edge_mixtures():
     """A diagonal is an edge of two triangles, a side of the boundary of one."""
     weights = np.zeros(len(FEATURES))
     weights[FEATURES.index("bbox_area")], weights[FEATURES.index("edge_length")] = 1.0, 30.0
@@ -123,12 +123,14 @@ def test_a_mixture_of_boxes_and_edges_is_exact_in_the_table_of_a_ring():
     for _ in range(60):
         polygon = random_simple(random, 9, 30)
         ring = (outline := boundary(polygon)).points[outline.edges[:, 0]]
-        found = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 30.0])))
+        dense_cost = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 30.0])))
         for name in ("exhaustive", "optimal"):
-            least = mixture.total(vertices(polygon), triangulate(polygon, name, criterion=mixture))
-            assert found == pytest.approx(least, rel=1e-12), (name, polygon.wkt)
+            optimal_cost = mixture.total(
+                vertices(polygon), triangulate(polygon, name, criterion=mixture)
+            )
+            assert dense_cost == pytest.approx(optimal_cost, rel=1e-12), (name, polygon.wkt)
         single = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 15.0])))
-        differ += found < single * (1 - 1e-9)
+        differ += dense_cost < single * (1 - 1e-9)
     assert differ > 5
 
 
@@ -144,7 +146,7 @@ def test_grid_unit_is_the_coarsest():
 @pytest.mark.parametrize(
     ("step", "bend", "expected"), [(1, 0.0, True), (2, 0.0, False), (1, 0.8, False)]
 )
-def test_convex_is_what_turns_left_everywhere_and_goes_round_once(step, bend, expected):
+def test_is_convex_requires_left_turns_and_one_winding(step, bend, expected):
     angle = 2.0 * np.pi * step * np.arange(5) / 5
     radius = np.where(np.arange(5) == 2, 1.0 - bend, 1.0)
     assert full_table._is_convex(radius * np.cos(angle), radius * np.sin(angle), 5) == expected

@@ -1,6 +1,6 @@
-"""Every triangulator on hard polygons: valid, or reported by the verifier, or a clear error.
+"""Every triangulator on hard polygons: valid, reported by the verifier, or a clear error.
 
-Which ones there are comes from the registry: a new one is tested by being there.
+The triangulators come from the registry, so a new one is tested without changes.
 """
 
 from functools import cache
@@ -35,18 +35,18 @@ def usable(_registered: tuple[str, ...]) -> list[str]:
 
 
 def names_for(polygon) -> list[str]:
-    """Names of the triangulators to try; those steered by a criterion with two of them."""
+    """Names of the triangulators to try, each with two criteria if it takes one."""
     count = len(vertices(polygon))
-    found = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
-    steered = [f"{n}:{c}" for n in found for c in STEERED if find(n).criteria]
-    return [n for n in found if not find(n).criteria] + steered
+    candidates = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
+    steered = [f"{n}:{c}" for n in candidates for c in STEERED if find(n).criteria]
+    return [n for n in candidates if not find(n).criteria] + steered
 
 
 STEERED = ("overdraw", "half-perimeter")
 
 
 def check(polygon, label):
-    """Run every triangulator on one polygon; return how many gave a triangulation."""
+    """Run every triangulator on one polygon; return the number of triangulations."""
     if not polygon.is_valid or polygon.is_empty:
         for name in usable(tuple(BUILTIN)):
             with pytest.raises(InvalidPolygonError):
@@ -54,7 +54,7 @@ def check(polygon, label):
         return 0
     outline = boundary(polygon)
     points = outline.points
-    found = {}
+    results = {}
     for name in names_for(polygon):
         entry = find(name.partition(":")[0])
         try:
@@ -71,29 +71,32 @@ def check(polygon, label):
             assert result.t_junctions
             triangles = triangulate(polygon, name, repair=True)
             assert verify_boundary(outline, triangles).conforming, (label, name)
-        found[name] = triangles
+        results[name] = triangles
     if not polygon.interiors and len(points) <= 2000:
         for criterion in STEERED:
             cost = criteria.find(criterion)
-            least = cost.total(points, found[f"optimal:{criterion}"])
-            for name, triangles in found.items():
-                assert cost.total(points, triangles) >= least * (1 - 1e-9) - 1e-9, (label, name)
-    return len(found)
+            optimal_cost = cost.total(points, results[f"optimal:{criterion}"])
+            for name, triangles in results.items():
+                assert cost.total(points, triangles) >= optimal_cost * (1 - 1e-9) - 1e-9, (
+                    label,
+                    name,
+                )
+    return len(results)
 
 
 def twice_the_first(outline):
-    """Give a triangulation with one triangle too many."""
+    """Return a triangulation with one triangle too many."""
     good = BUILTIN["optimal"].load()(outline)
     return np.concatenate((good, good[:1]))
 
 
 def never(outline):
-    """Refuse every polygon."""
+    """Skip every polygon."""
     raise SkippedError("never: no polygon is good enough")
 
 
 @pytest.mark.parametrize("wrong", [twice_the_first, never])
-def test_a_new_triangulator_is_tested_by_being_registered(monkeypatch, wrong):
+def test_registered_triangulator_is_included(monkeypatch, wrong):
     polygon = load("city").polygons[0]
     assert check(polygon, "city 0") > 0
     entry = Entry("new", "a faulty one", f"{__name__}:{wrong.__name__}")
@@ -110,7 +113,7 @@ def test_hostile_fixtures(name):
     assert sum(count > 0 for count in done) >= 19
 
 
-def test_a_city():
+def test_city_polygons():
     done = [check(polygon, index) for index, polygon in enumerate(load("city").polygons[::2])]
     assert len(done) == 250
     assert min(done) >= 6

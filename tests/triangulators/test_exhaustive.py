@@ -25,26 +25,26 @@ from triangulators.verify import verify
 
 
 def test_the_papers_polygon_has_29_conforming_triangulations():
-    found = enumerate_triangulations(paper_polygon())
-    assert len(found) == count_triangulations(paper_polygon()) == 29
-    assert all(verify(paper_polygon(), triangles).conforming for triangles in found)
+    listed = enumerate_triangulations(paper_polygon())
+    assert len(listed) == count_triangulations(paper_polygon()) == 29
+    assert all(verify(paper_polygon(), triangles).conforming for triangles in listed)
     assert min(triangulation_table(paper_polygon(), "conforming")["overdraw"]) == 56.0
 
 
-def test_the_papers_mode_gives_its_table_1():
+def test_paper_mode_reproduces_table_1():
     rows = csv.DictReader(find_shared_data("paper_table1.csv").read_text().splitlines())
     printed = [(float(row["area"]), float(row["difference_deg"])) for row in rows]
     table = triangulation_table(paper_polygon(), "paper")
-    found = list(zip(table["overdraw"], table["shape"], strict=True))
-    assert len(found) == 47
+    pairs = list(zip(table["overdraw"], table["shape"], strict=True))
+    assert len(pairs) == 47
     assert table["conforming"].sum() == 29
     assert len(printed) == 15
-    for (area, difference), row in zip(printed, found[:5] + found[-10:], strict=True):
+    for (area, difference), row in zip(printed, pairs[:5] + pairs[-10:], strict=True):
         assert row[0] == pytest.approx(area, abs=1e-9)
         assert row[1] == pytest.approx(difference, abs=1e-9)
 
 
-def test_diagonals_tell_triangulations_apart():
+def test_triangulations_differ_in_diagonals():
     table = triangulation_table(paper_polygon(), "conforming")
     assert len(set(table["diagonals"])) == 29
     assert all(text.count("-") == 6 for text in table["diagonals"])
@@ -52,10 +52,10 @@ def test_diagonals_tell_triangulations_apart():
 
 def test_dropped_vertices_leave_t_junctions_but_cover():
     for triangles in enumerate_triangulations(paper_polygon(), "paper"):
-        found = verify(paper_polygon(), triangles)
-        assert found.ok
-        assert found.conforming == (len(triangles) == 7)
-        assert found.conforming or {vertex for vertex, _ in found.t_junctions} == {8}
+        verification = verify(paper_polygon(), triangles)
+        assert verification.ok
+        assert verification.conforming == (len(triangles) == 7)
+        assert verification.conforming or {vertex for vertex, _ in verification.t_junctions} == {8}
 
 
 def test_lists_are_complete_and_without_duplicates():
@@ -65,10 +65,10 @@ def test_lists_are_complete_and_without_duplicates():
         expected = {
             frozenset(map(frozenset, triangles)) for triangles in all_triangulations(polygon)
         }
-        found = enumerate_triangulations(polygon)
-        as_sets = {frozenset(map(frozenset, triangles.tolist())) for triangles in found}
+        listed = enumerate_triangulations(polygon)
+        as_sets = {frozenset(map(frozenset, triangles.tolist())) for triangles in listed}
         assert as_sets == expected
-        assert len(found) == len(expected) == count_triangulations(polygon)
+        assert len(listed) == len(expected) == count_triangulations(polygon)
         outline = boundary(polygon)
         by_cuts = Recursion(outline.points, drop_straight=False).all(outline.edges[:, 0].tolist())
         assert {frozenset(map(frozenset, triangles)) for triangles in by_cuts} == expected
@@ -85,19 +85,19 @@ def test_convex_polygons_have_catalans_number():
 
 
 @pytest.mark.parametrize("polygon", [convex(40), star(200)])
-def test_polygons_of_too_many_are_skipped_with_the_way_out(polygon):
-    with pytest.raises(SkippedError, match="more than 1000000 triangulations; 'optimal' finds"):
+def test_too_many_triangulations_are_skipped_with_alternative(polygon):
+    with pytest.raises(SkippedError, match="more than 1000000 triangulations; use 'optimal'"):
         triangulate(polygon, "exhaustive")
-    with pytest.raises(SkippedError, match="more than 1000000 triangulations; 'optimal' finds"):
+    with pytest.raises(SkippedError, match="more than 1000000 triangulations; use 'optimal'"):
         enumerate_triangulations(polygon)
 
 
-def test_counting_may_stop_at_a_part_that_has_enough():
+def test_count_stops_at_limit():
     for polygon in (paper_polygon(), convex(12), star(24)):
         ring = cycle_of(boundary(polygon), "count")
-        whole = count_of_cycle(ring)
-        assert count_of_cycle(ring, whole) == whole
-        assert whole // 2 < count_of_cycle(ring, whole // 2) <= whole
+        full_count = count_of_cycle(ring)
+        assert count_of_cycle(ring, full_count) == full_count
+        assert full_count // 2 < count_of_cycle(ring, full_count // 2) <= full_count
 
 
 def test_holes_are_skipped():
@@ -105,17 +105,17 @@ def test_holes_are_skipped():
         triangulate(with_hole(np.random.default_rng(0), 8, 3), "exhaustive")
 
 
-def test_listed_gives_all_of_the_papers_mode_by_overdraw():
+def test_listed_sorts_paper_triangulations_by_overdraw():
     table = triangulation_table(paper_polygon(), "paper")
     points = boundary(paper_polygon()).points
-    found = [triangulate(paper_polygon(), "listed", k=k) for k in range(47)]
-    assert len({tuple(sorted(map(tuple, triangles.tolist()))) for triangles in found}) == 47
-    costs = [predict(points, triangles)["overdraw"] for triangles in found]
+    listed = [triangulate(paper_polygon(), "listed", k=k) for k in range(47)]
+    assert len({tuple(sorted(map(tuple, triangles.tolist()))) for triangles in listed}) == 47
+    costs = [predict(points, triangles)["overdraw"] for triangles in listed]
     assert costs == pytest.approx(sorted(table["overdraw"]))
     assert costs[0] == 53.0
-    assert not verify(paper_polygon(), found[0]).conforming
-    assert sum(verify(paper_polygon(), triangles).conforming for triangles in found) == 29
-    with pytest.raises(SkippedError, match="ends at number 46"):
+    assert not verify(paper_polygon(), listed[0]).conforming
+    assert sum(verify(paper_polygon(), triangles).conforming for triangles in listed) == 29
+    with pytest.raises(SkippedError, match="k=47 is out of range"):
         triangulate(paper_polygon(), "listed", k=47)
     with pytest.raises(SkippedError, match="more than 20000"):
         triangulate(convex(20), "listed")

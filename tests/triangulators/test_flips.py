@@ -1,4 +1,4 @@
-"""Flips of anybody's triangles: what they lessen, what they keep, and what is refused."""
+"""Flips: decreased costs, preserved validity, and rejected arguments."""
 
 from fractions import Fraction
 
@@ -24,13 +24,13 @@ WAYS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(hard_polygons(), st.sampled_from(WAYS))
-def test_what_is_valid_stays_valid(polygon, by):
+def test_flips_preserve_validity(polygon, by):
     points = vertices(polygon)
     start = triangulate(polygon, "ear-clipping", repair=True)
-    found = flip(points, start, by)
-    assert (found.dtype, found.shape) == (np.int32, start.shape)
-    assert verify(polygon, found).conforming, polygon.wkt
-    assert np.array_equal(np.unique(found), np.unique(start))
+    flipped = flip(points, start, by)
+    assert (flipped.dtype, flipped.shape) == (np.int32, start.shape)
+    assert verify(polygon, flipped).conforming, polygon.wkt
+    assert np.array_equal(np.unique(flipped), np.unique(start))
 
 
 @pytest.mark.parametrize(
@@ -44,40 +44,40 @@ def test_what_is_valid_stays_valid(polygon, by):
         *(("refined", each, each) for each in ("mixed=1/0.5/0", squared_height)),
     ],
 )
-def test_no_flip_gains_any_more(name, by, criterion):
+def test_result_has_no_gaining_flip(name, by, criterion):
     rng = np.random.default_rng(6)
-    wanted = criteria.find(criterion)
+    resolved = criteria.find(criterion)
     for polygon in [random_simple(rng, 15) for _ in range(20)] + [with_hole(rng, 12, 5), star(90)]:
-        found = triangulate(polygon, name, criterion=by)
-        assert name == "flips" or verify(polygon, found).conforming
-        if wanted.normalise is None:  # else two triangles have other weights than the polygon
-            assert flips_that_gain(polygon, found, wanted) == 0
+        triangles = triangulate(polygon, name, criterion=by)
+        assert name == "flips" or verify(polygon, triangles).conforming
+        if resolved.normalise is None:  # else two triangles have other weights than the polygon
+            assert flips_that_gain(polygon, triangles, resolved) == 0
 
 
-def test_beauty_grows_with_each_flip_and_no_way_of_turning_or_moving_the_polygon_matters():
+def test_beauty_increases_and_is_invariant_to_motion():
     rng = np.random.default_rng(4)
     total = criteria.find("beauty").total
     gained = 0
     for polygon in [random_simple(rng, 15) for _ in range(20)] + [star(90, spread=0.4)]:
         points, start = vertices(polygon), triangulate(polygon, "ear-clipping", repair=True)
-        found = flip(points, start, "beauty")
-        assert total(points, found) <= total(points, start)
-        gained += total(points, found) < total(points, start)
+        flipped = flip(points, start, "beauty")
+        assert total(points, flipped) <= total(points, start)
+        gained += total(points, flipped) < total(points, start)
         for moved in (points @ [[0.0, 8.0], [-8.0, 0.0]], points * 8.0 + 64.0):
-            assert np.array_equal(flip(moved, start, "beauty"), found)
+            assert np.array_equal(flip(moved, start, "beauty"), flipped)
     assert gained > 10
 
 
-def test_beauty_takes_the_diagonal_that_the_rule_asks_for():
-    """A kite: of two triangles with a side of 10 and two with one of 4, the latter are rounder."""
+def test_beauty_flips_kite_to_rounder_triangles():
+    """A kite: two triangles with a side of 4 are rounder than two with a side of 10."""
     kite = np.array([(0.0, 0.0), (5.0, -2.0), (10.0, 0.0), (5.0, 2.0)])
     short = {frozenset({0, 1, 3}), frozenset({1, 2, 3})}
-    found = flip(kite, np.array([(0, 1, 2), (0, 2, 3)]), "beauty")
-    assert {frozenset(t) for t in found.tolist()} == short
-    assert np.array_equal(flip(kite, found, "beauty"), found)
+    flipped = flip(kite, np.array([(0, 1, 2), (0, 2, 3)]), "beauty")
+    assert {frozenset(t) for t in flipped.tolist()} == short
+    assert np.array_equal(flip(kite, flipped, "beauty"), flipped)
 
 
-def test_by_length_and_by_the_criterion_that_it_sums_to_are_the_same():
+def test_length_tests_equal_their_criteria():
     polygon = star(120, spread=0.4)
     start = triangulate(polygon, "ear-clipping")
     for by, criterion in (("l1", "half-perimeter"), ("euclidean", "edge-length")):
@@ -87,8 +87,8 @@ def test_by_length_and_by_the_criterion_that_it_sums_to_are_the_same():
 
 
 @pytest.mark.parametrize("size", [1, 5000, 2**25])
-def test_whole_coordinates_end_in_exact_delaunay(size):
-    """No corner is inside the circle of a neighbour, where tile corners make many ties."""
+def test_integer_coordinates_reach_exact_delaunay(size):
+    """No vertex is inside a neighbour's circumcircle; tile corners cause many ties."""
     rng = np.random.default_rng(1)
     for _ in range(20):
         outline = random_simple(rng, 16, 9)
@@ -97,8 +97,8 @@ def test_whole_coordinates_end_in_exact_delaunay(size):
         if not type(outline)(points).is_valid:
             continue
         raw = mapbox_earcut.triangulate_float64(points, np.array([16], np.uint32))
-        found = flip(points, raw, "delaunay")
-        across = {(t[k], t[k - 2]): t[k - 1] for t in found.tolist() for k in range(3)}
+        flipped = flip(points, raw, "delaunay")
+        across = {(t[k], t[k - 2]): t[k - 1] for t in flipped.tolist() for k in range(3)}
         for (a, b), c in across.items():
             d = across.get((b, a))
             if d is not None:
@@ -118,7 +118,7 @@ def strictly_convex(corners):
     return all(exact_sign(*corners[[k - 2, k - 1, k]].ravel()) > 0 for k in range(4))
 
 
-def test_triangles_wound_the_other_way_are_flipped_as_well():
+def test_clockwise_triangles_are_flipped():
     polygon = star(60, spread=0.4)
     points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
     mirrored = points * (1.0, -1.0)
@@ -127,15 +127,15 @@ def test_triangles_wound_the_other_way_are_flipped_as_well():
         assert not np.array_equal(flip(points, start, by), start)
 
 
-def test_vast_tiny_and_missing_coordinates_end_and_stay_valid():
+def test_extreme_and_nan_coordinates_terminate_and_stay_valid():
     polygon = star(40, spread=0.4)
     points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
     border = boundary_of(start)
     for factor in (1e-320, 1e-155, 1e-100, 1e70, 1e150, 1e308, np.nan):
         for by in WAYS[:3]:
             with np.errstate(over="ignore", invalid="ignore"):
-                found = flip(points * factor, start, by)
-            assert boundary_of(found) == border
+                flipped = flip(points * factor, start, by)
+            assert boundary_of(flipped) == border
 
 
 def boundary_of(triangles):
@@ -153,12 +153,12 @@ def boundary_of(triangles):
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], "l1", r"expected \(n, 2\)"),
     ],
 )
-def test_what_cannot_be_flipped_is_named(points, triangles, by, message):
+def test_invalid_arrays_raise_errors(points, triangles, by, message):
     with pytest.raises(ValueError, match=message):
         flip(np.array(points), np.array(triangles), by)
 
 
-def test_an_unknown_test_is_named_with_the_known_ones():
+def test_unknown_flip_test_lists_choices():
     with pytest.raises(
         UnknownNameError, match=r"unknown criterion 'l2'; .*l1, euclidean, delaunay"
     ):
@@ -172,7 +172,7 @@ def test_an_unknown_test_is_named_with_the_known_ones():
         *("flips:mixed", "refined", "refined:edge-length", "refined:shape"),
     ],
 )
-def test_a_batch_gives_what_one_at_a_time_gives(name):
+def test_batch_equals_single_calls(name):
     rng = np.random.default_rng(9)
     polygons = [random_simple(rng, int(rng.integers(3, 30)), 40) for _ in range(60)]
     polygons += [with_hole(rng, 10, 4) for _ in range(10)] + [star(250)]
@@ -186,7 +186,7 @@ def test_a_batch_gives_what_one_at_a_time_gives(name):
     assert changed > 20
 
 
-def test_the_drop_in_imports_nothing_that_flips_do_not_need():
+def test_dropin_imports_only_flip_modules():
     heavy = "[m for m in ('highspy', 'pandas', 'matplotlib', 'shapely') if m in sys.modules]"
     code = f"import sys, triangulators.dropin; sys.exit(str({heavy}) if {heavy} else 0)"
     done = run_python("-c", code)
@@ -194,7 +194,7 @@ def test_the_drop_in_imports_nothing_that_flips_do_not_need():
 
 
 def flips_that_gain(polygon, triangles, criterion):
-    """Count, over pairs of triangles, the flips that would lessen a criterion."""
+    """Count the pairs of triangles whose flip would decrease a criterion."""
     points, gaining = vertices(polygon), 0
     across = {}
     for row, corners in enumerate(triangles.tolist()):
@@ -214,26 +214,26 @@ def flips_that_gain(polygon, triangles, criterion):
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(hard_polygons())
-def test_it_is_a_triangulation_and_never_worse_than_its_start(polygon):
+def test_refined_is_valid_and_never_worse_than_ear_clipping(polygon):
     points = vertices(polygon)
     ears = triangulate(polygon, "ear-clipping", repair=True)
     for name in ("half-perimeter", "edge-length", "overdraw"):
         criterion = criteria.find(name)
-        found = triangulate(polygon, f"refined:{name}")
-        assert verify(polygon, found).conforming, polygon.wkt
-        cost, start = criterion.total(points, found), criterion.total(points, ears)
+        triangles = triangulate(polygon, f"refined:{name}")
+        assert verify(polygon, triangles).conforming, polygon.wkt
+        cost, start = criterion.total(points, triangles), criterion.total(points, ears)
         best = criterion.total(points, triangulate(polygon, f"optimal:{name}"))
         assert best * (1 - 1e-9) - 1e-9 <= cost <= start * (1 + 1e-9) + 1e-9, polygon.wkt
 
 
-def test_alone_it_means_the_half_perimeter():
+def test_refined_defaults_to_half_perimeter():
     polygon = star(60, spread=0.4)
-    alone = triangulate(polygon, "refined")
-    assert np.array_equal(alone, triangulate(polygon, "refined:half-perimeter"))
-    assert not np.array_equal(alone, triangulate(polygon, "refined:overdraw"))
+    by_default = triangulate(polygon, "refined")
+    assert np.array_equal(by_default, triangulate(polygon, "refined:half-perimeter"))
+    assert not np.array_equal(by_default, triangulate(polygon, "refined:overdraw"))
 
 
-def test_on_a_city_it_is_within_two_percent_of_the_optimum():
+def test_refined_is_within_two_percent_on_city():
     polygons = make_frame(load("city").polygons[::5], View(1024)).polygons
     total = dict.fromkeys(("ear-clipping", "delaunay", "refined", "optimal:half-perimeter"), 0.0)
     for polygon in polygons:

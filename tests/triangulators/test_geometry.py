@@ -17,14 +17,14 @@ from triangulators.geometry.visibility import visible_sites
 from triangulators.initial import cycle_of, initial_triangulations
 from triangulators.polygon import (
     LEFT,
-    MOST_SIMPLE,
+    MAX_SIMPLE_VERTICES,
     RIGHT,
     UNSURE,
     boundary,
     boundary_of_rings,
     checked_boundary,
+    find_ring_orientation,
     rings_of,
-    winding,
 )
 from triangulators.verify import verify
 
@@ -64,18 +64,18 @@ def test_orientation_is_exact_next_to_a_line(x, y, up, right, k, m):
 
 @settings(deadline=None)
 @given(six)
-def test_orientation_is_exact_where_products_underflow(values):
+def test_orientation_is_exact_if_products_underflow(values):
     assert np.sign(orient(*values)) == exact_sign(*values)
 
 
-def test_orientation_beside_a_side_by_a_denormal():
+def test_orientation_at_denormal_distance_from_side():
     assert orient(0.0, 0.011, 0.0, 0.007, 5e-324, 0.009) > 0.0
     assert orient(0.0, 0.007, 0.0, 0.011, 5e-324, 0.009) < 0.0
 
 
 @settings(deadline=None)
 @given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
-def test_a_sliver_has_one_area_whichever_corner_is_first(x, y, up, right, k, m):
+def test_sliver_area_is_independent_of_first_vertex(x, y, up, right, k, m):
     point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
     a, b, c = (x, y), point, (x * m, y * m)
     area = float(abs(exact_area(*a, *b, *c)))
@@ -99,7 +99,7 @@ def test_visible_pairs_are_the_diagonals():
 
 
 @pytest.mark.parametrize("depth_first", [False, True])
-def test_unfolding_and_folding_back_changes_nothing(depth_first):
+def test_unfold_and_fold_back_are_inverse(depth_first):
     polygon = star(60)
     outline = boundary(polygon)
     triangles = np.ascontiguousarray(initial_triangulations(outline)[0])
@@ -121,9 +121,9 @@ grid = st.tuples(st.integers(0, 6), st.integers(0, 6))
 
 @settings(max_examples=1000, deadline=None)
 @given(st.lists(grid, min_size=3, max_size=9), st.sampled_from([1.0, 0.1, 1e-3, 1e6]))
-def test_only_valid_rings_pass(points, scale):
+def test_ring_orientation_accepts_only_valid_rings(points, scale):
     polygon = shapely.Polygon(np.array(points, dtype=float) * scale)
-    turning = winding(shapely.get_coordinates(polygon))
+    turning = find_ring_orientation(shapely.get_coordinates(polygon))
     if turning != UNSURE:
         assert polygon.is_valid
         assert polygon.exterior.is_ccw == (turning == LEFT)
@@ -131,7 +131,7 @@ def test_only_valid_rings_pass(points, scale):
 
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
 @given(hard_polygons(), st.booleans())
-def test_the_boundary_is_the_one_of_the_general_way(polygon, backwards):
+def test_simple_ring_boundary_equals_general_boundary(polygon, backwards):
     if not polygon.is_valid:
         return
     polygon = shapely.reverse(polygon) if backwards else polygon
@@ -143,25 +143,32 @@ def test_the_boundary_is_the_one_of_the_general_way(polygon, backwards):
     assert quick.expected_triangles == general.expected_triangles
 
 
-def test_buildings_pass_and_what_is_no_single_ring_does_not():
-    passed = [winding(shapely.get_coordinates(p)) for p in load("city").polygons]
+def test_ring_orientation_accepts_buildings_and_rejects_holes():
+    passed = [find_ring_orientation(shapely.get_coordinates(p)) for p in load("city").polygons]
     simple = [
-        not p.interiors and len(p.exterior.coords) <= MOST_SIMPLE + 1 for p in load("city").polygons
+        not p.interiors and len(p.exterior.coords) <= MAX_SIMPLE_VERTICES + 1
+        for p in load("city").polygons
     ]
     assert [turning != UNSURE for turning in passed] == simple
-    assert winding(shapely.get_coordinates(shapely.reverse(star(20)))) in (LEFT, RIGHT)
-    assert winding(shapely.get_coordinates(with_hole(np.random.default_rng(0), 8, 4))) == UNSURE
-    assert winding(shapely.get_coordinates(star(MOST_SIMPLE + 1))) == UNSURE
-    assert winding(np.empty((0, 2))) == UNSURE
+    assert find_ring_orientation(shapely.get_coordinates(shapely.reverse(star(20)))) in (
+        LEFT,
+        RIGHT,
+    )
+    assert (
+        find_ring_orientation(shapely.get_coordinates(with_hole(np.random.default_rng(0), 8, 4)))
+        == UNSURE
+    )
+    assert find_ring_orientation(shapely.get_coordinates(star(MAX_SIMPLE_VERTICES + 1))) == UNSURE
+    assert find_ring_orientation(np.empty((0, 2))) == UNSURE
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
-def test_what_cannot_be_computed_with_is_left_to_geos(value):
+def test_ring_orientation_rejects_nan_and_overflow(value):
     ring = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, value), (0.0, 4.0), (0.0, 0.0)])
-    assert winding(ring) == UNSURE
+    assert find_ring_orientation(ring) == UNSURE
 
 
-def test_copies_are_handed_out():
+def test_boundary_arrays_are_copies():
     outline = boundary(star(12))
     outline.edges[:] = 0
     outline.site[:] = 0

@@ -1,4 +1,4 @@
-"""The optimum in compute shaders: on llvmpipe it is the CPU's, triangle for triangle."""
+"""The optimum in compute shaders: llvmpipe's triangles equal the CPU's."""
 
 import threading
 from functools import partial
@@ -14,7 +14,7 @@ from scenes import load
 from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
 from triangulators import UnknownNameError, triangulate_many, vertices
 from triangulators.gpu import engine
-from triangulators.gpu.rings import KINDS, MOST, ON_CPU, Rings, prepare
+from triangulators.gpu.rings import KINDS, MAX_VERTICES, ON_CPU, Rings, prepare_rings
 from triangulators.polygon_arrays import PolygonArray
 from triangulators.verify import verify
 
@@ -29,15 +29,15 @@ def _closed_in_the_end():
 
 
 def assert_same(polygons, name=NAME, on="llvmpipe", **parameters):
-    """The device gives what the CPU gives; returns it."""
-    found, expected = (
+    """Assert that device and CPU give equal triangles; return them."""
+    by_device, expected = (
         triangulate_many(polygons, name, device=device, **parameters) for device in (on, "cpu")
     )
-    assert found.failed == expected.failed
-    assert np.array_equal(found.triangle_offsets, expected.triangle_offsets)
-    for number, (ours, theirs) in enumerate(zip(found, expected, strict=True)):
+    assert by_device.failed == expected.failed
+    assert np.array_equal(by_device.triangle_offsets, expected.triangle_offsets)
+    for number, (ours, theirs) in enumerate(zip(by_device, expected, strict=True)):
         assert np.array_equal(ours, theirs), number
-    return found
+    return by_device
 
 
 def on_grid(points, step=1 / 256):
@@ -45,7 +45,7 @@ def on_grid(points, step=1 / 256):
 
 
 def rectangle(across, up):
-    """A rectangle with a corner at each whole step of its sides: nothing but ties."""
+    """A rectangle with a vertex at each integer step of its sides: only ties."""
     bottom = [(x, 0) for x in range(across)]
     right = [(across, y) for y in range(up)]
     top = [(x, up) for x in range(across, 0, -1)]
@@ -73,7 +73,9 @@ def test_scenes_in_pixels_and_real_buildings(source, device_counts):
     else:
         polygons = make_frame(load(source).polygons, View(512)).polygons
     assert_same(polygons)
-    rings = [p for p in polygons if p.is_valid and not p.interiors and len(vertices(p)) <= MOST]
+    rings = [
+        p for p in polygons if p.is_valid and not p.interiors and len(vertices(p)) <= MAX_VERTICES
+    ]
     assert device_counts[0] >= 0.95 * len(rings)
 
 
@@ -86,7 +88,7 @@ def test_collinear_corners_slivers_and_repeated_ones(polygons, name):
 
 
 def tall(corners, span):
-    """A ring of whole numbers, `span` high and 2 wide: its zigzag turns by next to nothing."""
+    """An integer zigzag ring, `span` high and 2 wide, with minimal turns."""
     half = corners // 2
     up = np.linspace(0, span, half).astype(int)
     down = np.linspace(span, 0, corners - half).astype(int)
@@ -97,7 +99,7 @@ def tall(corners, span):
 
 
 @pytest.mark.parametrize("corners", [8, 40, 64])
-def test_spans_on_both_sides_of_what_32_bits_orient(corners, device_counts):
+def test_spans_around_int32_orientation_limit(corners, device_counts):
     spans = [2**15 - 1, 2**15, 2**15 + 1, 2**20, 2**23]
     polygons = [tall(corners, span) for span in spans]
     assert_same(polygons)
@@ -107,12 +109,12 @@ def test_spans_on_both_sides_of_what_32_bits_orient(corners, device_counts):
 def prepared(polygons):
     arrays = PolygonArray.from_shapely(polygons)
     rings = Rings.of(arrays.vertex_offsets)
-    prepare(arrays.coords, np.ones(len(polygons), bool), MOST, rings)
+    prepare_rings(arrays.coords, np.ones(len(polygons), bool), MAX_VERTICES, rings)
     return rings
 
 
-def test_the_guard_of_int32():
-    """Where a ring is as wide as high, 60 corners may have sums beyond 2^30 on a grid of 2^24."""
+def test_int32_limit():
+    """60 vertices of a square ring may have sums beyond 2^30 on a grid of 2^24."""
     corners, high = 60, 2**23
     widest = (2**30 - 1) // corners - high
     below, above = (
@@ -125,7 +127,7 @@ def test_the_guard_of_int32():
     assert_same([below, above], WORST)
 
 
-def test_what_is_not_for_a_device(device_counts):
+def test_unsupported_polygons_equal_cpu(device_counts):
     rng = np.random.default_rng(3)
     thirds = shapely.transform(star(20), lambda points: points / 3)
     twice = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (0, 4)])
@@ -133,68 +135,68 @@ def test_what_is_not_for_a_device(device_counts):
     bow_tie = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
     polygons = [star(9), thirds, twice, with_hole(rng, 10, 4), bow_tie, shapely.Polygon()]
     polygons += [closing, star(65)]
-    found = assert_same(polygons)
-    assert sorted(found.failed) == [4, 5]
+    by_device = assert_same(polygons)
+    assert sorted(by_device.failed) == [4, 5]
     assert device_counts == [1]
     # Arrays are taken to be valid.
     rings = [p for p in polygons if not p.is_empty]
     assert_same(PolygonArray.from_shapely(rings))
     assert device_counts[1] == 1
     for number in (0, 1, 2, 3, 6, 7):
-        assert verify(polygons[number], found[number]).conforming
+        assert verify(polygons[number], by_device[number]).conforming
 
 
-def test_no_polygons_at_all():
+def test_empty_input():
     assert_same([])
     assert_same([shapely.Polygon()])
 
 
 def test_limits(device_counts):
     assert_same([star(20), star(60)], limit=50)
-    assert_same([star(20), star(MOST), star(MOST + 1)])
+    assert_same([star(20), star(MAX_VERTICES), star(MAX_VERTICES + 1)])
     assert device_counts == [1, 2]
 
 
-def test_other_criteria_never_come_near_a_device(device_counts):
+def test_other_criteria_do_not_open_device(device_counts):
     for name in ("optimal:overdraw", "optimal:edge-length", "refined", "fan"):
         assert_same([star(9), star(20)], name)
     assert device_counts == []
 
 
-def test_several_chunks_and_any_number_of_threads(device_counts, monkeypatch):
+def test_chunks_and_threads_do_not_change_results(device_counts, monkeypatch):
     monkeypatch.setattr(engine, "chunk_bounds", partial(engine.chunk_bounds, corners=1000))
     shapes = [star(n, seed=n) for n in (5, 9, 30, 3, 40)]
     arrays = PolygonArray.from_shapely([star(60), *shapes * 60, star(50), *shapes])
     assert len(engine.chunk_bounds(arrays.vertex_offsets)) - 1 >= 5
     expected = triangulate_many(arrays, device="cpu")
     for threads in (1, 3):
-        found = triangulate_many(arrays, device="llvmpipe", threads=threads)
-        assert np.array_equal(found.triangles, expected.triangles)
+        batch = triangulate_many(arrays, device="llvmpipe", threads=threads)
+        assert np.array_equal(batch.triangles, expected.triangles)
     assert device_counts == [len(expected)] * 2
 
 
-def test_chunks_hold_every_polygon_once():
+def test_chunks_partition_polygons():
     offsets = np.cumsum([0, 5, 0, 0, 7, 30, 3, 0, 4, 0])
     assert engine.chunk_bounds(offsets, corners=100) == [0, 9]
     assert engine.chunk_bounds(offsets, corners=12) == [0, 4, 5, 8, 9]
     assert engine.chunk_bounds(offsets, corners=1)[-1] == 9
 
 
-def test_callers_in_several_threads_share_the_device():
+def test_threads_share_device():
     polygons = [star(n) for n in (5, 20, 60)]
     expected = triangulate_many(polygons, device="cpu")
-    found = []
+    results = []
 
     def call():
-        found.append(triangulate_many(polygons, device="llvmpipe"))
+        results.append(triangulate_many(polygons, device="llvmpipe"))
 
     threads = [threading.Thread(target=call) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 4
-    assert all(np.array_equal(each.triangles, expected.triangles) for each in found)
+    assert len(results) == 4
+    assert all(np.array_equal(result.triangles, expected.triangles) for result in results)
 
 
 def test_unknown_devices():

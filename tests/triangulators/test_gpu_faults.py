@@ -1,4 +1,4 @@
-"""A device that fails costs one line and its speed: the results are the CPU's."""
+"""Device failures: one warning, and the results of the CPU."""
 
 import multiprocessing
 
@@ -25,18 +25,18 @@ def expected():
 
 @pytest.fixture(autouse=True)
 def _fresh():
-    """Each test opens the device itself, and leaves none behind."""
+    """Close all devices before and after each test."""
     engine.close_all()
     yield
     engine.close_all()
 
 
 def found_with_one_line(expected, caplog, *words):
-    """Triangulate on a device that is broken; it must not show but in one line of these words."""
-    found = triangulate_many(POLYGONS, device="llvmpipe")
-    assert found.failed == {}
-    assert np.array_equal(found.triangles, expected.triangles)
-    assert np.array_equal(found.triangle_offsets, expected.triangle_offsets)
+    """Triangulate on a broken device; assert equal results and one warning with these words."""
+    batch = triangulate_many(POLYGONS, device="llvmpipe")
+    assert batch.failed == {}
+    assert np.array_equal(batch.triangles, expected.triangles)
+    assert np.array_equal(batch.triangle_offsets, expected.triangle_offsets)
     (line,) = [record.message for record in caplog.records]
     assert line.startswith("llvmpipe")
     assert "\n" not in line
@@ -46,17 +46,17 @@ def found_with_one_line(expected, caplog, *words):
 
 
 def fails_after(monkeypatch, owner, name, calls, error):
-    """Let a method work for some calls and raise from then on; returns a count of its calls."""
-    method, made = getattr(owner, name), []
+    """Make a method raise after some calls; return the list of its calls."""
+    method, recorded = getattr(owner, name), []
 
     def broken(*arguments, **named):
-        made.append(name)
-        if len(made) > calls:
+        recorded.append(name)
+        if len(recorded) > calls:
             raise error
         return method(*arguments, **named)
 
     monkeypatch.setattr(owner, name, broken)
-    return made
+    return recorded
 
 
 @pytest.mark.parametrize(
@@ -68,26 +68,26 @@ def fails_after(monkeypatch, owner, name, calls, error):
         MemoryError(),
     ],
 )
-def test_a_driver_that_does_not_open(monkeypatch, expected, caplog, error):
+def test_driver_fails_to_open(monkeypatch, expected, caplog, error):
     fails_after(monkeypatch, engine, "open_context", 0, error)
     found_with_one_line(expected, caplog, str(error).split("\n")[0] or "MemoryError")
 
 
 @pytest.mark.parametrize("calls", [0, 1, 3])
-def test_shaders_that_do_not_compile(monkeypatch, expected, caplog, calls):
+def test_shader_fails_to_compile(monkeypatch, expected, caplog, calls):
     error = Exception("GLSL Compiler failed\n\ncompute_shader\n0:1(1): syntax error")
     fails_after(monkeypatch, Compute, "program", calls, error)
     found_with_one_line(expected, caplog, "GLSL Compiler failed compute_shader 0:1(1): syntax")
 
 
 @pytest.mark.parametrize("calls", range(4))
-def test_a_dispatch_that_fails_early_or_late(monkeypatch, expected, caplog, calls):
-    made = fails_after(monkeypatch, Compute, "run", calls, RuntimeError("device lost"))
+def test_dispatch_fails_early_or_late(monkeypatch, expected, caplog, calls):
+    recorded = fails_after(monkeypatch, Compute, "run", calls, RuntimeError("device lost"))
     found_with_one_line(expected, caplog, "device lost")
-    assert len(made) == calls + 1
+    assert len(recorded) == calls + 1
 
 
-def test_what_was_done_before_the_device_failed_is_kept(monkeypatch, expected, caplog):
+def test_results_before_failure_are_retained(monkeypatch, expected, caplog):
     done = []
     attempt = engine.attempt
 
@@ -103,7 +103,7 @@ def test_what_was_done_before_the_device_failed_is_kept(monkeypatch, expected, c
 
 
 class OnError:
-    """A context of which OpenGL reports an error; the rest is the real one's."""
+    """A proxy of a context that reports an OpenGL error."""
 
     def __init__(self, ctx, error, after):
         self._ctx, self._error, self._after = ctx, error, after
@@ -119,7 +119,7 @@ class OnError:
 
 @pytest.mark.parametrize("after", range(5))
 @pytest.mark.parametrize("error", ["GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST"])
-def test_errors_that_opengl_notes(monkeypatch, expected, caplog, error, after):
+def test_opengl_errors_are_detected(monkeypatch, expected, caplog, error, after):
     def opened(name):
         compute = open_context(name)
         compute.ctx = OnError(compute.ctx, error, after)
@@ -129,7 +129,7 @@ def test_errors_that_opengl_notes(monkeypatch, expected, caplog, error, after):
     found_with_one_line(expected, caplog, error)
 
 
-def test_no_memory_for_a_buffer(monkeypatch, expected, caplog):
+def test_buffer_allocation_fails(monkeypatch, expected, caplog):
     reserve = Storage.reserve
 
     def refused(self, count):
@@ -162,7 +162,7 @@ def dearer(array):
 
 
 @pytest.mark.parametrize("spoil", [zeros, noise, unfinished, swapped, dearer])
-def test_results_that_a_driver_spoils_are_not_believed(monkeypatch, expected, caplog, spoil):
+def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, spoil):
     read_into = Storage.read_into
 
     def spoiled(self, array):
@@ -173,40 +173,40 @@ def test_results_that_a_driver_spoils_are_not_believed(monkeypatch, expected, ca
     found_with_one_line(expected, caplog, "results are wrong")
 
 
-def test_a_device_that_failed_is_opened_anew_when_it_is_named(monkeypatch, expected, caplog):
+def test_failed_device_is_reopened_on_next_call(monkeypatch, expected, caplog):
     with monkeypatch.context() as patch:
         fails_after(patch, engine.Engine, "do", 0, RuntimeError("lost"))
         found_with_one_line(expected, caplog, "lost")
         triangulate_many(POLYGONS, device="llvmpipe")
         assert len(caplog.records) == 1  # said once
-    made = fails_after(monkeypatch, engine, "open_context", 1, AssertionError)
-    found = triangulate_many(POLYGONS, device="llvmpipe")
-    assert np.array_equal(found.triangles, expected.triangles)
-    assert len(made) == 1
+    recorded = fails_after(monkeypatch, engine, "open_context", 1, AssertionError)
+    batch = triangulate_many(POLYGONS, device="llvmpipe")
+    assert np.array_equal(batch.triangles, expected.triangles)
+    assert len(recorded) == 1
     assert len(caplog.records) == 1
 
 
 def forked(_):
-    found = triangulate_many(POLYGONS, device="llvmpipe")
-    return found.triangles, sorted(engine._said)
+    batch = triangulate_many(POLYGONS, device="llvmpipe")
+    return batch.triangles, sorted(engine._warned)
 
 
-def test_a_process_that_was_forked_does_without_its_parents_driver(expected, caplog):
+def test_forked_process_does_not_use_parents_driver(expected, caplog):
     triangulate_many(POLYGONS, device="llvmpipe")
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        ((triangles, said),) = pool.map_async(forked, [0]).get(timeout=60)
+        ((triangles, warnings),) = pool.map_async(forked, [0]).get(timeout=60)
     assert np.array_equal(triangles, expected.triangles)
-    (line,) = said
+    (line,) = warnings
     assert "loaded before this process was forked" in line
     triangulate_many(POLYGONS, device="llvmpipe")
     assert caplog.records == []
 
 
-def test_the_command_line_gives_the_same_file_on_every_device(harness, tmp_path):
+def test_command_writes_equal_files_on_all_devices(harness, tmp_path):
     source = square_file(tmp_path)
     for device in ("llvmpipe", "cpu"):
-        given = ["triangulate", str(source), "--device", device]
-        code, out, err = harness(*given, "-o", f"{device}.npz")
+        arguments = ["triangulate", str(source), "--device", device]
+        code, out, err = harness(*arguments, "-o", f"{device}.npz")
         assert (code, "4 polygons" in out) == (0, True), err
     with np.load("llvmpipe.npz") as ours, np.load("cpu.npz") as theirs:
         assert set(ours) == set(theirs)
@@ -215,16 +215,16 @@ def test_the_command_line_gives_the_same_file_on_every_device(harness, tmp_path)
 
 
 def square_file(folder):
-    """A GeoJSON of polygons on the grid, and one that is not."""
+    """A GeoJSON of polygons on the grid, and one off it."""
     rings = [vertices(star(n)) for n in (5, 12, 70)] + [vertices(star(9)) / 3]
     return write_geojson(folder / "stars.geojson", [shapely.Polygon(ring) for ring in rings])
 
 
-def test_the_command_line_says_what_it_cannot_use(harness, tmp_path, caplog):
+def test_command_reports_unusable_devices(harness, tmp_path, caplog):
     source = square_file(tmp_path)
     out, _ = require_ok(harness("triangulate", str(source), "-o", "x.npz", "--device", "gpu31"))
     assert "4 polygons" in out
-    assert caplog.text.count("there is no gpu31 with compute shaders here") == 1
+    assert caplog.text.count("gpu31: no such device with compute shaders") == 1
     assert_refused(
         harness("triangulate", str(source), "-o", "y.npz", "--device", "cuda"),
         "unknown device 'cuda'",

@@ -1,4 +1,4 @@
-"""Polygons with holes: the true optimum with one, proven where hunts went wrong, also touching."""
+"""Optima of polygons with holes, also touching ones, and former failures."""
 
 import csv
 from pathlib import Path
@@ -20,7 +20,7 @@ from triangulators.verify import verify
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw"])
-def test_one_hole_gives_the_true_optimum(name):
+def test_one_hole_gives_optimum(name):
     rng = np.random.default_rng(5)
     for _ in range(6):
         polygon = with_hole(rng, int(rng.integers(4, 9)), int(rng.integers(3, 6)))
@@ -31,7 +31,7 @@ def test_one_hole_gives_the_true_optimum(name):
         assert total == float(Small(rings).optimum(name)[0]), polygon.wkt
 
 
-def test_the_local_search_comes_close_to_the_true_optimum():
+def test_local_search_is_close_to_optimum():
     rng = np.random.default_rng(6)
     cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
     ratios = []
@@ -39,10 +39,10 @@ def test_the_local_search_comes_close_to_the_true_optimum():
         polygon = with_hole(rng, int(rng.integers(6, 26)), int(rng.integers(3, 14)))
         outline = boundary(polygon)
         start = best_initial(outline, cost)
-        found = search_cuts(outline.points, start, cost)
-        assert verify(polygon, found).conforming
+        improved = search_cuts(outline.points, start, cost)
+        assert verify(polygon, improved).conforming
         exact = total_cost(outline.points, triangulate(polygon, "optimal:half-perimeter"), cost)
-        total = total_cost(outline.points, found, cost)
+        total = total_cost(outline.points, improved, cost)
         assert exact <= total * (1 + 1e-12)
         assert total <= total_cost(outline.points, start, cost) * (1 + 1e-12)
         ratios.append(total / exact)
@@ -50,8 +50,8 @@ def test_the_local_search_comes_close_to_the_true_optimum():
     assert np.mean(np.array(ratios) < 1 + 1e-9) > 0.8
 
 
-def test_the_local_search_goes_on_after_a_gain(monkeypatch):
-    """It ends when six choices of cuts in a row gained nothing, and not before."""
+def test_local_search_continues_after_gain(monkeypatch):
+    """It ends after six consecutive choices of cuts without gain."""
     totals = []
 
     class Watched(best_way.Patchwork):
@@ -76,7 +76,7 @@ def test_the_local_search_goes_on_after_a_gain(monkeypatch):
     assert gains > 5
 
 
-def test_never_worse_than_ear_clipping_or_delaunay_on_helsinki():
+def test_optimum_is_never_worse_than_libraries_on_helsinki():
     holed = [polygon for _, polygon in shared("helsinki.json") if polygon.interiors]
     valid = [polygon for polygon in holed if polygon.is_valid]
     assert len(valid) > 80
@@ -130,7 +130,7 @@ with Path(__file__).with_name("hunted.csv").open(encoding="utf-8") as file:
 
 
 @pytest.mark.parametrize("number", range(len(FOUND)))
-def test_what_was_found_is_optimal_and_proven(number):
+def test_hunted_polygons_are_optimal_and_proven(number):
     criterion, polygon = FOUND[number]
     best = triangulate(polygon, "optimal", criterion=criterion)
     certificate = certify(polygon, best, criterion)

@@ -1,4 +1,4 @@
-"""Compiled code is that of the sources as they are, wherever it is kept and whoever compiled it."""
+"""The cache of compiled code: sharing, invalidation, damage and trust."""
 
 import os
 import shutil
@@ -39,7 +39,7 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def sources(tmp_path, monkeypatch) -> Path:
-    """A package of two kernels, one of which calls the other, with the module that keeps them."""
+    """A package of two kernels, one of which calls the other, with the caching modules."""
     package = tmp_path / "triangulators"
     (package / "compute").mkdir(parents=True)
     for folder in (package, package / "compute"):
@@ -69,7 +69,7 @@ kernel(1)
 """
 
 
-def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
+def test_two_processes_compile_kernel_once(sources, tmp_path):
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
@@ -77,9 +77,9 @@ def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
     }
     start = partial(subprocess.Popen, env=environment, cwd=sources.parent, stdout=subprocess.PIPE)
     both = [start([sys.executable, "-c", TOLD]) for _ in range(2)]
-    told = [line for each in both for line in each.communicate()[0].decode().split()]
-    assert [each.returncode for each in both] == [0, 0]
-    assert sorted(told) == ["inner", "outer"]
+    printed = [line for process in both for line in process.communicate()[0].decode().split()]
+    assert [process.returncode for process in both] == [0, 0]
+    assert sorted(printed) == ["inner", "outer"]
 
 
 def called(sources: Path, cache: Path) -> str:
@@ -88,25 +88,25 @@ def called(sources: Path, cache: Path) -> str:
     return run_python("-m", "triangulators.outer", env=environment, **options).stdout.strip()
 
 
-def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):
+def test_change_in_called_module_recompiles(sources, tmp_path):
     cache = tmp_path / "cache"
     assert called(sources, cache) == "20"
-    kept = set(cache.rglob("*.nbc"))
-    assert {file.name.partition("-")[0] for file in kept} == {"inner", "outer"}
+    files_before = set(cache.rglob("*.nbc"))
+    assert {file.name.partition("-")[0] for file in files_before} == {"inner", "outer"}
     (sources / "inner.py").write_text(INNER.format(added=4))
     os.utime(sources / "inner.py", (1, 1))  # older than what was compiled, as after a checkout
     assert called(sources, cache) == "50"
-    assert kept < set(cache.rglob("*.nbc"))
+    assert files_before < set(cache.rglob("*.nbc"))
 
 
 def forget() -> None:
-    for function in (files.digest, files._source, files._imported, files._file_of):
+    for function in (files.digest, files._read_source, files._find_imports, files._find_file):
         function.cache_clear()
 
 
 @pytest.fixture
 def in_memory(tmp_path, monkeypatch) -> Path:
-    """Digests of modules in a folder of the test's own."""
+    """Digests of modules in a temporary folder."""
     forget()
     monkeypatch.setattr(files, "SOURCES", tmp_path)
     package = tmp_path / "triangulators"
@@ -120,25 +120,25 @@ def in_memory(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
-def test_an_edit_reaches_those_that_import_it_and_no_others(in_memory, edited, changed):
+def test_digest_changes_for_importing_modules_only(in_memory, edited, changed):
     before = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
     with (in_memory / f"{edited}.py").open("a") as file:
         file.write("# changed\n")
-    for function in (files.digest, files._source, files._imported):
+    for function in (files.digest, files._read_source, files._find_imports):
         function.cache_clear()
     after = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
     assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
 
 
-def test_damaged_code_is_made_again(tmp_path):
+def test_damaged_files_are_recompiled(tmp_path):
     stored = storing._Files(tmp_path / "new", "kernel")
     assert stored.load("key") is None
     stored.save("key", [1, 2])
     assert stored.load("key") == [1, 2]
     assert stored.load("another") is None
     (file,) = (tmp_path / "new").iterdir()
-    whole = file.read_bytes()
-    for damaged in (b"", whole[: len(whole) // 2], b"x" + whole[1:]):
+    content = file.read_bytes()
+    for damaged in (b"", content[: len(content) // 2], b"x" + content[1:]):
         file.write_bytes(damaged)
         assert stored.load("key") is None
 
@@ -147,10 +147,10 @@ GONE, OTHER = "gone-0123456789abcdef", "other-0123456789abcdef"
 
 
 @pytest.mark.parametrize("untrusted", ["file", "folder", "link", "folder above"])
-def test_code_that_others_may_write_is_not_loaded(tmp_path, monkeypatch, untrusted):
-    """It is a pickle: to load it is to run it."""
-    monkeypatch.setattr(files, "place", lambda: tmp_path / "compiled" / "numba")
-    folder = files.place() / OTHER
+def test_untrusted_code_is_not_loaded(tmp_path, monkeypatch, untrusted):
+    """Loading a pickle executes code."""
+    monkeypatch.setattr(files, "cache_folder", lambda: tmp_path / "compiled" / "numba")
+    folder = files.cache_folder() / OTHER
     stored = storing._Files(folder, "kernel")
     stored.save("key", [1, 2])
     assert stored.load("key") == [1, 2]
@@ -169,28 +169,28 @@ def test_code_that_others_may_write_is_not_loaded(tmp_path, monkeypatch, untrust
     files.is_trusted_folder.cache_clear()
 
 
-def test_what_is_saved_is_trusted_whatever_the_umask(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "place", lambda: tmp_path / "compiled" / "numba")
+def test_saved_code_is_trusted_for_any_umask(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "cache_folder", lambda: tmp_path / "compiled" / "numba")
     before = os.umask(0)
     try:
-        stored = storing._Files(files.place() / OTHER, "kernel")
+        stored = storing._Files(files.cache_folder() / OTHER, "kernel")
         stored.save("key", [1])
     finally:
         os.umask(before)
     assert stored.load("key") == [1]
 
 
-def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
-    here = tmp_path / "compiled" / "numba"
-    monkeypatch.setattr(files, "place", lambda: here)
+def test_remove_old_keeps_current_code(tmp_path, monkeypatch):
+    numba_folder = tmp_path / "compiled" / "numba"
+    monkeypatch.setattr(files, "cache_folder", lambda: numba_folder)
     source = ROOT / "triangulators/compute/operations.py"
     current = f"triangulators.compute.operations-{files.digest(source)}"
     past = time.time() - 2 * files.OLD_S
     for name, when in ((current, past), (GONE, past), (OTHER, None), ("mine-1", past)):
-        (here / name).mkdir(parents=True)
-        (here / name / "kernel.nbc").write_bytes(b"code")
+        (numba_folder / name).mkdir(parents=True)
+        (numba_folder / name / "kernel.nbc").write_bytes(b"code")
         if when is not None:
-            os.utime(here / name / "kernel.nbc", (when, when))
-    assert files.kept().files == 4
+            os.utime(numba_folder / name / "kernel.nbc", (when, when))
+    assert files.measure_cache().files == 4
     assert files.remove_old() == 1
-    assert {folder.name for folder in here.iterdir()} == {current, OTHER, "mine-1"}
+    assert {folder.name for folder in numba_folder.iterdir()} == {current, OTHER, "mine-1"}

@@ -1,4 +1,4 @@
-"""Batches, which give what single calls and the drop-in give."""
+"""Batches agree with single calls and with the drop-in."""
 
 import pickle
 from dataclasses import replace
@@ -23,7 +23,7 @@ def mixture(count=120):
     return [shapely.reverse(p) if index % 2 else p for index, p in enumerate(polygons)]
 
 
-def test_other_triangulators_and_criteria_go_one_at_a_time():
+def test_other_triangulators_equal_single_calls():
     polygons = mixture(10)
     for name in ("delaunay", "optimal:shape"):
         for polygon, triangles in zip(polygons, triangulate_many(polygons, name), strict=True):
@@ -38,9 +38,9 @@ def test_polygon_arrays_are_sequences_of_polygons():
     taken = arrays.take(np.arange(len(polygons))[indices])
     assert [taken[k].wkb for k in range(4)] == [arrays[k].wkb for k in indices]
     odd = arrays[1:-1:2]
-    assert [each.wkb for each in odd] == [each.wkb for each in polygons[1:-1:2]]
+    assert [polygon.wkb for polygon in odd] == [polygon.wkb for polygon in polygons[1:-1:2]]
     joined = PolygonArray.concatenate([odd, arrays[:0], taken])
-    assert [each.wkb for each in joined] == [each.wkb for each in [*odd, *taken]]
+    assert [polygon.wkb for polygon in joined] == [polygon.wkb for polygon in [*odd, *taken]]
     points, ring_offsets = arrays.rings_of(22)
     assert ring_offsets.tolist() == [
         0,
@@ -51,16 +51,16 @@ def test_polygon_arrays_are_sequences_of_polygons():
     assert np.array_equal(np.hstack([low, high]), shapely.bounds(odd.geometries))
 
 
-def test_a_process_that_is_sent_the_same_polygons_again_converts_them_once():
+def test_unpickling_equal_arrays_reuses_polygons():
     squares = PolygonArray.of_single_rings(np.arange(16.0).reshape(8, 2), 4)
-    others = replace(squares, coords=squares.coords + 1.0)
+    moved = replace(squares, coords=squares.coords + 1.0)
     first = pickle.loads(pickle.dumps(squares))
     assert pickle.loads(pickle.dumps(squares)) is first
-    assert np.array_equal(pickle.loads(pickle.dumps(others)).coords, others.coords)
+    assert np.array_equal(pickle.loads(pickle.dumps(moved)).coords, moved.coords)
     assert np.array_equal(pickle.loads(pickle.dumps(squares)).coords, squares.coords)
 
 
-def test_arrays_and_shapely_polygons_have_the_same_triangulations():
+def test_arrays_and_polygons_give_equal_triangulations():
     polygons = mixture(30)
     arrays = PolygonArray.from_shapely(polygons)
     by_arrays, by_polygons = triangulate_many(arrays), triangulate_many(polygons)
@@ -68,7 +68,7 @@ def test_arrays_and_shapely_polygons_have_the_same_triangulations():
     assert np.array_equal(by_arrays.triangle_offsets, by_polygons.triangle_offsets)
 
 
-def test_a_bad_polygon_is_named_and_the_rest_done():
+def test_invalid_polygons_are_listed_and_others_triangulated():
     bow_tie = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
     repeated = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (0, 4)])
     polygons = [shapely.box(0, 0, 1, 1), bow_tie, repeated, shapely.Polygon(), star(20)]
@@ -99,22 +99,22 @@ def test_real_buildings():
 
 @pytest.mark.parametrize("name", ["ear-clipping", "flips:l1"])
 @pytest.mark.parametrize("vertices_before", [[], [10], [10, 30], [30, 10], [10, 10], [19, 1]])
-def test_ears_are_clipped_in_parts_of_any_size(monkeypatch, name, vertices_before):
-    """Parts end at the polygons that hold each tenth vertex, the last one's among them."""
+def test_ear_clipping_chunks_of_any_size_agree(monkeypatch, name, vertices_before):
+    """Chunks end at the polygons that contain each tenth vertex, including the last."""
     monkeypatch.setattr(batch, "_CHUNK_VERTICES", 10)
     for last in (3, 4, 9, 10, 11, 30, 31):
         polygons = [convex(max(3, n)) for n in [*vertices_before, last]]
-        found = triangulate_many(polygons, name)
-        assert found.failed == {}
-        assert found.compiled.all()
-        for polygon, triangles in zip(polygons, found, strict=True):
+        chunked = triangulate_many(polygons, name)
+        assert chunked.failed == {}
+        assert chunked.compiled.all()
+        for polygon, triangles in zip(polygons, chunked, strict=True):
             assert verify(polygon, triangles).conforming
 
 
-def test_a_users_function_costs_the_polygons_it_fails_on():
-    found = triangulate_many([shapely.box(0, 0, 1, 1), star(9)], "tests.broken:exit_success")
-    assert set(found.failed) == {0, 1}
-    assert found.failed[0].startswith("SystemExit: 0 (broken.py:")
+def test_failing_user_function_affects_only_its_polygons():
+    batch = triangulate_many([shapely.box(0, 0, 1, 1), star(9)], "tests.broken:exit_success")
+    assert set(batch.failed) == {0, 1}
+    assert batch.failed[0].startswith("SystemExit: 0 (broken.py:")
 
 
 # The batch once gave this one 0.34, on no grid; the optimum is 0.31.
@@ -127,19 +127,19 @@ OFF_GRID = shapely.from_wkt(
 def polygons(scale: float, count: int, seed: int = 17) -> list[shapely.Polygon]:
     """Random polygons with 0 to 8 holes on a grid that `scale` may take off it."""
     rng = np.random.default_rng(seed)
-    found = []
-    while len(found) < count:
+    drawn = []
+    while len(drawn) < count:
         polygon = random_simple(rng, int(rng.integers(4, 14)), 24)
-        for _ in range(len(found) % 9 * 6):
+        for _ in range(len(drawn) % 9 * 6):
             ring = shapely.get_coordinates(random_simple(rng, 3, 4))[:-1] + rng.integers(0, 20, 2)
             cut = shapely.Polygon(polygon.exterior, [*polygon.interiors, ring])
-            if cut.is_valid and len(cut.interiors) <= len(found) % 9:
+            if cut.is_valid and len(cut.interiors) <= len(drawn) % 9:
                 polygon = cut
         moved = shapely.transform(polygon, lambda points: points * scale)
         if moved.is_valid:
-            found.append(moved)
-    assert max(len(polygon.interiors) for polygon in found) >= 4
-    return found
+            drawn.append(moved)
+    assert max(len(polygon.interiors) for polygon in drawn) >= 4
+    return drawn
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.1, 1 / 3], ids=["grid", "tenths", "thirds"])
@@ -147,16 +147,16 @@ def polygons(scale: float, count: int, seed: int = 17) -> list[shapely.Polygon]:
     "name",
     ["optimal:half-perimeter", "optimal:overdraw", "worst:overdraw", "optimal:edge-length"],
 )
-def test_single_batch_and_drop_in_cost_the_same(scale, name):
-    chosen = [*polygons(scale, 72), OFF_GRID, *mixture(20)]
+def test_single_batch_and_dropin_costs_are_equal(scale, name):
+    selected = [*polygons(scale, 72), OFF_GRID, *mixture(20)]
     total = find(name.partition(":")[2]).total
-    many = triangulate_many(chosen, name)
+    many = triangulate_many(selected, name)
     assert many.failed == {}
-    for number, polygon in enumerate(chosen):
+    for number, polygon in enumerate(selected):
         points = vertices(polygon)
-        least = total(points, triangulate(polygon, name))
+        single_cost = total(points, triangulate(polygon, name))
         assert verify(polygon, many[number]).conforming
-        assert total(points, many[number]) == pytest.approx(least, rel=1e-12), polygon.wkt
+        assert total(points, many[number]) == pytest.approx(single_cost, rel=1e-12), polygon.wkt
         if name == "optimal:half-perimeter":
             dropped = (
                 triangulate_float64(*earcut_rings(polygon), "optimal:half-perimeter")
@@ -164,4 +164,4 @@ def test_single_batch_and_drop_in_cost_the_same(scale, name):
                 .astype(np.int32)
             )
             assert verify(polygon, dropped).conforming
-            assert total(points, dropped) == pytest.approx(least, rel=1e-12), polygon.wkt
+            assert total(points, dropped) == pytest.approx(single_cost, rel=1e-12), polygon.wkt

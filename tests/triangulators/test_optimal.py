@@ -1,4 +1,4 @@
-"""The optimum against brute force, against the exhaustive list and against every peer."""
+"""The optimum against brute force, exhaustive lists and all other triangulators."""
 
 import numba
 import numpy as np
@@ -14,7 +14,7 @@ from tests.triangulators.cases import (
     star,
 )
 from triangulators import SkippedError, criteria, names, triangulate, triangulate_with_gap, vertices
-from triangulators.checking.units import doubles_add_up
+from triangulators.checking.units import has_exact_sums
 from triangulators.criteria import CRITERIA, predict
 from triangulators.criteria.cost import cost_of
 from triangulators.methods.exhaustive import enumerate_triangulations
@@ -50,20 +50,20 @@ def test_brute_force_agrees_for_plain_criteria():
         for name in PLAIN if case % 5 == 0 else PLAIN[:2]:
             total, costs = criteria.find(name).total, brute_costs(polygon, name)
             for end, expected in (("optimal", min(costs)), ("worst", max(costs))):
-                found = total(vertices(polygon), triangulate(polygon, end, criterion=name))
-                assert found == pytest.approx(expected, rel=1e-9), (case, name, polygon.wkt)
+                cost_found = total(vertices(polygon), triangulate(polygon, end, criterion=name))
+                assert cost_found == pytest.approx(expected, rel=1e-9), (case, name, polygon.wkt)
 
 
-def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
+def test_optimum_equals_exhaustive_for_all_criteria():
     rng = np.random.default_rng(300)
-    wanted = [*CRITERIA.values(), criteria.find(squared_height)]
-    wanted.append(criteria.find("mixed", alpha=1.0, beta=0.2, gamma=3.0))
-    wanted.append(criteria.find("calibrated", coefficients={"half_perimeter": 1, "bbox_area": 0.5}))
+    tested = [*CRITERIA.values(), criteria.find(squared_height)]
+    tested.append(criteria.find("mixed", alpha=1.0, beta=0.2, gamma=3.0))
+    tested.append(criteria.find("calibrated", coefficients={"half_perimeter": 1, "bbox_area": 0.5}))
     for case in range(300):
         polygon = random_simple(rng, int(rng.integers(4, 10)))
         points = vertices(polygon)
         everything = enumerate_triangulations(polygon)
-        for criterion in wanted:
+        for criterion in tested:
             totals = [criterion.total(points, triangles) for triangles in everything]
             best = triangulate(polygon, "optimal", criterion=criterion)
             assert verify(polygon, best).conforming
@@ -86,8 +86,8 @@ def test_no_peer_beats_the_optimum(criterion):
         points = vertices(polygon)
         best = triangulate(polygon, "optimal", criterion=criterion)
         assert verify(polygon, best).conforming
-        least = criteria.find(criterion).total(points, best)
-        limit = least - 1e-12 * abs(least)
+        optimal_cost = criteria.find(criterion).total(points, best)
+        limit = optimal_cost - 1e-12 * abs(optimal_cost)
         for peer in peers:
             try:
                 triangles = triangulate(polygon, peer)
@@ -98,7 +98,7 @@ def test_no_peer_beats_the_optimum(criterion):
     assert compared > 6 * len(polygons)
 
 
-def test_a_gap_of_nothing_is_said_where_sums_of_doubles_are_exact():
+def test_gap_is_zero_if_sums_are_exact():
     polygons = [star(n, seed=n) for n in (12, 40, 150)]
     for polygon in polygons:
         for name in ("overdraw", "half-perimeter"):
@@ -111,18 +111,18 @@ def test_a_gap_of_nothing_is_said_where_sums_of_doubles_are_exact():
         assert 0.0 < triangulate_with_gap(larger, "optimal:half-perimeter")[1] < 1e-11
 
 
-def test_sums_that_are_exact_though_some_might_not_be_have_no_gap():
+def test_gap_is_zero_if_optimal_sum_is_exact():
     # A box may have 2^48 units, and eight triangles 2^53 with their areas: these have far less.
     x = np.linspace(0.0, 2.0**24, 5)
     top = np.column_stack((x, [3.0, 2.0, 3.0, 2.0, 3.0]))
     polygon = shapely.Polygon([*np.column_stack((x, np.zeros(5))), *top[::-1]])
     cost = cost_of(criteria.find("overdraw"), polygon.area, 8)
-    assert not doubles_add_up(boundary(polygon), cost)
+    assert not has_exact_sums(boundary(polygon), cost)
     assert triangulate_with_gap(polygon, "optimal:overdraw")[1] == 0.0
 
 
 @pytest.mark.parametrize("polygon", [smooth(1500), star(1200)], ids=["smooth", "star"])
-def test_windows_are_between_the_peers_and_the_optimum(polygon):
+def test_windows_are_between_peers_and_optimum(polygon):
     points = vertices(polygon)
     windowed = triangulate(polygon, "optimal:half-perimeter", limit=500)
     assert verify(polygon, windowed).conforming
@@ -149,7 +149,7 @@ def test_windows_with_holes():
         assert cost <= predict(vertices(polygon), triangulate(polygon, peer))["overdraw"]
 
 
-def test_the_same_seed_gives_the_same_result():
+def test_same_seed_gives_same_result():
     polygon = smooth(800)
-    once, again = (triangulate(polygon, "optimal", limit=200, seed=3) for _ in range(2))
-    assert np.array_equal(once, again)
+    first, second = (triangulate(polygon, "optimal", limit=200, seed=3) for _ in range(2))
+    assert np.array_equal(first, second)

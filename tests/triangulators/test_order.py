@@ -1,4 +1,4 @@
-"""The order of triangles: all of them, neighbours together, few vertices shaded again."""
+"""Triangle orders: permutations with adjacent neighbours and few repeated vertices."""
 
 from collections import deque
 
@@ -17,20 +17,20 @@ BATCH = 120
 
 
 def invocations(triangles: np.ndarray) -> int:
-    """Vertices shaded, if each is shaded once in every batch of indices."""
+    """The number of shaded vertices if each is shaded once in every batch of indices."""
     indices = triangles.ravel()
     return sum(len(np.unique(indices[i : i + BATCH])) for i in range(0, len(indices), BATCH))
 
 
 def turned(triangles: np.ndarray) -> list[tuple[int, ...]]:
-    """Return the triangles, each turned to begin with its lowest vertex, in order of number."""
+    """Return the triangles, rotated to begin with their lowest vertex, sorted."""
     rows = triangles.tolist()
     return sorted(min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in rows)
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), max_size=30))
-def test_it_is_a_permutation_of_whatever_it_is_given(rows):
+def test_walk_permutes_triangles(rows):
     triangles = np.array(rows, np.int32).reshape(-1, 3)
     ordered = walk(triangles, 10)
     assert turned(ordered) == turned(triangles)
@@ -38,29 +38,29 @@ def test_it_is_a_permutation_of_whatever_it_is_given(rows):
 
 @settings(deadline=None, max_examples=40)
 @given(hard_polygons())
-def test_neighbours_follow_each_other(polygon):
+def test_walk_visits_neighbours_consecutively(polygon):
     triangles = triangulate(polygon, "delaunay")
     ordered = walk(np.random.default_rng(0).permutation(triangles), len(vertices(polygon)))
     edges: set[frozenset[int]] = set()
     met: set[int] = set()
     for number, (a, b, c) in enumerate(ordered.tolist()):
-        own = {frozenset((a, b)), frozenset((b, c)), frozenset((c, a))}
-        assert number == 0 or own & edges
+        edges_of_triangle = {frozenset((a, b)), frozenset((b, c)), frozenset((c, a))}
+        assert number == 0 or edges_of_triangle & edges
         assert number == 0 or {a, b} <= met
-        edges |= own
+        edges |= edges_of_triangle
         met |= {a, b, c}
     assert turned(ordered) == turned(triangles)
 
 
 @pytest.mark.parametrize("name", ["optimal:overdraw", "optimal:half-perimeter", "optimal:shape"])
-def test_the_optimum_comes_in_this_order(name):
+def test_optimum_is_in_walk_order(name):
     rng = np.random.default_rng(1)
     for polygon in (star(400, spread=0.4), smooth(90), with_hole(rng, 14, 6)):
         triangles = triangulate(polygon, name)
         assert np.array_equal(triangles, walk(triangles, len(vertices(polygon))))
 
 
-def test_few_vertices_are_met_again():
+def test_walk_shades_few_vertices_again():
     rng = np.random.default_rng(2)
     for polygon in (star(400, spread=0.4), smooth(300)):
         n = len(vertices(polygon))
@@ -71,7 +71,7 @@ def test_few_vertices_are_met_again():
         assert invocations(shuffled) > 1.5 * invocations(walk(shuffled, n))
 
 
-def test_batches_keep_to_it_too():
+def test_batches_are_in_walk_order():
     rng = np.random.default_rng(3)
     polygons = [star(150, seed, spread=0.4) for seed in range(3)] + [with_hole(rng, 14, 6)]
     for polygon, triangles in zip(polygons, triangulate_many(polygons), strict=True):
@@ -80,7 +80,7 @@ def test_batches_keep_to_it_too():
 
 
 def shaded(triangles, size):
-    """Return how many vertices a first-in first-out cache of `size` vertices misses."""
+    """Return the number of misses of a first-in first-out cache of `size` vertices."""
     cache, missed = deque(maxlen=size), 0
     for vertex in np.asarray(triangles).ravel().tolist():
         if vertex not in cache:
@@ -90,7 +90,7 @@ def shaded(triangles, size):
 
 
 def grid(side):
-    """Return the triangles of a square grid of vertices, and how many vertices it has."""
+    """Return the triangles and the number of vertices of a square grid."""
     corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
     low = np.column_stack([corner, corner + 1, corner + side])
     high = np.column_stack([corner + 1, corner + side + 1, corner + side])
@@ -99,7 +99,7 @@ def grid(side):
 
 @settings(deadline=None)
 @given(st.integers(0, 60), st.integers(3, 40), st.integers(1, 40), st.integers(0, 2**32 - 1))
-def test_it_is_a_permutation_of_any_triangles(number, count, cache_size, seed):
+def test_vertex_cache_order_permutes_triangles(number, count, cache_size, seed):
     rng = np.random.default_rng(seed)
     triangles = rng.integers(0, count, (number, 3)).astype(np.int32)
     ordered = vertex_cache_order(triangles, count, cache_size)

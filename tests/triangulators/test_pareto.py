@@ -1,4 +1,4 @@
-"""The Pareto front against the full list, and where no list is possible."""
+"""The Pareto front against exhaustive lists, and for polygons too large for a list."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from triangulators.verify import verify
 PAIR = ("overdraw", "shape")
 
 
-def test_its_ends_are_the_two_optima():
+def test_front_ends_are_the_optima():
     polygon = star(50, spread=0.4)
     front = pareto_front(polygon, "half-perimeter", "shape")
     assert len(front.costs) > 10
@@ -25,7 +25,7 @@ def test_its_ends_are_the_two_optima():
 
 
 def brute_front(polygon):
-    """The front by comparing every triangulation with every other, (f, 2) ascending in A."""
+    """The front by comparing all pairs of triangulations, (f, 2) ascending in A."""
     points = vertices(polygon)
     costs = np.array(
         [
@@ -36,13 +36,13 @@ def brute_front(polygon):
     slack = 1e-9 * np.abs(costs).max(axis=0)
     as_good = (costs[None] <= costs[:, None] + slack).all(axis=2)
     better = (costs[None] < costs[:, None] - slack).any(axis=2)
-    kept = costs[~(as_good & better).any(axis=1)]
-    kept = kept[np.lexsort((kept[:, 1], kept[:, 0]))]
-    fresh = np.r_[True, (np.abs(np.diff(kept, axis=0)) > slack).any(axis=1)]
-    return kept[fresh]
+    front = costs[~(as_good & better).any(axis=1)]
+    front = front[np.lexsort((front[:, 1], front[:, 0]))]
+    fresh = np.r_[True, (np.abs(np.diff(front, axis=0)) > slack).any(axis=1)]
+    return front[fresh]
 
 
-def test_its_points_are_triangulations_by_number():
+def test_front_points_are_triangulators_by_index():
     rng = np.random.default_rng(4)
     for _ in range(40):
         polygon = random_simple(rng, int(rng.integers(4, 11)))
@@ -51,35 +51,37 @@ def test_its_points_are_triangulations_by_number():
         for k, costs in enumerate(expected):
             triangles = triangulate(polygon, "pareto", k=k)
             assert verify(polygon, triangles).conforming
-            found = predict(vertices(polygon), triangles)
-            assert [found[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
-        with pytest.raises(SkippedError, match=f"ends at number {len(expected) - 1}, before"):
+            sums = predict(vertices(polygon), triangles)
+            assert [sums[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
+        with pytest.raises(
+            SkippedError, match=f"out of range .the front ends at {len(expected) - 1}"
+        ):
             triangulate(polygon, "pareto", k=len(expected))
 
 
-def test_a_sweep_of_the_weights_stays_on_the_front():
+def test_weighted_optima_are_on_front():
     rng = np.random.default_rng(11)
     reached = 0
     for _ in range(30):
         polygon = random_simple(rng, int(rng.integers(5, 10)))
         front = brute_front(polygon)
         for beta in (0.01, 0.1, 1.0, 10.0, 100.0):
-            found = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed=1/{beta}/0"))
-            costs = np.array([found[name] for name in PAIR])
+            sums = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed=1/{beta}/0"))
+            costs = np.array([sums[name] for name in PAIR])
             assert np.isclose(front, costs, rtol=1e-7).all(axis=1).any(), (polygon.wkt, beta)
             # C is the same for all of them: whatever its weight, the optimum stays.
             for gamma in (1, 1000):
                 name = f"optimal:mixed=1/{beta}/{gamma}"
-                again = predict(vertices(polygon), triangulate(polygon, name))
-                assert [again[name] for name in PAIR] == pytest.approx(costs, rel=1e-9)
+                repeated = predict(vertices(polygon), triangulate(polygon, name))
+                assert [repeated[name] for name in PAIR] == pytest.approx(costs, rel=1e-9)
         for weights, column in (("1/0/0", 0), ("0/1/0", 1)):
-            found = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed={weights}"))
-            assert found[PAIR[column]] == pytest.approx(front[:, column].min(), rel=1e-7)
+            sums = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed={weights}"))
+            assert sums[PAIR[column]] == pytest.approx(front[:, column].min(), rel=1e-7)
         reached += len(front) > 1
     assert reached > 10
 
 
-def test_what_has_no_front_here_is_skipped():
+def test_unsupported_polygons_are_skipped():
     with pytest.raises(SkippedError, match="101 vertices, more than 100"):
         triangulate(star(101), "pareto")
     with pytest.raises(SkippedError, match="holes"):

@@ -1,4 +1,4 @@
-"""What is particular to some peers; all of them are verified in test_everywhere."""
+"""Properties of single triangulators; test_everywhere verifies all of them."""
 
 import sys
 from collections import Counter
@@ -22,11 +22,11 @@ def test_random_is_uniform_and_seeded():
     assert len(seen) == 29
     statistic = sum((count - 60) ** 2 / 60 for count in seen.values())
     assert statistic < 56.9  # chi-squared with 28 degrees of freedom exceeds it 1 time in 1000
-    once, again = (triangulate(convex(30), "random", seed=4) for _ in range(2))
-    assert np.array_equal(once, again)
+    first, second = (triangulate(convex(30), "random", seed=4) for _ in range(2))
+    assert np.array_equal(first, second)
 
 
-def test_random_does_not_overflow_where_counts_do():
+def test_random_does_not_overflow():
     assert verify(convex(800), triangulate(convex(800), "random", seed=1)).conforming
 
 
@@ -37,7 +37,7 @@ def test_strip_zigzags():
     assert max(Counter(triangles.ravel().tolist()).values()) == 3
 
 
-def test_fan_and_strip_skip_what_they_cannot_do():
+def test_fan_and_strip_skip_unsupported_polygons():
     comb = shapely.Polygon([(0, 0), (6, 0), (6, 4), (5, 1), (4, 4), (3, 1), (2, 4), (1, 1), (0, 4)])
     for name in ("fan", "strip"):
         with pytest.raises(SkippedError, match=name):
@@ -50,21 +50,21 @@ def test_greedy_has_the_shortest_diagonal_and_max_area_the_largest_triangle():
         pairs = np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1)
         inside = pairs[~np.isin(pairs[:, 1] - pairs[:, 0], (1, 9))]
         shortest = np.hypot(*(points[inside[:, 0]] - points[inside[:, 1]]).T).min()
-        return shortest, max(abs(twice_area(*each)) for each in corners)
+        return shortest, max(abs(twice_area(*corner)) for corner in corners)
 
     rng = np.random.default_rng(3)
     for _ in range(40):
         polygon = random_simple(rng, 10)
         points = vertices(polygon)
-        least, _ = extremes(triangulate(polygon, "greedy"))
-        _, most = extremes(triangulate(polygon, "max-area"))
+        greedy_shortest, _ = extremes(triangulate(polygon, "greedy"))
+        _, max_area_largest = extremes(triangulate(polygon, "max-area"))
         for seed in range(20):
             shortest, largest = extremes(triangulate(polygon, "random", seed=seed))
-            assert shortest >= least - 1e-12
-            assert largest <= most + 1e-9
+            assert shortest >= greedy_shortest - 1e-12
+            assert largest <= max_area_largest + 1e-9
 
 
-def test_a_missing_package_is_unavailable_with_the_install_line(monkeypatch):
+def test_missing_package_reports_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "manifold3d", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert find("manifold").available() == "pip install manifold3d"

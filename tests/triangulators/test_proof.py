@@ -1,4 +1,4 @@
-"""The search for a proof: what is tried, within which limits, and what its gap says."""
+"""The search for a proof: limits, incumbents and gaps."""
 
 import math
 from fractions import Fraction
@@ -12,10 +12,10 @@ from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import proof
-from triangulators.certificate.candidates import _list, _ring_samples, candidates_of
+from triangulators.certificate.candidates import _list_triangles, _ring_samples, candidates_of
 from triangulators.certificate.linear_program import Program
-from triangulators.certificate.proof import _numbers, prove
-from triangulators.checking.units import costs_of, exact_total, units_for, weights_of
+from triangulators.certificate.proof import _candidate_indices, prove
+from triangulators.checking.units import compute_costs, compute_weights, exact_total, find_units
 from triangulators.criteria.cost import cost_of
 from triangulators.initial import best_initial
 from triangulators.polygon import boundary
@@ -24,7 +24,7 @@ SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5,
 
 
 def noted(monkeypatch, place, name: str) -> list:
-    """Return a list that gets (what is given, what comes back) of each call of a function."""
+    """Return a list that records (arguments, result) of each call of a function."""
     real, calls = getattr(place, name), []
 
     def call(*given):
@@ -36,7 +36,7 @@ def noted(monkeypatch, place, name: str) -> list:
 
 
 def ring(monkeypatch, seed: int):
-    """Return a polygon with a hole, a triangulation and the cost; nothing will be excluded."""
+    """Return a polygon with a hole, a triangulation and the cost; exclusion is disabled."""
 
     def none(candidates, *_):
         return np.empty(0, np.int32), np.ones(len(candidates.triangles), np.bool_)
@@ -47,23 +47,23 @@ def ring(monkeypatch, seed: int):
 
 
 def rooms(outline, start) -> int:
-    """Return how many triples see each other: the least limit under which they are listed."""
+    """Return the number of mutually visible triples: the smallest sufficient limit."""
     c = candidates_of(outline, start, 10**6)
     first = np.searchsorted(c.edges[:, 0], np.arange(len(c.points) + 1))
-    return _list(c.points, first, c.edges, c.side, _ring_samples(outline), 10**6)[0]
+    return _list_triangles(c.points, first, c.edges, c.side, _ring_samples(outline), 10**6)[0]
 
 
-def test_a_program_is_tried_where_it_has_time_or_is_small(monkeypatch):
-    given = ring(monkeypatch, 0)
-    rows = rooms(*given[:2])
+def test_linear_program_is_solved_with_time_limit_or_if_small(monkeypatch):
+    problem = ring(monkeypatch, 0)
+    rows = rooms(*problem[:2])
     tried = noted(monkeypatch, proof, "Program")
 
     def numbers(seconds: float, most: int) -> list[int]:
         tried.clear()
-        monkeypatch.setattr(proof, "_QUICK_ROWS", most)
-        gap = prove(*given, seconds).gap
+        monkeypatch.setattr(proof, "_MAX_UNTIMED_ROWS", most)
+        gap = prove(*problem, seconds).gap
         assert (gap == 0.0) == bool(tried)
-        return [len(found.inside) for _, found in tried]
+        return [len(program.inside) for _, program in tried]
 
     assert numbers(0.0, 10**6) == []
     assert numbers(np.inf, rows) == [rows]
@@ -71,96 +71,102 @@ def test_a_program_is_tried_where_it_has_time_or_is_small(monkeypatch):
     assert numbers(1.0, 0) == [rows]
 
 
-@pytest.mark.parametrize(("seconds", "name"), [(60.0, "MOST"), (0.0, "_QUICK"), (np.inf, "_QUICK")])
-def test_too_many_candidates_are_not_looked_at(monkeypatch, seconds, name):
-    given = ring(monkeypatch, 0)
-    rows = rooms(*given[:2])
+@pytest.mark.parametrize(
+    ("seconds", "name"),
+    [(60.0, "MAX_TRIPLES"), (0.0, "_MAX_UNTIMED_TRIPLES"), (np.inf, "_MAX_UNTIMED_TRIPLES")],
+)
+def test_too_many_triples_return_none(monkeypatch, seconds, name):
+    problem = ring(monkeypatch, 0)
+    rows = rooms(*problem[:2])
     for most, is_there in ((rows, True), (rows - 1, False)):
         monkeypatch.setattr(proof, name, most)
-        assert (prove(*given, seconds) is not None) == is_there
+        assert (prove(*problem, seconds) is not None) == is_there
 
 
-@pytest.mark.parametrize("at_a_corner", [False, True])
-def test_a_programs_bound_is_that_of_its_solution(at_a_corner):
+@pytest.mark.parametrize("basic", [False, True])
+def test_program_bound_equals_solution(basic):
     polygon = with_holes(np.random.default_rng(3), 16, 2)
     outline = boundary(polygon)
     cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
     start = best_initial(outline, cost)
     c = candidates_of(outline, start, 10**6)
-    weights = costs_of(outline.points, c.triangles, cost)
-    program = Program(c, weights, np.ones(len(weights), np.bool_), _numbers(c, start))
-    potentials, share = program.solve(60.0, at_a_corner=at_a_corner)
+    weights = compute_costs(outline.points, c.triangles, cost)
+    program = Program(c, weights, np.ones(len(weights), np.bool_), _candidate_indices(c, start))
+    potentials, share = program.solve(60.0, basic=basic)
     around = (program.signs * potentials[c.sides]).sum(axis=1)
     assert (around <= weights + 1e-9 * weights.max()).all()
     assert share @ weights == pytest.approx(c.side @ potentials, rel=1e-9)
-    if at_a_corner:
+    if basic:
         assert np.isclose(share, np.rint(share)).all()
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "edge-length"])
-def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name):
-    """Where costs are no numbers of units, seven triangles of the optimum lose less than seven."""
+def test_gap_within_rounding_is_zero(monkeypatch, name):
+    """Costs that are not multiples of units lose less than one unit per triangle, of seven."""
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
     start = best_initial(outline, cost)
-    found = prove(outline, start, cost)
-    units = units_for(outline, found.triangles, cost)
-    weights = weights_of(outline.points, found.triangles, cost, units)
+    result = prove(outline, start, cost)
+    units = find_units(outline, result.triangles, cost)
+    weights = compute_weights(outline.points, result.triangles, cost, units)
     total = sum(weights.tolist())
-    exact = exact_total(outline, found.triangles, cost, units) * Fraction(units.scale)
+    exact = exact_total(outline, result.triangles, cost, units) * Fraction(units.scale)
     lost = exact - total // units.factor
     assert units.exact == (name == "half-perimeter") == (lost == 0)
     within = 0 if units.exact else math.ceil(7 - lost) - 1
-    assert found.gap == 0.0
+    assert result.gap == 0.0
     for below, gap in ((within, 0.0), (within + 1, (within + 1) * units.factor / total)):
         bound = total - below * units.factor
         monkeypatch.setattr(proof._Search, "bound", lambda *_, b=bound: b)
-        assert prove(outline, found.triangles, cost).gap == gap
+        assert prove(outline, result.triangles, cost).gap == gap
 
 
 @pytest.mark.parametrize(("exponent", "proven"), [(-420, True), (-460, False)])
-def test_units_that_are_too_coarse_prove_nothing(exponent, proven):
-    """Areas near 2^-900 cost less than a unit each, so that any bound would meet them."""
+def test_coarse_units_prove_nothing(exponent, proven):
+    """Areas near 2^-900 cost less than a unit each, so any bound would be tight."""
     size = 2.0**exponent
     small = affinity.scale(affinity.rotate(SQUARE, 10), size, size, origin=(0, 0))
     outline = boundary(small)
     cost = cost_of(criteria.find("overdraw"), small.area, outline.expected_triangles)
-    found = prove(outline, best_initial(outline, cost), cost)
-    assert (found.gap == 0.0) == proven
+    result = prove(outline, best_initial(outline, cost), cost)
+    assert (result.gap == 0.0) == proven
 
 
-def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monkeypatch):
-    """The candidate of number 0, too."""
+def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
+    """Includes the candidate with index 0."""
     outline = boundary(shapely.box(0, 0, 9, 9))
     cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
     start = best_initial(outline, cost)
-    units = units_for(outline, start, cost)
+    units = find_units(outline, start, cost)
     candidates = candidates_of(outline, start, 10)
     triangles = candidates.triangles
     diagonals = ({0, 2}, {1, 3})
     common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
     first = [0, next(k for k in (1, 2, 3) if common[k] in diagonals)]
-    weights = weights_of(candidates.points, triangles, cost, units)
+    weights = compute_weights(candidates.points, triangles, cost, units)
     search = proof._Search(candidates, weights, units)
-    monkeypatch.setattr(proof, "by_table", lambda *_: None)
+    monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     monkeypatch.setattr(proof, "search_cuts", lambda *_: triangles[first])
-    search.best, search.least = np.setdiff1d(range(4), first), np.inf
+    search.incumbent, search.min_weight = np.setdiff1d(range(4), first), np.inf
     search.solve(np.ones(4, np.bool_), cost, 0.0)
-    assert search.best.tolist() == first
-    search.least = np.inf
+    assert search.incumbent.tolist() == first
+    search.min_weight = np.inf
     monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
     search.solve(np.ones(4, np.bool_), cost, 0.0)
-    assert search.least == np.inf
+    assert search.min_weight == np.inf
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 3e-9, 1e12])
-def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
-    """The start's add up to 2^16 to 2^17; what is not allowed weighs twice the start more."""
+def test_program_weights_are_scaled_for_solver(size):
+    """The initial solution weighs 2^16 to 2^17; the penalty is twice its weight."""
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find("edge-length"), 1.0, outline.expected_triangles)
     start = best_initial(outline, cost)
     c = candidates_of(outline, start, 10**6)
-    weights, numbers = size * costs_of(outline.points, c.triangles, cost), _numbers(c, start)
+    weights, numbers = (
+        size * compute_costs(outline.points, c.triangles, cost),
+        _candidate_indices(c, start),
+    )
     allowed = np.arange(len(weights)) % 3 > 0
     program = Program(c, weights, allowed, numbers)
     total = weights[numbers].sum()
@@ -171,12 +177,12 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
     assert program.free.sum() == len(c.edges) - len(c.points) + 1
 
 
-def test_triangles_have_their_numbers_among_the_candidates(monkeypatch):
-    """Every one, whichever corner is first; what is beyond the last has none."""
+def test_candidate_indices_are_independent_of_rotation(monkeypatch):
+    """All candidates in all rotations; unknown triangles have index -1."""
     outline, start, _ = ring(monkeypatch, 0)
     c = candidates_of(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
-        assert np.array_equal(_numbers(c, np.roll(c.triangles, turned, axis=1)), numbers)
+        assert np.array_equal(_candidate_indices(c, np.roll(c.triangles, turned, axis=1)), numbers)
     n = len(c.points)
-    assert _numbers(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]
+    assert _candidate_indices(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]

@@ -1,4 +1,4 @@
-"""Names and the weights in them, errors and third parties."""
+"""Names, weights in names, errors, and third-party triangulators."""
 
 import re
 from functools import partial
@@ -23,7 +23,7 @@ from triangulators import (
     triangulate_many,
     vertices,
 )
-from triangulators.criteria.families import MIXED_WEIGHTS, read_weights, write_weights
+from triangulators.criteria.criterion import MIXED_WEIGHTS, read_weights, write_weights
 
 with np.errstate(invalid="ignore"):
     NOT_A_NUMBER = shapely.Polygon([(0, 0), (4, float("nan")), (4, 0)])
@@ -58,7 +58,7 @@ def test_vertices_are_rings_without_repeats():
     assert vertices(holed).tolist() == [[0, 0], [8, 0], [8, 8], [5, 1], [6, 1], [6, 2]]
 
 
-def test_a_users_function_is_wound_counter_clockwise():
+def test_user_triangles_become_counter_clockwise():
     triangles = triangulate(SQUARE, f"{__name__}:clockwise_square")
     assert triangles.dtype == np.int32
     assert triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
@@ -76,13 +76,13 @@ def test_a_users_function_is_wound_counter_clockwise():
         (shapely.Polygon([(0, 0), (1, 1), (2, 2)]), "not valid"),
     ],
 )
-def test_bad_polygons_say_what_is_wrong(polygon, message):
+def test_invalid_polygons_raise_reason(polygon, message):
     for name in ("fan", "ear-clipping", "delaunay", "optimal"):
         with pytest.raises(InvalidPolygonError, match=message):
             triangulate(polygon, name)
 
 
-def test_a_third_party_adds_its_own_by_an_entry_point(monkeypatch):
+def test_entry_point_registers_third_party_triangulator(monkeypatch):
     point = EntryPoint("theirs", f"{__name__}:clockwise_square", "raster_harness.triangulators")
     monkeypatch.setattr(triangulators.registry, "_third_party", lambda: {"theirs": point})
     assert "theirs" in triangulators.names(available_only=True)
@@ -113,7 +113,7 @@ def test_one_criterion_has_one_name(written, full):
 
 @settings(deadline=None)
 @given(st.tuples(figures, figures, figures))
-def test_what_is_written_is_read_as_it_was(weights):
+def test_weights_round_trip(weights):
     assume(any(weights))
     text = write_weights(weights)
     assert "," not in text
@@ -128,11 +128,11 @@ def test_the_name_gives_the_weights():
     points = vertices(polygon)
     for end in ("optimal", "worst"):
         by_name = triangulate(polygon, f"{end}:mixed=1/0.25/0")
-        apart = triangulate(polygon, end, criterion=criteria.mixed(1.0, 0.25, 0.0))
-        assert np.array_equal(by_name, apart)
-    found = criteria.find("mixed=2/3/5")
+        by_argument = triangulate(polygon, end, criterion=criteria.mixed(1.0, 0.25, 0.0))
+        assert np.array_equal(by_name, by_argument)
+    criterion = criteria.find("mixed=2/3/5")
     same = criteria.find("mixed", alpha=2, beta=3, gamma=5)
-    assert found.total(points, by_name) == same.total(points, by_name)
+    assert criterion.total(points, by_name) == same.total(points, by_name)
 
 
 _WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, none negative and one above zero"
@@ -151,21 +151,21 @@ _WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, none negative and o
         ("0/0/-0", "all weights are 0"),
     ],
 )
-def test_invalid_weights_are_refused_wherever_they_are_given(weights, problem):
+def test_invalid_weights_are_rejected_everywhere(weights, problem):
     message = re.escape(problem + _WEIGHTS)
     for refused in (full_name, lambda name: triangulate(star(8), name)):
         with pytest.raises(ArgumentError, match=message):
             refused(f"optimal:mixed={weights}")
     if "is not three" not in problem:
-        given = dict(zip(MIXED_WEIGHTS, map(float, weights.split("/")), strict=True))
+        by_name = dict(zip(MIXED_WEIGHTS, map(float, weights.split("/")), strict=True))
         for refused in (criteria.mixed, partial(criteria.find, "mixed")):
             with pytest.raises(ArgumentError, match=message):
-                refused(**given)
+                refused(**by_name)
         with pytest.raises(ArgumentError, match=message):
-            triangulate(star(8), "optimal:mixed", **given)
+            triangulate(star(8), "optimal:mixed", **by_name)
 
 
-def test_a_criterion_and_its_weights_are_given_once():
+def test_criterion_or_weights_given_twice_raise():
     mixture, many = criteria.mixed(1.0, 2.0, 0.0), partial(triangulate_many, [star(8)])
     calls = {
         "criterion given twice": [
@@ -203,7 +203,7 @@ def test_a_criterion_and_its_weights_are_given_once():
         (partial(criteria.Criterion, "x", "", weights=(1e201,)), r"weight 1e\+201 is beyond 1e"),
     ],
 )
-def test_arguments_of_another_kind_are_named(call, message):
+def test_arguments_of_wrong_type_raise(call, message):
     with pytest.raises(ArgumentError, match=message):
         call()
 

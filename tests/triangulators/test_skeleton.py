@@ -1,4 +1,4 @@
-"""Tables over what local minimality leaves prove the same optimum as the linear program does."""
+"""The dynamic program over the LMT skeleton proves the optimum of the linear program."""
 
 from dataclasses import replace
 
@@ -11,13 +11,13 @@ from tests.triangulators.cases import glyphs, shared, smooth, star, touching_pol
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import candidates_of
-from triangulators.certificate.certify import certificate_of
+from triangulators.certificate.certify import make_certificate
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
 from triangulators.checking import checker
-from triangulators.checking.edges import diagonals_of
+from triangulators.checking.edges import find_diagonals
 from triangulators.checking.evidence import CertificateError
-from triangulators.checking.units import units_for, weights_of
+from triangulators.checking.units import compute_weights, find_units
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_sites
@@ -32,17 +32,17 @@ def posed(polygon, name="half-perimeter"):
 
 
 def proven(polygon, name="half-perimeter"):
-    """Return the cost of the optimum that is found, and the proof; it must be proven."""
+    """Return the cost of the proven optimum, and the proof."""
     outline, cost = posed(polygon, name)
-    found = prove(outline, best_initial(outline, cost), cost)
-    found = prove(outline, found.triangles, cost)  # evidence about what was found
-    certificate = certificate_of(outline, found.triangles, cost, found.evidence())
+    solution = prove(outline, best_initial(outline, cost), cost)
+    solution = prove(outline, solution.triangles, cost)  # evidence about what was found
+    certificate = make_certificate(outline, solution.triangles, cost, solution.evidence())
     assert certificate.proven, polygon.wkt
-    return certificate.cost, found
+    return certificate.cost, solution
 
 
 def annulus(n: int, seed: int) -> shapely.Polygon:
-    """Return a ring with many locally minimal diagonals: next to none can be excluded."""
+    """Return a ring with many locally minimal diagonals: almost none can be excluded."""
     rng = np.random.default_rng(seed)
     rings = []
     for radius in (100, 70):
@@ -53,42 +53,44 @@ def annulus(n: int, seed: int) -> shapely.Polygon:
 
 def holed() -> list[shapely.Polygon]:
     rng = np.random.default_rng(4)
-    found = [with_holes(rng, 8, int(rng.integers(1, 5))) for _ in range(25)]
-    return found + [polygon for _, polygon in glyphs("B8%&") if polygon.interiors]
+    polygons = [with_holes(rng, 8, int(rng.integers(1, 5))) for _ in range(25)]
+    return polygons + [polygon for _, polygon in glyphs("B8%&") if polygon.interiors]
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])
-def test_the_table_finds_what_the_program_finds(monkeypatch, name):
+def test_dynamic_and_linear_programs_have_equal_optimum(monkeypatch, name):
     by_table = [proven(polygon, name) for polygon in holed()]
-    monkeypatch.setattr(proof, "by_table", lambda *_: None)
+    monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     for polygon, (cost, _) in zip(holed(), by_table, strict=True):
         assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
-def test_where_the_diagonals_that_stay_join_all_rings_the_table_decides(monkeypatch):
-    found, real = [], proof.by_table
-    monkeypatch.setattr(proof, "by_table", lambda *of: found.append(real(*of)) or found[-1])
+def test_connected_skeleton_is_solved_by_dynamic_program(monkeypatch):
+    results, real = [], proof.solve_skeleton
+    monkeypatch.setattr(
+        proof, "solve_skeleton", lambda *of: results.append(real(*of)) or results[-1]
+    )
     for polygon in holed():
         proven(polygon)
-    assert len(found) >= len(holed())
-    assert all(each is not None for each in found)
+    assert len(results) >= len(holed())
+    assert all(result is not None for result in results)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_no_triangulation_is_chosen_where_there_is_none(monkeypatch, sign):
-    """Whatever weights are: a triangle of weight below 0 does not fill what nothing fills."""
-    asked = []
-    real = proof.by_table
+def test_no_triangulation_gives_none(monkeypatch, sign):
+    """Also with negative weights."""
+    calls = []
+    real = proof.solve_skeleton
 
     def noted(*arguments):
-        asked.append(arguments)
+        calls.append(arguments)
         return real(*arguments)
 
-    monkeypatch.setattr(proof, "by_table", noted)
+    monkeypatch.setattr(proof, "solve_skeleton", noted)
     for polygon in holed()[:8]:
         proven(polygon, "half-perimeter")
-    assert len(asked) >= 8
-    for candidates, alive, cost, units in asked:
+    assert len(calls) >= 8
+    for candidates, alive, cost, units in calls:
         assert real(candidates, alive, cost, units) is not None
         bare = candidates.sides[
             (candidates.sides == np.flatnonzero(candidates.side)[-1]).any(axis=1)
@@ -99,86 +101,88 @@ def test_no_triangulation_is_chosen_where_there_is_none(monkeypatch, sign):
         assert real(candidates, alive & ~gone, signed, units) is None
 
 
-def test_the_tables_potentials_hold_for_all_triangles_of_edges_that_remain(monkeypatch):
-    """Those that no triangulation has included."""
-    asked, real = [], proof.by_table
+def test_potentials_are_feasible_for_remaining_triangles(monkeypatch):
+    """Including triangles that no triangulation contains."""
+    calls, real = [], proof.solve_skeleton
 
     def noted(*arguments):
-        asked.append((*arguments, real(*arguments)))
-        return asked[-1][-1]
+        calls.append((*arguments, real(*arguments)))
+        return calls[-1][-1]
 
-    monkeypatch.setattr(proof, "by_table", noted)
+    monkeypatch.setattr(proof, "solve_skeleton", noted)
     for polygon in [*holed(), *touching_polygons(5, 40)]:
         proven(polygon)
     proved = 0
-    for c, found, cost, units, (triangles, potentials) in asked:
+    for c, remaining, cost, units, (triangles, potentials) in calls:
         left = c.side != 0
-        left[c.sides[found]] = True
+        left[c.sides[remaining]] = True
         alive = left[c.sides].all(axis=1)
         ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
         around = (ahead * potentials[c.sides]).sum(axis=1)
-        weights = weights_of(c.points, c.triangles, cost, units)
+        weights = compute_weights(c.points, c.triangles, cost, units)
         assert (around[alive] <= weights[alive]).all()
-        total = weights_of(c.points, triangles, cost, units).sum()
+        total = compute_weights(c.points, triangles, cost, units).sum()
         assert (potentials * c.side).sum() == total
         proved += 1
     assert proved > 60
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])
-def test_potentials_stand_in_for_exclusions(name):
-    """Those of edges that are left stay as they are, and with the others all triangles hold."""
+def test_extended_potentials_are_feasible_for_all_triangles(name):
+    """Potentials of remaining edges do not change, and the extended ones are feasible."""
     excluded = 0
     for polygon in [*holed(), annulus(9, 1)]:
-        _, found = proven(polygon, name)
-        evidence = found.evidence()
-        left = np.isin(np.arange(len(evidence.edges)), found.excluded, invert=True)
-        assert (evidence.potentials[left] == found.potentials[left]).all()
-        assert evidence.lift == found.lift
-        excluded += len(found.excluded)
+        _, solution = proven(polygon, name)
+        evidence = solution.evidence()
+        left = np.isin(np.arange(len(evidence.edges)), solution.excluded, invert=True)
+        assert (evidence.potentials[left] == solution.potentials[left]).all()
+        assert evidence.lift == solution.lift
+        excluded += len(solution.excluded)
     assert excluded > 500
 
 
-def test_where_potentials_cannot_be_extended_the_evidence_bounds_next_to_nothing(monkeypatch):
+def test_overflowing_potentials_give_trivial_bound(monkeypatch):
     polygon = holed()[0]
     outline, _ = posed(polygon)
-    cost, found = proven(polygon)
+    cost, solution = proven(polygon)
     monkeypatch.setattr(proof, "extend", lambda *_: None)
-    weak = certificate_of(outline, found.triangles, posed(polygon)[1], found.evidence())
+    weak = make_certificate(outline, solution.triangles, posed(polygon)[1], solution.evidence())
     assert (weak.cost, weak.lower_bound, weak.proven) == (cost, 0.0, False)
 
 
-def test_what_is_excluded_does_not_depend_on_a_polygons_size():
-    """At 2^-20, turns are far below 1."""
-    found = []
+def test_exclusion_is_scale_invariant():
+    """At a scale of 2^-20 orientations are far below 1."""
+    exclusions = []
     for size in (1.0, 2.0**-20):
         polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
         outline, cost = posed(polygon)
         start = best_initial(outline, cost)
-        units = units_for(outline, start, cost)
-        c = candidates_of(outline, start, proof.MOST)
-        found.append(exclude(c, weights_of(c.points, c.triangles, cost, units), cost, units)[0])
-    assert len(found[0])
-    assert np.array_equal(*found)
+        units = find_units(outline, start, cost)
+        c = candidates_of(outline, start, proof.MAX_TRIPLES)
+        exclusions.append(
+            exclude(c, compute_weights(c.points, c.triangles, cost, units), cost, units)[0]
+        )
+    assert len(exclusions[0])
+    assert np.array_equal(*exclusions)
 
 
-def test_a_lift_is_not_made_worse():
+def test_extension_preserves_lift():
     outline, cost = posed(annulus(14, 3), "overdraw")
     start = best_initial(outline, cost)
-    units = units_for(outline, start, cost)
-    c = candidates_of(outline, start, proof.MOST)
-    weights = weights_of(c.points, c.triangles, cost, units)
+    units = find_units(outline, start, cost)
+    c = candidates_of(outline, start, proof.MAX_TRIPLES)
+    weights = compute_weights(c.points, c.triangles, cost, units)
     order, alive = exclude(c, weights, cost, units)
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
     rng = np.random.default_rng(0)
     for size in (0, 1, 10**6, 10**12):
-        given = rng.integers(-size, size + 1, len(c.edges))
-        slack = weights - (ahead * given[c.sides]).sum(axis=1)
+        potentials = rng.integers(-size, size + 1, len(c.edges))
+        slack = weights - (ahead * potentials[c.sides]).sum(axis=1)
         lift = min(int(slack[alive].min()), 0)
-        found = extend(c, weights, order, given)
-        slack = weights - (ahead * found[c.sides]).sum(axis=1)
+        extended = extend(c, weights, order, potentials)
+        slack = weights - (ahead * extended[c.sides]).sum(axis=1)
         assert int(slack.min()) >= lift
-        assert (np.delete(found, order) == np.delete(given, order)).all()
+        assert (np.delete(extended, order) == np.delete(potentials, order)).all()
 
 
 def test_connected_skeletons_need_no_program(monkeypatch):
@@ -193,14 +197,14 @@ def test_connected_skeletons_need_no_program(monkeypatch):
 
 
 def comb(teeth: int) -> shapely.Polygon:
-    """Teeth that hide each other: long edges that stand in the way of most pairs."""
+    """Teeth that hide each other: long edges block most pairs."""
     x = np.repeat(np.arange(teeth) * 4.0, 2)
     shape = np.column_stack([x, np.tile([60.0, 2.0], teeth)])
     return shapely.Polygon([(-3.0, 0.0), (4.0 * teeth, 0.0), *shape[::-1].tolist()])
 
 
 def sieve(seed: int) -> shapely.Polygon:
-    """A smooth outline with a hundred triangles for holes."""
+    """A smooth outline with a hundred triangular holes."""
     rng = np.random.default_rng(seed)
     shell = shapely.Polygon(shapely.get_coordinates(smooth(200)))
     low_x, low_y, high_x, high_y = shell.bounds
@@ -225,11 +229,11 @@ def edges_of_both(polygon):
     start = best_initial(outline, cost)
     seen = set(map(tuple, visible_sites(outline.points, start, twins_of(start)).tolist()))
     sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
-    own = diagonals_of(outline)
-    return np.array(sorted(seen - sides)), np.sort(own, axis=1)
+    checker_edges = find_diagonals(outline)
+    return np.array(sorted(seen - sides)), np.sort(checker_edges, axis=1)
 
 
-def test_search_and_checker_see_the_same():
+def test_search_and_checker_find_equal_edges():
     many = 0
     for polygon in sites_in_many_boxes():
         ours, checkers = edges_of_both(polygon)
@@ -239,24 +243,24 @@ def test_search_and_checker_see_the_same():
     assert many > 20_000
 
 
-def test_they_do_where_rings_touch_and_holes_hide_much():
+def test_search_and_checker_agree_for_touching_rings():
     rng = np.random.default_rng(4)
     holed = [with_holes(rng, 30, 4), comb(20), annulus(12, 2)]
     for polygon in [*touching_polygons(5, 150), *touching_polygons(6, 60), *holed]:
         ours, checkers = edges_of_both(polygon)
         assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
         small = boundary(shapely.transform(polygon, lambda points: points * 2.0**-14))
-        again = np.sort(diagonals_of(small), axis=1)
-        assert again.tolist() == checkers.tolist()
+        moved = np.sort(find_diagonals(small), axis=1)
+        assert moved.tolist() == checkers.tolist()
 
 
-def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
+def test_checker_threads_agree(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
     start = best_initial(outline, cost)
     evidence = proof.prove(outline, start, cost).evidence()
     bound = checker.lower_bound(outline, start, cost, evidence)
-    monkeypatch.setattr(checker, "_FEW", 0)
+    monkeypatch.setattr(checker, "_MAX_SINGLE_THREAD_EDGES", 0)
     assert checker.lower_bound(outline, start, cost, evidence) == bound
     more = replace(evidence, lift=evidence.lift + 1)
     with pytest.raises(CertificateError, match="potentials exceed"):

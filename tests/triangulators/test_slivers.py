@@ -1,4 +1,4 @@
-"""Slivers, as earcut's own benchmark counts them: the table of docs/flips.md is computed here."""
+"""Slivers by the definition of earcut's benchmark, as in the table of docs/flips.md."""
 
 import mapbox_earcut
 import numpy as np
@@ -21,7 +21,7 @@ NAMES = (
 def measures(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return quality, 4 sqrt(3) S over the sum of squared sides, and perimeter of each triangle.
 
-    Quality is 1 of an equilateral triangle and 0 of one without area.
+    Quality is 1 for an equilateral triangle and 0 for a degenerate one.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     squares = [((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
@@ -30,19 +30,19 @@ def measures(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.
     return quality, sum(map(np.sqrt, squares))
 
 
-def row(name: str, found: list[tuple[np.ndarray, np.ndarray]], usual: float) -> str:
-    quality, lengths = (np.concatenate(part) for part in zip(*found, strict=True))
+def row(name: str, triangles: list[tuple[np.ndarray, np.ndarray]], usual: float) -> str:
+    quality, lengths = (np.concatenate(part) for part in zip(*triangles, strict=True))
     figures = f"{(quality < 0.1).sum():,} | {quality.mean():.3f} | {lengths.sum() / usual:.3f}"
     return f"`{name}` | {figures} |"
 
 
-def rows_of(what: str, many: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[str]:
+def rows_of(title: str, many: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[str]:
     usual = perimeter(many["ear-clipping"])
-    return [f"| {what} | {row(name, found, usual)}" for name, found in many.items()]
+    return [f"| {title} | {row(name, triangles, usual)}" for name, triangles in many.items()]
 
 
-def perimeter(found: list[tuple[np.ndarray, np.ndarray]]) -> float:
-    return sum(lengths.sum() for _, lengths in found)
+def perimeter(triangles: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    return sum(lengths.sum() for _, lengths in triangles)
 
 
 def in_flips(lines: list[str]) -> None:
@@ -56,13 +56,13 @@ def test_slivers_of_scenes(scene):
     polygons = make_frame(load(scene).polygons, View(1024)).polygons
     many = {}
     for name in NAMES:
-        found = triangulate_many(polygons, name)
-        many[name] = [measures(vertices(p), t) for p, t in zip(polygons, found, strict=True)]
+        batch = triangulate_many(polygons, name)
+        many[name] = [measures(vertices(p), t) for p, t in zip(polygons, batch, strict=True)]
     in_flips(rows_of({"glyphs": "letters"}.get(scene, scene), many))
 
 
 def test_slivers_of_earcuts_fixtures():
-    """By the index arrays as earcut gives them, for polygons that are not valid, too."""
+    """Index arrays of earcut, also for invalid polygons."""
     many: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for _, rings in shared_rings("earcut_fixtures.json"):
         points = np.concatenate(rings)
@@ -70,10 +70,10 @@ def test_slivers_of_earcuts_fixtures():
         raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
         refined = raw.copy()
         as_earcut(points, refined, link(refined))
-        found = {"ear-clipping": raw.reshape(-1, 3), "earcut-refine": refined.reshape(-1, 3)}
+        by_name = {"ear-clipping": raw.reshape(-1, 3), "earcut-refine": refined.reshape(-1, 3)}
         for name in NAMES[2:6]:
-            found[name] = flip(points, raw, name.partition(":")[2])
-        for name, triangles in found.items():
+            by_name[name] = flip(points, raw, name.partition(":")[2])
+        for name, triangles in by_name.items():
             if len(triangles):
                 many.setdefault(name, []).append(measures(points, triangles))
     in_flips(rows_of("earcut's fixtures", many))
@@ -81,12 +81,12 @@ def test_slivers_of_earcuts_fixtures():
 
 @pytest.mark.parametrize("scene", ["city", "glyphs"])
 def test_flips_by_beauty_end_in_delaunay(scene):
-    """The same sum; and no triangulation has a larger one, where ear clipping dropped no vertex."""
+    """Equal sums; no triangulation has a larger one if ear clipping dropped no vertex."""
     polygons = make_frame(load(scene).polygons, View(1024)).polygons[:150]
     sums = {}
     for name in ("flips:beauty", "flips:delaunay", "optimal:beauty"):
-        found = triangulate_many(polygons, name)
-        pairs = zip(polygons, found, strict=True)
+        batch = triangulate_many(polygons, name)
+        pairs = zip(polygons, batch, strict=True)
         sums[name] = np.array([beauty(vertices(p), t) for p, t in pairs])
     assert sums["flips:delaunay"] == pytest.approx(sums["flips:beauty"], rel=1e-9)
     assert (np.abs(sums["optimal:beauty"] / sums["flips:beauty"] - 1.0) < 1e-9).mean() > 0.95

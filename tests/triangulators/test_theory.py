@@ -1,4 +1,4 @@
-"""The claims of docs/theory.md, each on triangles and triangulations."""
+"""The claims of docs/theory.md, tested on triangles and triangulations."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""The verifier finds what is wrong, and nothing where nothing is."""
+"""The verifier reports all errors and accepts valid triangulations."""
 
 import numpy as np
 import pytest
@@ -8,18 +8,17 @@ from scenes import load
 from triangulators import triangulate
 from triangulators.polygon import boundary
 from triangulators.polygon_arrays import PolygonArray
-from triangulators.repair import insert_dropped_vertices
-from triangulators.verify import find_unconfirmed, rows_of, verify
+from triangulators.verify import find_unconfirmed, insert_dropped_vertices, rows_of, verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
 
 
 def test_accepts_a_triangulation():
-    found = verify(SQUARE, np.array([[0, 1, 2], [0, 2, 3]]))
-    assert found.ok
-    assert found.conforming
-    assert found.area_error == 0.0
-    assert found.triangles == found.expected_triangles == 2
+    verification = verify(SQUARE, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert verification.ok
+    assert verification.conforming
+    assert verification.area_error == 0.0
+    assert verification.triangles == verification.expected_triangles == 2
 
 
 def test_rejects_what_is_not_a_triangulation():
@@ -32,15 +31,18 @@ def test_rejects_what_is_not_a_triangulation():
         "expected (m, 3)": [[0, 1], [2, 3]],
     }
     for message, triangles in cases.items():
-        found = verify(SQUARE, np.array(triangles))
-        assert not found.ok
-        assert message != "overlap" or found.area_error == 0.0
-        assert not found.conforming
-        assert any(message in problem for problem in found.problems), (message, found.problems)
+        verification = verify(SQUARE, np.array(triangles))
+        assert not verification.ok
+        assert message != "overlap" or verification.area_error == 0.0
+        assert not verification.conforming
+        assert any(message in problem for problem in verification.problems), (
+            message,
+            verification.problems,
+        )
 
 
 @pytest.mark.parametrize("index", [-1, 3, 2**32, 2**63 - 1])
-def test_no_index_beyond_the_points_is_taken_for_another(index):
+def test_out_of_range_index_is_rejected(index):
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     with pytest.raises(ValueError, match=r"indices outside 0\.\.2"):
         rows_of(np.array([(index, 1, 2)]), points)
@@ -49,16 +51,16 @@ def test_no_index_beyond_the_points_is_taken_for_another(index):
 def test_reports_t_junctions_and_repair_removes_them():
     polygon = shapely.Polygon([(0, 0), (2, 0), (4, 0), (4, 2), (4, 4), (2, 4), (0, 4), (0, 2)])
     dropped = np.array([[0, 2, 4], [0, 4, 6]])  # all four midpoints left out
-    found = verify(polygon, dropped)
-    assert found.ok
-    assert not found.conforming
-    assert sorted(vertex for vertex, _ in found.t_junctions) == [1, 3, 5, 7]
+    verification = verify(polygon, dropped)
+    assert verification.ok
+    assert not verification.conforming
+    assert sorted(vertex for vertex, _ in verification.t_junctions) == [1, 3, 5, 7]
     repaired = insert_dropped_vertices(boundary(polygon), dropped)
     assert verify(polygon, repaired).conforming
     assert len(repaired) == 6
 
 
-def test_rings_that_touch_and_repeated_vertices_are_counted_by_euler():
+def test_expected_triangles_of_touching_rings():
     outer = [(0, 0), (8, 0), (8, 8), (0, 8)]
     at_a_side = shapely.Polygon(outer, [[(0, 2), (4, 6), (6, 4), (6, 2)]])
     at_a_corner = shapely.Polygon(outer, [[(0, 0), (4, 6), (6, 4), (6, 2)]])
@@ -70,7 +72,7 @@ def test_rings_that_touch_and_repeated_vertices_are_counted_by_euler():
 
 
 def damaged(triangles: np.ndarray) -> list[np.ndarray]:
-    """The triangles, and what they become in five ways of being wrong."""
+    """The triangles, and five damaged versions."""
     turned, beyond, twice = triangles.copy(), triangles.copy(), triangles.copy()
     turned[-1] = turned[-1, ::-1]
     beyond[0, 1] = triangles.max() + 1
@@ -80,7 +82,7 @@ def damaged(triangles: np.ndarray) -> list[np.ndarray]:
     return [triangles, triangles[:-1], turned, beyond, twice, below]
 
 
-def test_many_at_once_are_judged_as_one_by_one():
+def test_find_unconfirmed_agrees_with_verify():
     polygons = [*load("city:buildings=20").polygons, *load("cad:parts=3").polygons]
     cases = [
         (polygon, part)

@@ -1,1 +1,1 @@
-"""Why nothing is cheaper: exclusions, a table of what is left, potentials by a linear program."""
+"""Proof of optimality: edge exclusion (LMT), a dynamic program, dual potentials of an LP."""

@@ -1,10 +1,9 @@
-"""All edges and empty triangles that a triangulation of a polygon may be made of.
+"""Candidates: all edges and empty triangles that a triangulation of a polygon can contain.
 
 An edge is a pair of sites that see each other, or a piece of the boundary; a triangle is three
-edges with nothing of the polygon's boundary inside. Every triangulation is a choice of some of the
-triangles, so a cost that sums over triangles is a weight on each, and what follows (exclusion by
-`local_minimality`, the linear program of `linear_program`) needs to know nothing else of the
-polygon.
+edges with no part of the boundary inside. Every triangulation is a subset of these triangles, and
+a cost that sums over triangles is a weight of each. Exclusion (`local_minimality`) and the linear
+program (`linear_program`) use only the candidates and their weights.
 """
 
 from itertools import pairwise
@@ -15,7 +14,7 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows, grouped
 from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import orientation
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
 
@@ -25,9 +24,9 @@ class Candidates(NamedTuple):
 
     points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
     boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. triangles
-    (t, 3): corners, counter-clockwise; sides (t, 3): the edge from corner k to corner k + 1.
+    (t, 3): vertices, counter-clockwise; sides (t, 3): the edge from vertex k to vertex k + 1.
     start (2 e + 1,) and items: `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the
-    left of edge i seen from a to b, those up to `start[2 * i + 2]` the ones on its right.
+    left of edge i seen from a to b, and up to `start[2 * i + 2]` those on its right.
     """
 
     points: np.ndarray
@@ -39,11 +38,10 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(outline: Boundary, triangles: np.ndarray, most: int) -> Candidates | None:
-    """Return the candidates of a polygon; None where more than `most` triples see each other.
+def candidates_of(outline: Boundary, triangles: np.ndarray, max_triples: int) -> Candidates | None:
+    """Return the candidates of a polygon, or None if there are too many visible triples.
 
-    triangles: (m, 3), any triangulation of it, between sites; what each corner sees is found by
-    walking it.
+    triangles: (m, 3), any triangulation between sites; walked to find what each site sees.
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
@@ -51,26 +49,26 @@ def candidates_of(outline: Boundary, triangles: np.ndarray, most: int) -> Candid
     edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     side = np.zeros(len(edges), dtype=np.int8)
     keys = edges[:, 0].astype(np.int64) * len(points) + edges[:, 1]
-    low, high = outline.edges.min(axis=1).astype(np.int64), outline.edges.max(axis=1)
-    on_boundary = np.searchsorted(keys, low * len(points) + high)
+    low_ends, high_ends = outline.edges.min(axis=1).astype(np.int64), outline.edges.max(axis=1)
+    on_boundary = np.searchsorted(keys, low_ends * len(points) + high_ends)
     side[on_boundary] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
-    triples, rows = _list(points, first, edges, side, _ring_samples(outline), most)
-    if triples > most:
+    triples, rows = _list_triangles(points, first, edges, side, _ring_samples(outline), max_triples)
+    if triples > max_triples:
         return None
-    found, sides = rows[:, :3].copy(), rows[:, 3:].copy()
+    empty, sides = rows[:, :3].copy(), rows[:, 3:].copy()
     keys = 2 * sides
-    keys += found > found[:, [1, 2, 0]]  # on the right of an edge is what runs from its higher end
+    keys += empty > empty[:, [1, 2, 0]]  # a triangle right of an edge runs from its higher end
     start, items = grouped(keys.ravel(), 2 * len(edges))
     items //= 3
-    return Candidates(points, edges, side, found, sides, start, items)
+    return Candidates(points, edges, side, empty, sides, start, items)
 
 
 def _ring_samples(outline: Boundary) -> np.ndarray:
     """Return up to four sites of each hole, (h, 4), the last one repeated.
 
-    A hole meets a triangle of candidate edges at its corners only, so it lies inside as a whole
-    or not at all; that one of four sites which is not a corner tells.
+    A hole meets a triangle of candidate edges only at the triangle's vertices, so it lies entirely
+    inside or entirely outside. At least one of four sites is not a vertex; testing it decides.
     """
     samples = np.zeros((outline.holes, 4), dtype=np.int32)
     for number, (begin, end) in enumerate(pairwise(outline.ring_offsets[1:])):
@@ -80,25 +78,25 @@ def _ring_samples(outline: Boundary) -> np.ndarray:
 
 
 @njit(nogil=True)
-def _list(
+def _list_triangles(
     points: np.ndarray,
     first: np.ndarray,
     edges: np.ndarray,
     side: np.ndarray,
     rings: np.ndarray,
-    most: int,
+    max_triples: int,
 ) -> tuple[int, np.ndarray]:
-    """Return how many triples see each other, and the empty triangles among them, (t, 6).
+    """Return the number of mutually visible triples, and the empty triangles among them, (t, 6).
 
-    A row has a triangle's corners and its sides, as numbers of edges. Gives up where there are more
-    than `most` triples.
+    A row has a triangle's three vertices and the indices of its three sides. Stops when there are
+    more than `max_triples` triples.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
     rows = np.empty((1024, 6), dtype=np.int32)
-    triples, found = 0, 0
+    triples, count = 0, 0
     for a in range(n):
-        if triples > most:
+        if triples > max_triples:
             break
         for p in range(first[a], first[a + 1]):
             edge_to[edges[p, 1]] = p
@@ -111,29 +109,29 @@ def _list(
                     continue
                 triples += 1
                 # Counter-clockwise a-b-c runs along p and q and against r; clockwise the reverse.
-                # A boundary edge must be run along with the interior on the left.
-                way = 1 if turn(points, a, b, c) > 0.0 else -1
-                if side[p] == -way or side[q] == -way or side[r] == way:
+                # A boundary edge has the interior on its left.
+                sign = 1 if orientation(points, a, b, c) > 0.0 else -1
+                if side[p] == -sign or side[q] == -sign or side[r] == sign:
                     continue
-                if holds_ring(points, rings, a, b, c, way):
+                if contains_hole(points, rings, a, b, c, sign):
                     continue
-                if found == len(rows):
-                    grown = np.empty((2 * found, 6), dtype=np.int32)
-                    copy_rows(rows, grown[:found])
+                if count == len(rows):
+                    grown = np.empty((2 * count, 6), dtype=np.int32)
+                    copy_rows(rows, grown[:count])
                     rows = grown
-                row = rows[found]
+                row = rows[count]
                 row[0], row[1], row[2], row[3], row[4], row[5] = a, b, c, p, q, r
-                if way < 0:
+                if sign < 0:
                     row[1], row[2], row[3], row[5] = c, b, r, p
-                found += 1
+                count += 1
         for p in range(first[a], first[a + 1]):
             edge_to[edges[p, 1]] = -1
-    return triples, rows[:found]
+    return triples, rows[:count]
 
 
 @njit(nogil=True)
-def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, way: int) -> bool:
-    """Whether a hole is inside the triangle of edges a-b-c, which turns left (way 1) or right."""
+def contains_hole(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, sign: int) -> bool:
+    """Whether a hole is inside the triangle a-b-c, counter-clockwise (sign 1) or clockwise (-1)."""
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])
     low_y = min(points[a, 1], points[b, 1], points[c, 1])
@@ -147,9 +145,9 @@ def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, wa
         if not (low_x < points[v, 0] < high_x and low_y < points[v, 1] < high_y):
             continue
         if (
-            way * turn(points, a, b, v) > 0.0
-            and way * turn(points, b, c, v) > 0.0
-            and way * turn(points, c, a, v) > 0.0
+            sign * orientation(points, a, b, v) > 0.0
+            and sign * orientation(points, b, c, v) > 0.0
+            and sign * orientation(points, c, a, v) > 0.0
         ):
             return True
     return False

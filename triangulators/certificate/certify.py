@@ -1,4 +1,4 @@
-"""How far a triangulation is from the optimum, with a bound that is checked apart."""
+"""Certificates: the gap of a triangulation to the optimum, with an independently checked bound."""
 
 import math
 from collections.abc import Callable
@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.certificate.proof import SECONDS, prove
+from triangulators.certificate.proof import PROGRAM_TIMEOUT_S, prove
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence
-from triangulators.checking.units import Units, doubles_add_up, exact_total, is_proof, units_for
+from triangulators.checking.units import Units, exact_total, find_units, has_exact_sums, is_proof
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, cost_of, require_number
 from triangulators.errors import TriangulationError
@@ -24,7 +24,8 @@ from triangulators.optimum.visible_lists import far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.verify import verify_boundary
 
-TABLE = 2000  # vertices up to which a polygon without holes is proven by the table
+MAX_RING_VERTICES = 2000
+"""Vertices up to which the dynamic program proves a polygon without holes."""
 
 
 def certify(
@@ -32,25 +33,53 @@ def certify(
     triangles: np.ndarray,
     criterion: Criterion | str | Callable[..., float] = "half-perimeter",
     *,
-    seconds: float = SECONDS,
+    seconds: float = PROGRAM_TIMEOUT_S,
     evidence: bool = True,
     **parameters: Any,
 ) -> Certificate:
-    """Return what a triangulation costs, and the least that any could cost.
+    """Return the cost of a triangulation, and a checked lower bound over all triangulations.
 
-    triangles: (m, 3) indices into `vertices(polygon)`, conforming. Any criterion that sums over
-    triangles will do; parameters are the criterion's. Without holes, up to 2,000 vertices, the
-    bound is the table over all sub-polygons. Otherwise it is a linear program's over all empty
-    triangles. `checker` checks either in whole numbers; costs that are no whole numbers are rounded
-    down after the tenth digit of the total first (see `checking.units` and `Certificate`). A
-    polygon with more than eight million triples that see each other gets no bound. seconds: for
-    each linear program; where they do not suffice the bound is lower than it could be and nothing
-    is proven. evidence: if False, a table whose sums are exact in doubles is taken at its word,
-    without evidence, in a fraction of the time.
+    Parameters
+    ----------
+    polygon
+        A valid polygon; holes are allowed.
+    triangles
+        (m, 3) indices into `vertices(polygon)`, a conforming triangulation.
+    criterion
+        A name, a `Criterion`, or a Numba function of three points (six numbers).
+    seconds
+        Time limit of each linear program. If it is reached, the bound is weak and nothing is
+        proven.
+    evidence
+        If False, skip evidence and checker for a dynamic program whose sums are exact in doubles,
+        which takes a fraction of the time.
+    **parameters
+        Parameters of the criterion.
 
-    Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
-    or the criterion is no number for a triangle; `InvalidPolygonError`, `UnknownNameError`.
+    Returns
+    -------
+    Certificate
+        The cost, the bound, and the evidence for it.
 
+    Raises
+    ------
+    InvalidPolygonError
+        If the polygon is invalid or empty.
+    UnknownNameError
+        If there is no such criterion.
+    TriangulationError
+        If the triangles are not a conforming triangulation of the polygon, or the criterion is not
+        a finite number for a triangle.
+
+    Notes
+    -----
+    Without holes, up to 2,000 vertices, a dynamic program over all sub-polygons gives the bound;
+    otherwise a linear program over all empty triangles. `checker` verifies either in integers;
+    other costs are first rounded down after the tenth digit of the total (see `checking.units`).
+    A polygon with more than eight million triples of mutually visible vertices gets no bound.
+
+    Examples
+    --------
     >>> from shapely import Polygon
     >>> from triangulators import certify, triangulate
     >>> square = Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (4, 3)]])
@@ -60,84 +89,96 @@ def certify(
     Certificate(cost=79.0, lower_bound=75.0, gap=0.0506..., proven=False)
     """
     outline = checked_boundary(polygon)
-    wanted = criteria.find(criterion, **parameters)
-    corners = _conforming(outline, triangles)
-    require_number(wanted, outline.points, corners)
-    cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
-    if outline.holes == 0 and len(outline.edges) <= TABLE:
-        units = units_for(outline, corners, cost)
-        if not evidence and doubles_add_up(outline, cost):
-            return _by_table(outline, corners, cost, units)
-        return certificate_of(outline, corners, cost, _ring_evidence(outline, corners, cost, units))
-    proof = prove(outline, corners, cost, seconds)
+    sum_criterion = criteria.find(criterion, **parameters)
+    site_triangles = _require_conforming(outline, triangles)
+    require_number(sum_criterion, outline.points, site_triangles)
+    cost = cost_of(sum_criterion, boundary_area(outline), outline.expected_triangles)
+    if outline.holes == 0 and len(outline.edges) <= MAX_RING_VERTICES:
+        units = find_units(outline, site_triangles, cost)
+        if not evidence and has_exact_sums(outline, cost):
+            return _certify_exact_sums(outline, site_triangles, cost, units)
+        certified = _ring_evidence(outline, site_triangles, cost, units)
+        return make_certificate(outline, site_triangles, cost, certified)
+    proof = prove(outline, site_triangles, cost, seconds)
     if proof is None:
-        total = exact_total(outline, corners, cost, units_for(outline, corners, cost))
+        total = exact_total(
+            outline, site_triangles, cost, find_units(outline, site_triangles, cost)
+        )
         return Certificate(float(total), -math.inf, math.inf, False)
-    return certificate_of(outline, corners, cost, proof.evidence())
+    return make_certificate(outline, site_triangles, cost, proof.evidence())
 
 
 def _ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Evidence:
-    """Return evidence of the least that a triangulation of a polygon without holes costs.
+    """Return evidence of the minimum cost of a polygon without holes.
 
-    triangles: (m, 3), any triangulation of it, between sites; units: those of the claim. The costs
-    of all sub-polygons are potentials of the pairs that see each other: see `far_costs`.
+    triangles: (m, 3), any triangulation between sites; units: those of the claim. The minimum costs
+    of all sub-polygons are potentials of the visible pairs (see `far_costs`).
     """
     ring = outline.edges[:, 0].copy()
-    place = np.empty(len(outline.points), dtype=np.int32)
-    place[ring] = np.arange(len(ring), dtype=np.int32)
-    local = np.ascontiguousarray(place[triangles])
+    position = np.empty(len(outline.points), dtype=np.int32)
+    position[ring] = np.arange(len(ring), dtype=np.int32)
+    local = np.ascontiguousarray(position[triangles])
     start, target = visible_pairs(outline.points[ring], local, twins_of(local), len(ring) ** 2)
-    far, _ = far_costs(start, target, outline.points, ring, cost, units)
+    costs, _ = far_costs(start, target, outline.points, ring, cost, units)
     a, b = np.repeat(ring, np.diff(start)), ring[target]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
-    return Evidence(*units[:3], edges, np.where(a < b, -far, far), 0)
+    return Evidence(*units[:3], edges, np.where(a < b, -costs, costs), 0)
 
 
-def certificate_of(
+def make_certificate(
     outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence
 ) -> Certificate:
-    """Return the certificate of a triangulation (m, 3), between sites, that evidence gives it.
+    """Check evidence; return the certificate of a triangulation (m, 3) between sites.
 
-    Raises `CertificateError` if the evidence does not hold.
+    Raises `CertificateError` if the evidence is invalid.
     """
-    units = units_for(outline, triangles, cost)
+    units = find_units(outline, triangles, cost)
     total = exact_total(outline, triangles, cost, units)
-    # A unit is more than the noise of any triangulation: what exceeds a whole number of units is
-    # noise.
-    least = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
-    proven = is_proof(total, least, len(triangles), units)
-    if not (units.exact or units.real):  # doubles do not compute it: each is off by under a unit
-        least -= len(triangles)
-    bound = Fraction(least) / Fraction(units.scale)
-    return Certificate(float(total), _down(bound), _gap(total, bound), proven, evidence)
+    # The noise of any triangulation is less than a unit, so the floor division removes it.
+    bound_units = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
+    proven = is_proof(total, bound_units, len(triangles), units)
+    if not (units.exact or units.real):  # each triangle's cost is rounded by less than a unit
+        bound_units -= len(triangles)
+    bound = Fraction(bound_units) / Fraction(units.scale)
+    return Certificate(
+        float(total), _round_down(bound), _relative_gap(total, bound), proven, evidence
+    )
 
 
-def _conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
+def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
     """Return triangles between sites; raises `TriangulationError` if they do not conform."""
-    found = verify_boundary(outline, triangles)
-    if not found.conforming:
-        where = found.problems[0] if found.problems else f"T-junction at {found.t_junctions[0]}"
-        raise TriangulationError(f"not a conforming triangulation: {where}")
+    verification = verify_boundary(outline, triangles)
+    if not verification.conforming:
+        problem = (
+            verification.problems[0]
+            if verification.problems
+            else f"T-junction at {verification.t_junctions[0]}"
+        )
+        raise TriangulationError(f"not a conforming triangulation: {problem}")
     return np.ascontiguousarray(outline.site[triangles], dtype=np.int32)
 
 
-def _by_table(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Certificate:
-    """Return a certificate by the table in doubles, where these are exact."""
-    cycle = outline.edges[:, 0]
-    best = cycle[optimum(outline.points[cycle], ring_triangulation(outline, cycle), cost)]
+def _certify_exact_sums(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
+) -> Certificate:
+    """Return a certificate from the dynamic program in doubles, whose sums are exact."""
+    ring = outline.edges[:, 0]
+    optimal = ring[optimum(outline.points[ring], ring_triangulation(outline, ring), cost)]
     total = exact_total(outline, triangles, cost, units)
-    bound = exact_total(outline, best, cost, units)
-    return Certificate(float(total), _down(bound), _gap(total, bound), total == bound)
+    bound = exact_total(outline, optimal, cost, units)
+    return Certificate(
+        float(total), _round_down(bound), _relative_gap(total, bound), total == bound
+    )
 
 
-def _down(value: Fraction) -> float:
-    """Return the greatest float that is not above a number."""
+def _round_down(value: Fraction) -> float:
+    """Return the largest float that does not exceed a number."""
     nearest = float(value)
     return nearest if nearest <= value else math.nextafter(nearest, -math.inf)
 
 
-def _gap(total: Fraction, bound: Fraction) -> float:
-    """Return (total - bound) / |total|; 0 where they are equal."""
+def _relative_gap(total: Fraction, bound: Fraction) -> float:
+    """Return (total - bound) / |total|; 0 if they are equal."""
     if total == bound:
         return 0.0
     return float((total - bound) / abs(total)) if total else math.inf

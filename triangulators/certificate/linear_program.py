@@ -4,15 +4,15 @@ Sources: G. B. Dantzig, A. J. Hoffman and T. C. Hu, "Triangulations (tilings) an
 triangular matrices", 1985; A. Yousefi and N. E. Young, "On a linear program for minimum-weight
 triangulation", 2014.
 
-Choose triangles x >= 0 of least weight so that each diagonal has as many on its left as on its
-right and each boundary edge has one. The dual has a potential y for each edge, counted negative
-when the edge is run the other way:
+Choose triangles x >= 0 of minimum weight so that each diagonal has as many on its left as on its
+right and each boundary edge has one. The dual has a potential y for each edge, with the opposite
+sign in the opposite direction:
 
     maximise    the sum of y over the boundary
     subject to  y(ab) + y(bc) + y(ca) <= weight(abc)   for each triangle abc.
 
-Potentials of a spanning tree may be set to zero: adding p(b) - p(a) to each y(ab) changes no
-sum round a triangle or a ring.
+Potentials of a spanning tree may be set to zero: adding p(b) - p(a) to each y(ab) does not change
+the sum around a triangle or a ring.
 """
 
 import math
@@ -25,18 +25,23 @@ from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import join
 
-_TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
-_FARTHEST = 2.0**20  # of a potential, for the solver: 8 to 16 times the start's weights
-_HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
+_LOG2_TOTAL = 17
+"""The initial solution is scaled to at most 2^17, because the solver's tolerances are absolute."""
+
+_MAX_POTENTIAL = 2.0**20
+"""Bound of a scaled potential: 8 to 16 times the weight of the initial solution."""
+
+_PENALTY = 2.0
+"""Added weight of a triangle that is not allowed, as a multiple of the initial solution's."""
 
 _OPTIONS: dict[str, Any] = {
     "output_flag": False,
     "solver": "ipm",
     "threads": 1,
-    # Limits of steps are the same on any machine.
+    # Iteration limits, unlike time limits, give the same result on any machine.
     "ipm_iteration_limit": 300,
     "simplex_iteration_limit": 300_000,
-    # Tolerances cost tightness alone: potentials are rounded, and the lift makes up for the rest.
+    # Tolerances only weaken the bound: potentials are rounded, and the lift restores feasibility.
     "ipm_optimality_tolerance": 1e-12,
     "primal_feasibility_tolerance": 1e-10,
     "dual_feasibility_tolerance": 1e-10,
@@ -46,10 +51,10 @@ _OPTIONS: dict[str, Any] = {
 class Program:
     """A polygon's linear program over the `allowed` triangles (t,); weights: (t,) float64.
 
-    start: numbers of triangles that are a triangulation; with them the program has a solution from
-    the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
-    Potentials are at most 8 to 16 times what the start weighs: without a bound some get much larger
-    than is needed, and with one that is far away the interior point does not arrive.
+    start: indices of the triangles of an initial solution, which makes the program feasible. Those
+    that are not allowed get a penalty that no optimal solution pays. Potentials are bounded by 8 to
+    16 times the weight of the initial solution: without a bound some become needlessly large, and
+    with a much larger one the interior-point method does not converge.
     """
 
     def __init__(
@@ -60,55 +65,53 @@ class Program:
         start: np.ndarray,
     ) -> None:
         total = float(np.abs(weights[start]).sum())
-        self.scale = 2.0 ** (_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0
-        self.weights = np.where(allowed, weights, weights + _HEAVY * total) * self.scale
+        self.scale = 2.0 ** (_LOG2_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0
+        self.weights = np.where(allowed, weights, weights + _PENALTY * total) * self.scale
         self.candidates, self.start = candidates, start
         self.inside = np.flatnonzero(allowed)
         triangles = candidates.triangles
         self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
-        # All edges but those of a spanning tree of the boundary's and the start's.
+        # All edges except a spanning tree of the boundary and the initial solution.
         self.free = np.ones(len(candidates.edges), dtype=np.bool_)
         inner = np.unique(candidates.sides[start])
         order = np.concatenate((np.flatnonzero(candidates.side != 0), inner))
         _grow_tree(len(candidates.points), candidates.edges, order, self.free)
 
-    def solve(self, seconds: float, *, at_a_corner: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return potentials (e,) of the edges, and how much each triangle is chosen, (t,).
+    def solve(self, seconds: float, *, basic: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Return the potentials (e,) of the edges, and the primal value (t,) of each triangle.
 
-        Solved by the interior-point method of HiGHS; the potentials have about twelve digits. All
-        are zero where it was not solved to the end.
-
-        It is many times faster than the simplex method where there are tens of thousands of
-        constraints, as many of them are met with equality. at_a_corner: go on from there to a
-        solution at a corner of what is allowed, by the simplex method; that takes much longer, and
-        the triangles chosen are a triangulation more often.
+        Solved by the interior-point method of HiGHS, which is many times faster than the simplex
+        method on tens of thousands of constraints, many of them tight. Potentials have about twelve
+        digits; all are zero if the solver did not finish. basic: continue with the simplex
+        method to a basic solution, which takes much longer, and whose triangles are a triangulation
+        more often.
         """
         model = highspy.Highs()
-        crossover = {"run_crossover": "on" if at_a_corner else "off"}
+        crossover = {"run_crossover": "on" if basic else "off"}
         for name, value in (_OPTIONS | crossover | {"time_limit": seconds}).items():
             model.setOptionValue(name, value)
-        edges, rows = len(self.candidates.edges), np.union1d(self.start, self.inside)
-        most = np.where(self.free, _FARTHEST, 0.0)
-        model.addVars(edges, -most, most)
+        edges, constraints = len(self.candidates.edges), np.union1d(self.start, self.inside)
+        bounds = np.where(self.free, _MAX_POTENTIAL, 0.0)
+        model.addVars(edges, -bounds, bounds)
         ring = self.candidates.side.astype(float)
         model.changeColsCost(edges, np.arange(edges, dtype=np.int32), ring)
         model.changeObjectiveSense(highspy.ObjSense.kMaximize)
         model.addRows(
-            len(rows),
-            np.full(len(rows), -highspy.kHighsInf),
-            self.weights[rows],
-            3 * len(rows),
-            np.arange(0, 3 * len(rows), 3, dtype=np.int32),
-            self.candidates.sides[rows].astype(np.int32).ravel(),
-            self.signs[rows].ravel(),
+            len(constraints),
+            np.full(len(constraints), -highspy.kHighsInf),
+            self.weights[constraints],
+            3 * len(constraints),
+            np.arange(0, 3 * len(constraints), 3, dtype=np.int32),
+            self.candidates.sides[constraints].astype(np.int32).ravel(),
+            self.signs[constraints].ravel(),
         )
         model.run()
-        # HiGHS calls it unknown whether a solution is optimal that is not at a corner.
-        ends = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
+        # HiGHS reports the status "unknown" for an optimal solution that is not basic.
+        solved = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
         potentials, share = np.zeros(edges), np.zeros(len(self.candidates.triangles))
-        if model.getModelStatus() in ends:
+        if model.getModelStatus() in solved:
             potentials = np.array(model.getSolution().col_value) / self.scale
-            share[rows] = np.abs(model.getSolution().row_dual)
+            share[constraints] = np.abs(model.getSolution().row_dual)
         return potentials, share
 
 

@@ -9,24 +9,24 @@ place gives another triangulation; so
 
     weight(abc) + weight(bad) <= weight(dbc) + weight(cad).
 
-Nothing is used but that the cost sums over triangles. Take the remaining triangles on the left of
-an edge and those on its right: if every pair of one of each could be flipped to less weight, the
-edge is excluded, and with it the triangles that have it as a side. That may exclude other edges,
-until nothing more goes. A pair that makes no strictly convex quadrilateral cannot be flipped, so it
-blocks the exclusion: an optimum may contain it, whatever it weighs. With the noise of
-`checking.units` there are next to no ties, which would keep both diagonals of a rectangle.
+This uses only that the cost sums over triangles. Take the remaining triangles on the left of an
+edge and those on its right: if flipping makes every pair of a left and a right triangle lighter,
+the edge is excluded, and with it the triangles that have it as a side. That may exclude other
+edges, until a fixed point is reached. A pair without a strictly convex quadrilateral cannot be
+flipped, so it blocks the exclusion: an optimum may contain it, whatever its weight. With the noise
+of `checking.units` ties are very rare; a tie would retain both diagonals of a rectangle.
 
-Which edges remain at the end does not depend on the order in which they are looked at: fewer
-triangles make fewer pairs, so what may be excluded now may be excluded later. The order in which
-they went is kept all the same, because each exclusion is justified by those before it.
+The fixed point does not depend on the order in which edges are examined: fewer triangles make fewer
+pairs, so an edge that can be excluded now can be excluded later. The order of exclusion is stored
+because each exclusion is justified by those before it.
 
 An edge with t triangles on its left and u on its right takes at most t * u flips to try, and up to
-t + u more, each the first of another look.
+t + u more, each the first of another examination.
 
-Potentials for what is excluded, so that a proof needs no exclusions. Potentials say that no
-triangulation weighs less than a bound (`linear_program`), which is the stronger: those of the edges
-that are left always extend to those that were excluded (`extend`). Compare A. Yousefi and N. E.
-Young, "On a linear program for minimum-weight triangulation", 2014.
+Potentials of excluded edges, so that a proof needs no exclusions. Potentials prove that no
+triangulation weighs less than a bound (`linear_program`). This is the stronger statement: the
+potentials of the remaining edges always extend to the excluded ones (`extend`). Compare A. Yousefi
+and N. E. Young, "On a linear program for minimum-weight triangulation", 2014.
 
 Take the excluded edges in reverse, the last one first. Let a-b be the next, and let the triangles
 at it whose other sides have potentials be abc on its left and bad on its right. Its potential y
@@ -34,43 +34,44 @@ must satisfy
 
     y(ab) <= weight(abc) - y(bc) - y(ca)     and     -y(ab) <= weight(bad) - y(ad) - y(db),
 
-which can be done if each such pair weighs at least y(bc) + y(ca) + y(ad) + y(db). It does, for when
-a-b was excluded the pair could be flipped to less weight:
+which is possible if each such pair weighs at least y(bc) + y(ca) + y(ad) + y(db). It does, because
+a-b was excluded, so flipping the pair makes it lighter:
 
     weight(abc) + weight(bad) > weight(dbc) + weight(cad)
                              >= y(db) + y(bc) + y(cd)  +  y(ca) + y(ad) + y(dc),
 
 and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: abc and bad were alive then, too, and would
-have been the lighter pair. So cad and dbc hold already.) No potential of the boundary changes, and
-so neither does the bound. With a lift, which is at most 0, dbc and cad may exceed their weights by
--lift each; y(ab) is half-way then, so that abc and bad exceed theirs by no more.
+have been the lighter pair. So the inequalities of cad and dbc hold already.) No potential of the
+boundary changes, so the bound does not change. With a lift, which is at most 0, dbc and cad may
+exceed their weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed their
+weights by no more.
 
-That an edge has no triangle whose other sides have potentials, on one side or both, does no harm:
-nothing then bounds its potential there. Its other triangles come when their last side does, which
-is an edge that was excluded earlier; so every triangle counts once, at its last side.
+An edge may have no triangle whose other sides have potentials, on one side or both: its potential
+is then unbounded there. Its other triangles are considered with their last side, an edge that was
+excluded earlier; so every triangle counts once, at its last side.
 """
 
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.checking.units import TOO_LARGE, Units, noise, units_of
+from triangulators.checking.units import TOO_LARGE, Units, compute_units, noise
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import orientation
 
-_FAR = np.int64(TOO_LARGE)  # too large for a potential
+_MAX_POTENTIAL = np.int64(TOO_LARGE)
 
 
 def exclude(
     candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (excluded edges in their order, which triangles (t,) are left).
+    """Return the excluded edges in order of exclusion, and flags (t,) of the remaining triangles.
 
-    weights (t,): of the triangles, as `units` makes them.
+    weights (t,): of the triangles, in `units`.
     """
     points, edges = candidates.points, candidates.edges
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
-    queue = np.argsort(-spans, kind="stable")  # a long one takes many triangles along
+    queue = np.argsort(-spans, kind="stable")  # excluding a long edge removes many triangles
     alive = np.ones(len(candidates.triangles), dtype=np.bool_)
     return _exclude(candidates, weights // units.factor, queue, alive, cost, units), alive
 
@@ -88,13 +89,15 @@ def _is_lighter_flipped(
 ) -> np.bool_:
     """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
 
-    c is left of a-b and d right of it, so the quadrilateral a-d-b-c is strictly convex if it turns
-    left at b and at a as well. The noise of the four sides is the same before and after. Where
-    units are equal, that of the diagonals decides: twice the noise of an edge is less than a unit.
+    c is left of a-b and d right of it, so the quadrilateral a-d-b-c is strictly convex if it also
+    turns left at b and at a. The noise of the four sides is the same before and after. If units are
+    equal, the noise of the diagonals decides: twice the noise of an edge is less than a unit.
     """
-    if turn(points, d, b, c) <= 0.0 or turn(points, c, a, d) <= 0.0:
+    if orientation(points, d, b, c) <= 0.0 or orientation(points, c, a, d) <= 0.0:
         return np.bool_(False)
-    flipped = units_of(points, d, b, c, cost, units) + units_of(points, c, a, d, cost, units)
+    flipped = compute_units(points, d, b, c, cost, units) + compute_units(
+        points, c, a, d, cost, units
+    )
     if flipped == value:
         return noise(c, d, units.bits) < noise(a, b, units.bits)
     return flipped < value
@@ -109,85 +112,84 @@ def _exclude(
     cost: Cost,
     units: Units,
 ) -> np.ndarray:
-    """Return the excluded edges in their order; mark the triangles they take along in `alive`.
+    """Return the excluded edges in order; clear `alive` of the triangles that they exclude.
 
-    value (t,): what each triangle costs in units, without noise; queue (e,): all edges. A pair, a
-    living triangle on either side, keeps the edge unless it is lighter flipped. What has no living
-    triangle on one side has no pair, and goes.
+    value (t,): cost of each triangle in units, without noise; queue (e,): all edges. A pair of a
+    remaining left and a remaining right triangle blocks the exclusion of the edge unless flipping
+    makes it lighter. An edge without a remaining triangle on one side has no pair: it is excluded.
 
-    Each edge e has a place (left, right) in the list of its pairs: triangles on its left, and for
-    each of them those on its right. Invariant: no pair before that place keeps the edge. For a pair
-    can be flipped to less weight or not once and for all, and a triangle that is gone stays gone.
-    So a search never goes back, and the pair at which it stops is the reason why the edge is kept.
-    When a triangle at the edge goes, it may be one of that pair, so the edge is looked at again
-    (`_look_again`).
+    Each edge e has a position (left, right) in the list of its pairs: triangles on its left, and
+    for each of them those on its right. Invariant: no pair before that position blocks. Whether a
+    flip makes a pair lighter never changes, and an excluded triangle never returns, so the search
+    never goes back, and it stops at the pair that blocks. When a triangle at the edge is excluded,
+    it may belong to that pair, so the edge is examined again (`_requeue_sides`).
     """
     points, edges, side, triangles, _sides, start, items = candidates
     excluded = np.empty(len(queue), dtype=np.int32)
-    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of the left ones, of the right ones, end.
+    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of left triangles, of right ones, end.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
-    # Diagonals in the queue or on the stack, so that none is there twice.
+    # Diagonals in the queue or on the stack, each at most once.
     waiting = side == 0
-    again = np.empty(len(edges), dtype=np.int32)  # the stack; an edge is there once, so it has room
-    head, height, found = 0, 0, 0
+    stack = np.empty(len(edges), dtype=np.int32)  # the stack
+    head, height, count = 0, 0, 0
     while head < len(queue) or height > 0:
         if height > 0:
             height -= 1
-            e = again[height]
+            e = stack[height]
         else:
             e = queue[head]
             head += 1
         if not waiting[e]:
-            continue  # a side of the boundary: it has no pair that keeps it, and stays
+            continue  # a boundary edge, which is never excluded
         waiting[e] = False
         a, b = edges[e, 0], edges[e, 1]
-        middle, end = start[2 * e + 1], start[2 * e + 2]
+        right_start, end = start[2 * e + 1], start[2 * e + 2]
         left, right = at_left[e], at_right[e]
-        kept = False
-        while left < middle and not kept:
+        is_blocked = False
+        while left < right_start and not is_blocked:
             t = items[left]
-            # The corner that is neither a nor b.
+            # The vertex that is neither a nor b.
             c = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - a - b
             while alive[t] and right < end:
                 u = items[right]
                 d = triangles[u, 0] + triangles[u, 1] + triangles[u, 2] - a - b
                 total = value[t] + value[u]
                 if alive[u] and not _is_lighter_flipped(points, a, b, c, d, total, cost, units):
-                    kept = True
+                    is_blocked = True
                     break
                 right += 1
-            if not kept:
-                left += 1  # all pairs of t are done
-                right = middle
+            if not is_blocked:
+                left += 1  # no pair of t blocks
+                right = right_start
         at_left[e], at_right[e] = left, right
-        if kept:
+        if is_blocked:
             continue
-        excluded[found] = e
-        found += 1
-        for place in range(start[2 * e], end):
-            t = items[place]
+        excluded[count] = e
+        count += 1
+        for index in range(start[2 * e], end):
+            t = items[index]
             if alive[t]:
                 alive[t] = False
-                height = _look_again(candidates, t, at_left, waiting, again, height)
-    return excluded[:found].copy()
+                height = _requeue_sides(candidates, t, at_left, waiting, stack, height)
+    return excluded[:count].copy()
 
 
 @njit
-def _look_again(
+def _requeue_sides(
     candidates: Candidates,
     t: int,
     at_left: np.ndarray,
     waiting: np.ndarray,
-    again: np.ndarray,
+    stack: np.ndarray,
     height: int,
 ) -> int:
-    """Let the other sides of triangle t, which is gone, wait for a look; return the height."""
-    for other in candidates.sides[t]:
-        # Where the search for an edge's pair has come to its end, the edge is gone itself.
-        open_still = at_left[other] < candidates.start[2 * other + 1]
-        if candidates.side[other] == 0 and open_still and not waiting[other]:
-            waiting[other] = True
-            again[height] = other
+    """Push the sides of an excluded triangle t on the stack `stack`; return its new height."""
+    for edge in candidates.sides[t]:
+        # If the search of an edge has reached its end, the edge is excluded itself.
+        is_open = at_left[edge] < candidates.start[2 * edge + 1]
+        if candidates.side[edge] == 0 and is_open and not waiting[edge]:
+            waiting[edge] = True
+            stack[height] = edge
             height += 1
     return height
 
@@ -198,16 +200,16 @@ def extend(
     excluded: np.ndarray,
     potentials: np.ndarray,
 ) -> np.ndarray | None:
-    """Return potentials (e,) that also hold for triangles with excluded edges.
+    """Return potentials (e,) that are also valid for triangles with excluded edges.
 
-    weights (t,); excluded (k,): in their order; potentials (e,): those of excluded edges do not
-    matter. None where one would be too large.
+    weights (t,); excluded (k,): in order of exclusion; potentials (e,): those of excluded edges are
+    ignored. None if a potential would be too large.
     """
-    found = potentials.copy()
-    given = np.ones(len(found), dtype=np.bool_)
-    given[excluded] = False
+    extended = potentials.copy()
+    is_set = np.ones(len(extended), dtype=np.bool_)
+    is_set[excluded] = False
     backwards = excluded[::-1].astype(np.int64)
-    return found if _extend(candidates, weights, backwards, given, found) else None
+    return extended if _extend(candidates, weights, backwards, is_set, extended) else None
 
 
 @njit(nogil=True)
@@ -215,36 +217,36 @@ def _extend(
     candidates: Candidates,
     weights: np.ndarray,
     backwards: np.ndarray,
-    given: np.ndarray,
+    is_set: np.ndarray,
     potentials: np.ndarray,
 ) -> bool:
-    """Fill `potentials` of the edges `backwards` and mark them in `given` (e,); False if one fails.
+    """Fill `potentials` of the edges `backwards`, mark them in `is_set` (e,); False if one fails.
 
-    Invariant: the inequality holds, up to the lift, for every triangle whose sides are all given.
+    Invariant: the inequality holds, up to the lift, for every triangle whose sides are all set.
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in backwards:
-        low, high = -_FAR, _FAR
+        low, high = -_MAX_POTENTIAL, _MAX_POTENTIAL
         # The triangles left of a-b come first and run along it; those on its right run against it,
-        # so that they ask for at most `room` of -y(ab).
-        for place in range(start[2 * e], start[2 * e + 2]):
-            t = candidates.items[place]
-            left = place < start[2 * e + 1]
-            room, whole = weights[t], True
+        # so that they require -y(ab) <= room.
+        for index in range(start[2 * e], start[2 * e + 2]):
+            t = candidates.items[index]
+            is_left = index < start[2 * e + 1]
+            room, is_complete = weights[t], True
             for k in range(3):
                 side = sides[t, k]
                 if side == e:
                     continue
-                whole = whole and given[side]
-                ahead = triangles[t, k] < triangles[t, (k + 1) % 3]
-                room -= potentials[side] if ahead else -potentials[side]
-            if whole and left:
+                is_complete = is_complete and is_set[side]
+                is_forward = triangles[t, k] < triangles[t, (k + 1) % 3]
+                room -= potentials[side] if is_forward else -potentials[side]
+            if is_complete and is_left:
                 high = min(high, room)
-            elif whole:
+            elif is_complete:
                 low = max(low, -room)
-        # What is nearest to zero of low to high; where nothing is, half-way.
+        # The number nearest to zero in low..high, or the midpoint if that is empty.
         potentials[e] = min(max(0, low), high) if low <= high else (low + high) // 2
-        if abs(potentials[e]) >= _FAR:
+        if abs(potentials[e]) >= _MAX_POTENTIAL:
             return False
-        given[e] = True
+        is_set[e] = True
     return True

@@ -1,7 +1,7 @@
 """Find an optimum and the evidence for it.
 
-Local minimality excludes most edges. Where what is left connects the polygon's rings, a table
-solves it (`skeleton`); otherwise the linear program does (`linear_program`).
+Local minimality excludes most edges. If the remaining skeleton connects the polygon's rings, a
+dynamic program solves the rest (`skeleton`), otherwise the linear program (`linear_program`).
 """
 
 from dataclasses import dataclass
@@ -11,27 +11,27 @@ import numpy as np
 from triangulators.certificate.candidates import Candidates, candidates_of
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.local_minimality import exclude, extend
-from triangulators.certificate.skeleton import by_table
+from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking.evidence import Evidence
-from triangulators.checking.units import Units, exact_total, is_proof, units_for, weights_of
+from triangulators.checking.units import Units, compute_weights, exact_total, find_units, is_proof
 from triangulators.criteria.cost import Cost
 from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import Boundary
 
-# How much is tried. Where a limit is no time, the same is proven on any machine.
-SECONDS = 60.0  # for a linear program, of which a polygon may need two
-_QUICK_ROWS = 100_000  # rows of a program without a limit of time: some seconds
-_QUICK = 1_500_000  # candidates, the same: excluding takes some seconds
-MOST = 8_000_000  # candidates of one polygon: they are 1 GB
-_HEAVIEST = 2.0**59  # potential: the checker adds three of less than 2^60 in 64 bits
+# Limits that are not times, so that the same is proven on any machine, end in a few seconds.
+PROGRAM_TIMEOUT_S = 60.0  # of one linear program; a polygon may need two
+_MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program without a time limit
+_MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion without a time limit
+MAX_TRIPLES = 8_000_000  # visible triples of one polygon: about 1 GB
+_MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 
 
 @dataclass(frozen=True)
 class Proof:
-    """The best triangulation found, (m, 3) between sites, and potentials that bound all others.
+    """The incumbent triangulation (m, 3) between sites, and potentials that bound all others.
 
-    gap: how far the one may be from the bound, relative; 0 where it is proven optimal. The
-    potentials (e,) and the lift hold for triangles of edges that were not `excluded`.
+    gap: relative distance to the bound, 0 if proven optimal. The potentials (e,) and the lift are
+    valid for triangles whose edges are not `excluded`.
     """
 
     triangles: np.ndarray
@@ -44,138 +44,141 @@ class Proof:
     lift: int
 
     def evidence(self) -> Evidence:
-        """Return evidence of the bound for all triangles, those of excluded edges included.
+        """Return unchecked evidence of the bound, extended to triangles with excluded edges.
 
-        What `checker` has not looked at yet. It bounds next to nothing where a potential would be
-        too large.
+        The bound is trivial if a potential would be too large.
         """
-        found = extend(self.candidates, self.weights, self.excluded, self.potentials)
+        potentials = extend(self.candidates, self.weights, self.excluded, self.potentials)
         lift = self.lift
-        if found is None:
-            found, lift = np.zeros_like(self.potentials), min(0, int(self.weights.min()))
-        return Evidence(*self.units[:3], self.candidates.edges, found, lift)
+        if potentials is None:
+            potentials, lift = np.zeros_like(self.potentials), min(0, int(self.weights.min()))
+        return Evidence(*self.units[:3], self.candidates.edges, potentials, lift)
 
 
 class _Search:
-    """Look for the best triangulation of some candidates; `best` has its triangles' numbers."""
+    """Search for the best triangulation; `incumbent` has the candidate indices of its triangles."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
-        self.best = np.empty(0, dtype=np.int64)
-        self.least = np.inf
+        self.incumbent = np.empty(0, dtype=np.int64)
+        self.min_weight = np.inf
 
-    def offer(self, chosen: np.ndarray) -> None:
-        """Keep a triangulation, given by the numbers of its triangles, if it is the best.
+    def update_incumbent(self, selection: np.ndarray) -> None:
+        """Make a triangulation, given by candidate indices, the incumbent if it is lighter.
 
-        Not one with a triangle that is no candidate: none should be, but its weight is not known.
+        Ignore it if a triangle is not a candidate (-1), so that its weight is unknown.
         """
-        if (chosen < 0).any():
+        if (selection < 0).any():
             return
-        total = sum(self.weights[chosen].tolist())
-        if total < self.least:
-            self.best, self.least = chosen, total
+        total = sum(self.weights[selection].tolist())
+        if total < self.min_weight:
+            self.incumbent, self.min_weight = selection, total
 
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
-        """Offer an optimum of the triangles that are `alive` (t,); return potentials and a lift.
+        """Optimise over the triangles that are `alive` (t,); return potentials and a lift <= 0.
 
-        They hold for those triangles and bound any triangulation of them from below; the lift is at
-        most 0. By the table they meet the optimum. Where it is not for this polygon, the linear
-        program's do if no triangle is chosen in part, and otherwise leave a gap. A program is
-        solved where `seconds` are a limit, or where they are infinite and it is small.
+        They bound every triangulation by those triangles from below. If the dynamic program
+        applies, the bound equals the optimum. Otherwise the linear program's bound does if its
+        solution is integral, and leaves a gap if not. A program is solved if `seconds` is a finite
+        limit, or if it is infinite and the program is small.
         """
         c = self.candidates
-        table = by_table(c, alive, cost, self.units)
-        if table is not None:
-            self.offer(_numbers(c, table[0]))
-            return table[1], 0
+        optimum = solve_skeleton(c, alive, cost, self.units)
+        if optimum is not None:
+            self.update_incumbent(_candidate_indices(c, optimum[0]))
+            return optimum[1], 0
         timed = 0.0 < seconds < np.inf
-        asked = timed or (seconds > 0.0 and int(alive.sum()) <= _QUICK_ROWS)
-        light = self.weights / self.units.factor  # in units, for the solver's doubles
-        if asked:
-            program = Program(c, light, alive, self.best)
-            found = self._tried(alive, *program.solve(seconds))
-            if self._is_met(*found):
-                return found
+        uses_program = timed or (seconds > 0.0 and int(alive.sum()) <= _MAX_UNTIMED_ROWS)
+        cost_weights = self.weights / self.units.factor  # in units, for the solver's doubles
+        if uses_program:
+            program = Program(c, cost_weights, alive, self.incumbent)
+            dual = self._try_solution(alive, *program.solve(seconds))
+            if self._is_bound_tight(*dual):
+                return dual
         else:
-            found = self._rounded(alive, np.zeros(len(c.edges)))
-        # Nothing is proven yet. A better triangulation may be what is missing, or a better start.
-        self.offer(_numbers(c, search_cuts(c.points, c.triangles[self.best], cost)))
-        if asked and not self._is_met(*found):
-            program = Program(c, light, alive, self.best)
-            again = self._tried(alive, *program.solve(seconds, at_a_corner=True))
-            found = max(found, again, key=lambda each: self.bound(*each))
-        return found
+            dual = self._round_potentials(alive, np.zeros(len(c.edges)))
+        # Not proven yet: local search may find a better incumbent, also as an initial solution.
+        self.update_incumbent(
+            _candidate_indices(c, search_cuts(c.points, c.triangles[self.incumbent], cost))
+        )
+        if uses_program and not self._is_bound_tight(*dual):
+            program = Program(c, cost_weights, alive, self.incumbent)
+            retry = self._try_solution(alive, *program.solve(seconds, basic=True))
+            dual = max(dual, retry, key=lambda pair: self.bound(*pair))
+        return dual
 
-    def _tried(
+    def _try_solution(
         self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Offer a program's triangles that are chosen by more than half, if they fit together."""
+        """Take a program's triangles with a value above 1/2 as incumbent if they are consistent."""
         c = self.candidates
-        chosen = np.flatnonzero(share > 0.5)
-        ahead = c.triangles[chosen] < np.roll(c.triangles[chosen], -1, axis=1)
-        ways = np.where(ahead, 1, -1).ravel()
-        # Each side of the boundary once, each diagonal as often from the left as from the right.
-        if np.array_equal(np.bincount(c.sides[chosen].ravel(), ways, len(c.edges)), c.side):
-            self.offer(chosen)
-        return self._rounded(alive, potentials)
+        selection = np.flatnonzero(share > 0.5)
+        is_forward = c.triangles[selection] < np.roll(c.triangles[selection], -1, axis=1)
+        signs = np.where(is_forward, 1, -1).ravel()
+        # Each boundary edge is used once, each diagonal as often from the left as from the right.
+        if np.array_equal(np.bincount(c.sides[selection].ravel(), signs, len(c.edges)), c.side):
+            self.update_incumbent(selection)
+        return self._round_potentials(alive, potentials)
 
-    def _rounded(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
-        """Round potentials to whole numbers; the lift makes up for what that breaks."""
+    def _round_potentials(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
+        """Round potentials to integers; return the lift that makes them feasible again."""
         c = self.candidates
-        heavy = light * self.units.factor
-        heavy *= min(1.0, _HEAVIEST / max(float(np.abs(heavy).max()), 1.0))
-        potentials = np.rint(heavy).astype(np.int64)
-        ahead = c.triangles < np.roll(c.triangles, -1, axis=1)
-        around = np.where(ahead, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
-        slack = (self.weights - around)[alive]
+        scaled = light * self.units.factor
+        scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))
+        potentials = np.rint(scaled).astype(np.int64)
+        is_forward = c.triangles < np.roll(c.triangles, -1, axis=1)
+        sums = np.where(is_forward, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
+        slack = (self.weights - sums)[alive]
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
     def bound(self, potentials: np.ndarray, lift: int) -> int:
+        """Return the lower bound, as a weight."""
         total: int = sum((potentials * self.candidates.side).tolist())
-        return total + lift * len(self.best)
+        return total + lift * len(self.incumbent)
 
-    def _is_met(self, potentials: np.ndarray, lift: int) -> bool:
-        """Whether the bound meets the best: nothing is better by a unit."""
+    def _is_bound_tight(self, potentials: np.ndarray, lift: int) -> bool:
+        """Whether no triangulation is better than the incumbent by a unit of cost."""
         factor = self.units.factor
-        return self.bound(potentials, lift) // factor >= self.least // factor
+        return self.bound(potentials, lift) // factor >= self.min_weight // factor
 
 
 def prove(
-    outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = SECONDS
+    outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = PROGRAM_TIMEOUT_S
 ) -> Proof | None:
-    """Improve a triangulation (m, 3), between sites, and find how good it is.
+    """Improve a triangulation (m, 3) between sites, and bound its distance from the optimum.
 
-    The evidence is about the triangulation given, and counts in its units. seconds: for each linear
-    program; one that is not solved in time gives a weak bound. Where they are infinite, programs of
-    more than 100,000 triangles are not tried; where they are 0 none is, which gives a weak bound,
-    too. None if more than eight million triples of vertices see each other (1.5 million where
-    seconds are 0 or infinite).
+    The evidence is about the given triangulation, in its units. seconds: time limit of each linear
+    program, which gives a weak bound if it is reached; infinite: solve programs of up to 100,000
+    triangles only; 0: solve none. Return None if more than eight million triples of vertices see
+    each other (1.5 million if seconds is 0 or infinite).
     """
-    units = units_for(outline, triangles, cost)
-    most = MOST if 0.0 < seconds < np.inf else _QUICK
-    candidates = candidates_of(outline, triangles, most)
+    units = find_units(outline, triangles, cost)
+    max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
+    candidates = candidates_of(outline, triangles, max_triples)
     if candidates is None:
         return None
-    weights = weights_of(outline.points, candidates.triangles, cost, units)
+    weights = compute_weights(outline.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
     search = _Search(candidates, weights, units)
-    search.offer(_numbers(candidates, triangles))
+    search.update_incumbent(_candidate_indices(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
-    total, factor, bound = int(search.least), units.factor, search.bound(potentials, lift)
-    found = candidates.triangles[search.best]
-    proven = is_proof(exact_total(outline, found, cost, units), bound // factor, len(found), units)
+    total, factor, bound = int(search.min_weight), units.factor, search.bound(potentials, lift)
+    triangles = candidates.triangles[search.incumbent]
+    proven = is_proof(
+        exact_total(outline, triangles, cost, units), bound // factor, len(triangles), units
+    )
     gap = 0.0 if proven else max(total - bound, factor) / max(abs(total), 1)
-    return Proof(found, gap, candidates, weights, units, excluded, potentials, lift)
+    return Proof(triangles, gap, candidates, weights, units, excluded, potentials, lift)
 
 
-def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the number of each triangle among the candidates, -1 where it is none."""
+def _candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
+    """Return the candidate index of each triangle, -1 if it is not a candidate."""
     n = len(candidates.points)
     keys = _keys(candidates.triangles, n)
     order = np.argsort(keys)
-    wanted = _keys(triangles, n)
-    at = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
-    return np.where(keys[at] == wanted, at, -1)
+    sought = _keys(triangles, n)
+    nearest = order[np.minimum(np.searchsorted(keys[order], sought), len(order) - 1)]
+    return np.where(keys[nearest] == sought, nearest, -1)
 
 
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:

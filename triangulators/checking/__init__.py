@@ -1,6 +1,6 @@
-"""Checks evidence of optimality, by code of its own.
+"""Independent checker of evidence of optimality.
 
-What the search for evidence and this share are definitions: a polygon's boundary, the sign of an
-orientation, what a triangle costs and in which units it is counted. The search imports the form of
-evidence and the rule for units from here; nothing is imported from there.
+The search for evidence and the checker share only definitions: a polygon's boundary, the sign of an
+orientation, the cost of a triangle and its units. The search imports the format of evidence and the
+rule for units from this package, which imports nothing from the search.
 """

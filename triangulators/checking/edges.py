@@ -1,12 +1,12 @@
-"""Edges of a polygon as `checker` finds them, from its boundary and exact orientations alone.
+"""Edges of a polygon for `checker`, computed from its boundary and exact orientations.
 
 A pair of sites is an edge if it is a piece of the boundary, or a diagonal: a segment that starts
-into the interior at both ends and meets no other boundary edge. Boxes round the boundary's edges,
-those of two neighbours in one, and of two such again, say which edges a segment may meet: they are
-compared with a margin, orientations are exact.
+into the interior at both ends and meets no other boundary edge. A binary tree of bounding boxes of
+the boundary's edges finds the edges that a segment may meet: boxes are compared with a margin,
+orientations are exact.
 
-Order. For each site, those after it are tried. An edge that was met on the way hides what is behind
-it: the last few that did are asked first, so most pairs need no walk through the boxes.
+Order. Each site is paired with those after it. A boundary edge that met a segment hides the sites
+behind it: the last few such edges are tested first, so most pairs need no search of the tree.
 """
 
 from typing import NamedTuple
@@ -14,66 +14,66 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
-_HIDING = 8  # edges that are asked whether they hide a site
+_MAX_HIDING = 8  # edges that are tested first
 
 
 class Edges(NamedTuple):
-    """Edges of a polygon: ends (e, 2), a < b, ascending; keys (e,) the same as numbers.
+    """Edges of a polygon: ends (e, 2), a < b, ascending; keys (e,) = a n + b.
 
-    points (n, 2). ways (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. holes (h, 4): sites
-    of each hole, -1 where it has fewer.
+    points (n, 2). directions (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. holes (h, 4):
+    up to four sites of each hole, padded with -1.
     """
 
     points: np.ndarray
     ends: np.ndarray
     keys: np.ndarray
-    ways: np.ndarray
+    directions: np.ndarray
     holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the number of each pair, (k, 2) or pairs in a row, among the edges; -1: none."""
+        """Return the index of the edge of each pair, (k, 2) or flat; -1 if it is not an edge."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
-        wanted = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
-        at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        return np.where(self.keys[at] == wanted, at, -1)
+        sought = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
+        nearest = np.minimum(np.searchsorted(self.keys, sought), len(self.keys) - 1)
+        return np.where(self.keys[nearest] == sought, nearest, -1)
 
 
-def edges_of(outline: Boundary) -> Edges:
+def find_edges(outline: Boundary) -> Edges:
     """Return the edges of a polygon."""
     points, n = outline.points, len(outline.points)
-    diagonals = diagonals_of(outline)
+    diagonals = find_diagonals(outline)
     pairs = np.sort(np.concatenate((outline.edges, diagonals)).astype(np.int64), axis=1)
-    ways = np.zeros(len(pairs), dtype=np.int8)
-    ways[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
+    directions = np.zeros(len(pairs), dtype=np.int8)
+    directions[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     keys = pairs[:, 0] * n + pairs[:, 1]
     order = np.argsort(keys)
     rings = np.split(outline.site, outline.ring_offsets[1:-1])
     holes = np.full((len(rings) - 1, 4), -1, dtype=np.int32)
     for row, ring in zip(holes, rings[1:], strict=True):
-        few = np.unique(ring)[:4]
-        row[: len(few)] = few
-    return Edges(points, pairs[order].astype(np.int32), keys[order], ways[order], holes)
+        samples = np.unique(ring)[:4]
+        row[: len(samples)] = samples
+    return Edges(points, pairs[order].astype(np.int32), keys[order], directions[order], holes)
 
 
 @njit
-def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
-    """Whether a triangle of edges, counter-clockwise, runs round a hole.
+def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
+    """Whether a counter-clockwise triangle of edges surrounds a hole.
 
-    No edge of the boundary crosses the triangle's sides, so a hole is inside as a whole or not at
-    all, but for corners that it may share with the triangle. Of four sites one is no corner: it
-    tells.
+    No edge of the boundary crosses the triangle's sides, so a hole is entirely inside or entirely
+    outside, except for vertices that it shares with the triangle. At least one of four sites is not
+    a vertex of the triangle; testing it decides.
     """
     for hole in range(len(holes)):
         for v in holes[hole]:
             if v < 0 or v == a or v == b or v == c:  # noqa: SIM109 - for Numba
                 continue
             inside = (
-                turn(points, a, b, v) > 0.0
-                and turn(points, b, c, v) > 0.0
-                and turn(points, c, a, v) > 0.0
+                orientation(points, a, b, v) > 0.0
+                and orientation(points, b, c, v) > 0.0
+                and orientation(points, c, a, v) > 0.0
             )
             if inside:
                 return True
@@ -82,11 +82,11 @@ def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -
 
 
 class _Sides(NamedTuple):
-    """The boundary: points (n, 2), edges (b, 2), interior left, and the edge following (b,) each.
+    """The boundary: points (n, 2), edges (b, 2), interior left, and the next edge (b,) of each.
 
-    The edges that end at site v are `ending[first[v]:first[v + 1]]`: several where rings touch, and
-    the interior there is what all these corners have on their left. boxes (2 s, 4), least x
-    and y, greatest x and y: that of edge e is row s + e, and row k is round rows 2 k and 2 k + 1.
+    The edges that end at site v are `ending[first[v]:first[v + 1]]`: several where rings touch; the
+    interior there is left of all these angles. boxes (2 s, 4), min x, min y, max x, max y: that of
+    edge e is row s + e, and row k bounds rows 2 k and 2 k + 1.
     """
 
     points: np.ndarray
@@ -97,8 +97,8 @@ class _Sides(NamedTuple):
     boxes: np.ndarray
 
 
-def diagonals_of(outline: Boundary) -> np.ndarray:
-    """Return the diagonals (k, 2) between sites; the lower one of a pair need not be the first."""
+def find_diagonals(outline: Boundary) -> np.ndarray:
+    """Return the diagonals (k, 2) between sites, in either direction."""
     points, edges = outline.points, outline.edges
     following = np.arange(1, len(edges) + 1, dtype=np.int32)
     ring_start = 0
@@ -108,14 +108,14 @@ def diagonals_of(outline: Boundary) -> np.ndarray:
             ring_start = e + 1
     ending = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
     first = np.searchsorted(edges[ending, 1], np.arange(len(points) + 1))
-    sides = _Sides(points, edges, following, ending, first, _boxes_of(points, edges))
-    found: np.ndarray = _diagonals(sides, np.unique(outline.site))
-    return found
+    sides = _Sides(points, edges, following, ending, first, _bound_edges(points, edges))
+    diagonals: np.ndarray = _list_diagonals(sides, np.unique(outline.site))
+    return diagonals
 
 
 @njit
-def _boxes_of(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the boxes (2 s, 4) of `_Sides`; the s - b rows at the end are round nothing."""
+def _bound_edges(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the boxes (2 s, 4) of `_Sides`; the last s - b rows are empty boxes."""
     size = 1
     while size < len(edges):
         size *= 2
@@ -139,17 +139,17 @@ def _boxes_of(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
     """Whether the segment from a to b starts strictly into the interior; see `_Sides`."""
     points, edges, following, ending, first, _boxes = sides
-    for place in range(first[a], first[a + 1]):
-        e = ending[place]
+    for index in range(first[a], first[a + 1]):
+        e = ending[index]
         before, after = edges[e, 0], edges[following[e], 1]
-        left_of_out = turn(points, a, after, b) > 0.0
-        left_of_in = turn(points, before, a, b) > 0.0
-        convex = turn(points, before, a, after) > 0.0
+        left_of_out = orientation(points, a, after, b) > 0.0
+        left_of_in = orientation(points, before, a, b) > 0.0
+        convex = orientation(points, before, a, after) > 0.0
         if convex:
             if not (left_of_out and left_of_in):
                 return False
         elif not (left_of_out or left_of_in):
-            # Straight or reflex: left of either side will do, unless it runs along one of them.
+            # Straight or reflex: left of either side suffices, unless it runs along one of them.
             return False
     return True
 
@@ -157,10 +157,10 @@ def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
 @njit
 def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Whether the segments a-b and c-d, without a common end, have a point in common."""
-    c_side, d_side = turn(points, a, b, c), turn(points, a, b, d)
+    c_side, d_side = orientation(points, a, b, c), orientation(points, a, b, d)
     if (c_side > 0.0 and d_side > 0.0) or (c_side < 0.0 and d_side < 0.0):
         return False
-    a_side, b_side = turn(points, c, d, a), turn(points, c, d, b)
+    a_side, b_side = orientation(points, c, d, a), orientation(points, c, d, b)
     if (a_side > 0.0 and b_side > 0.0) or (a_side < 0.0 and b_side < 0.0):
         return False
     if c_side == 0.0 and d_side == 0.0:  # on one line
@@ -173,12 +173,12 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 
 @njit
-def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
-    """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge.
+def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
+    """Return an edge that the segment a-b meets, -1 if there is none, -2 if a-b is an edge.
 
-    It starts inside at both ends. scale: the largest coordinate's size; stack: room for two rows
-    for each halving of the boxes. A box is passed over that the segment's own does not meet, or
-    that lies on one side of the line through it by more than rounding.
+    a-b starts inside at both ends. scale: largest absolute coordinate; stack: room for two rows per
+    level of the tree. A box is skipped if the segment's box does not meet it, or if it lies on one
+    side of the segment's line by more than the rounding error.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
@@ -194,9 +194,9 @@ def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> 
         left, bottom, right, top = boxes[node]
         if left > high_x or right < low_x or bottom > high_y or top < low_y:
             continue
-        beside = dx * (0.5 * (bottom + top) - ay) - dy * (0.5 * (left + right) - ax)
+        distance = dx * (0.5 * (bottom + top) - ay) - dy * (0.5 * (left + right) - ax)
         reach = 0.5 * (abs(dx) * (top - bottom) + abs(dy) * (right - left))
-        if abs(beside) > reach + margin:
+        if abs(distance) > reach + margin:
             continue
         if node < size:
             stack[height], stack[height + 1] = 2 * node, 2 * node + 1
@@ -204,8 +204,8 @@ def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> 
             continue
         c, d = edges[node - size]
         if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
-            # Edges at an end leave it elsewhere, or the segment would not start inside; unless
-            # one is the segment itself.
+            # Edges at an end leave it in other directions, because the segment starts inside;
+            # unless one is the segment itself.
             if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                 return -2
         elif _meets(points, a, b, c, d):
@@ -214,65 +214,71 @@ def _meeting(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> 
 
 
 @njit
-def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
-    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); it goes first.
+def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
+    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); moves that edge first.
 
-    They have a on their left, so it does if b is on their right and between the rays to their ends.
+    All have a on their left, so a-b crosses one if b is on its right and between the rays to its
+    ends.
     """
-    for place in range(len(hiding)):
-        c, d = hiding[place, 0], hiding[place, 1]
+    for index in range(len(hiding)):
+        c, d = hiding[index, 0], hiding[index, 1]
         if (
-            turn(points, c, d, b) < 0.0
-            and turn(points, a, c, b) > 0.0
-            and turn(points, a, d, b) < 0.0
+            orientation(points, c, d, b) < 0.0
+            and orientation(points, a, c, b) > 0.0
+            and orientation(points, a, d, b) < 0.0
         ):
-            _to_front(hiding, place, c, d)
+            _move_to_front(hiding, index, c, d)
             return True
     return False
 
 
 @njit
-def _to_front(hiding: np.ndarray, place: int, c: int, d: int) -> None:
-    """Put an edge c-d first, in place of that at `place`; those before it go one further."""
-    for at in range(place, 0, -1):
-        hiding[at] = hiding[at - 1]
+def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
+    """Put an edge c-d first, replace that at `index`, and shift those between."""
+    for k in range(index, 0, -1):
+        hiding[k] = hiding[k - 1]
     hiding[0, 0], hiding[0, 1] = c, d
 
 
 @njit(nogil=True)
-def _diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
-    """Return the pairs of sites that see each other, but for the boundary's edges.
+def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
+    """Return the pairs of sites that see each other, except the boundary's edges.
 
-    `hiding` holds edges that met a segment from the same site; the one that hid something last
-    comes first. It only saves time: an edge that is not in it is met in `_meeting`.
+    `hiding` has edges that met a segment from the same site, the last successful one first. It only
+    saves time: `_find_meeting_edge` finds all others.
     """
     points, edges = sides.points, sides.edges
     scale = np.abs(points).max()
-    found = np.empty((16 + 4 * len(sites), 2), dtype=np.int32)
-    hiding = np.empty((_HIDING, 2), dtype=np.int32)
+    diagonals = np.empty((16 + 4 * len(sites), 2), dtype=np.int32)
+    hiding = np.empty((_MAX_HIDING, 2), dtype=np.int32)
     stack = np.empty(128, dtype=np.int64)
     count = 0
     for i in range(len(sites)):
-        if count + len(sites) > len(found):
+        if count + len(sites) > len(diagonals):
             grown = np.empty((2 * (count + len(sites)), 2), dtype=np.int32)
-            grown[:count] = found[:count]
-            found = grown
-        a, known = sites[i], 0
+            grown[:count] = diagonals[:count]
+            diagonals = grown
+        a, hiding_count = sites[i], 0
         for b in sites[i + 1 :]:
             if (
                 not _starts_inside(sides, a, b)
                 or not _starts_inside(sides, b, a)
-                or _is_behind_one(points, a, hiding[:known], b)
+                or _is_hidden(points, a, hiding[:hiding_count], b)
             ):
                 continue
-            met = _meeting(sides, scale, a, b, stack)
-            if met == -1:
-                found[count, 0], found[count, 1] = a, b
+            meeting = _find_meeting_edge(sides, scale, a, b, stack)
+            if meeting == -1:
+                diagonals[count, 0], diagonals[count, 1] = a, b
                 count += 1
-            elif met >= 0:
-                c, d = edges[met, 0], edges[met, 1]
-                way = turn(points, c, d, a)
-                if way != 0.0:  # in line with a it hides nothing but itself
-                    known = min(known + 1, _HIDING)
-                    _to_front(hiding, known - 1, c if way > 0.0 else d, d if way > 0.0 else c)
-    return found[:count]
+            elif meeting >= 0:
+                c, d = edges[meeting, 0], edges[meeting, 1]
+                sign = orientation(points, c, d, a)
+                if sign != 0.0:  # collinear with a it hides nothing
+                    hiding_count = min(hiding_count + 1, _MAX_HIDING)
+                    _move_to_front(
+                        hiding,
+                        hiding_count - 1,
+                        c if sign > 0.0 else d,
+                        d if sign > 0.0 else c,
+                    )
+    return diagonals[:count]

@@ -1,7 +1,7 @@
-"""What `certify` returns, the evidence that `checker` checks, and both as plain data for a file.
+"""The certificate of `certify`, the evidence for `checker`, and both as plain data for a file.
 
-What a file's fields mean is in docs/reference/files.md; harness/export/check_evidence.py checks
-them and shares no code with this package.
+docs/reference/files.md documents the file's fields; harness/export/check_evidence.py checks them
+and shares no code with this package.
 """
 
 from dataclasses import dataclass, field
@@ -17,18 +17,18 @@ FORMAT = "raster-harness evidence 1"
 
 
 class CertificateError(TriangulationError):
-    """A certificate that does not hold; the message says where."""
+    """A certificate is invalid; the message is the reason."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Why no triangulation weighs less than a bound; see `checker` for what follows from it.
+    """Evidence that no triangulation weighs less than a bound (see `checker`).
 
-    The weight of a triangle, its lowest corner first, is factor * floor(scale * cost) plus the
+    The weight of a triangle, its lowest vertex first, is factor * floor(scale * cost) plus the
     noise of its edges: for an edge a < b the upper `bits` bits of splitmix64's mix of
-    a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. What scale, factor and bits must be follows
-    from the polygon, the criterion and the triangulation (see `units`). edges (e, 2): a < b;
-    potentials (e,) int64, run from a to b; lift: what is added for every triangle.
+    a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The polygon, the criterion and the
+    triangulation determine scale, factor and bits (see `units`). edges (e, 2): a < b; potentials
+    (e,) int64, from a to b; lift: added for every triangle.
     """
 
     scale: float
@@ -46,15 +46,23 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far a triangulation may be from the optimum.
+    """The distance of a triangulation from the optimum, with evidence.
 
-    cost: the criterion's sum over the triangulation; lower_bound: no triangulation of the polygon
-    costs less; gap: (cost - lower_bound) / |cost|; proven: whether the triangulation is optimal.
-    Where costs are whole on a grid (half-perimeter and overdraw of coordinates that are
-    whole or have few binary places), optimal means exactly that, in whole numbers, and nothing is
-    proven that is not. Where they are real numbers, as the criterion's function computes them in
-    doubles, it means that nothing costs less by a larger share than `gap`. evidence: what a
-    checker needs; None where there is no bound.
+    Attributes
+    ----------
+    cost : float
+        The criterion's sum over the triangulation.
+    lower_bound : float
+        No triangulation of the polygon costs less.
+    gap : float
+        (cost - lower_bound) / abs(cost).
+    proven : bool
+        True if the triangulation is proven optimal. For costs that are integers on a grid
+        (half-perimeter and overdraw of coordinates that are integers or have few binary places)
+        optimal is meant exactly. For real costs, computed in doubles, it means that no
+        triangulation is cheaper by more than `gap`.
+    evidence : Evidence or None
+        The input of a checker; None if there is no bound.
     """
 
     cost: float
@@ -67,10 +75,10 @@ class Certificate:
 def as_claim(
     polygon: shapely.Polygon, triangles: np.ndarray, criterion: str, certificate: Certificate
 ) -> dict[str, Any]:
-    """Return what a certificate says of triangles (m, 3) of a polygon, for JSON.
+    """Return a certificate of triangles (m, 3) of a polygon as plain data for JSON.
 
-    Coordinates are doubles; everything that is compared is a whole number. Without evidence the
-    claim is not proven, and `potentials` is None.
+    Coordinates are doubles; all numbers that are compared are integers. Without evidence the claim
+    is not proven, and `potentials` is None.
     """
     points, ring_offsets = rings_of(polygon)
     claim: dict[str, Any] = {

@@ -1,1 +1,1 @@
-"""What compiled code rests on: kernels, where they are kept, operations; it knows no polygon."""
+"""Compiled kernels, their cache on disk, and basic operations, independent of polygons."""

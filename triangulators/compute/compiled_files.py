@@ -1,13 +1,13 @@
-"""Compiled code on disk: a folder for each module, named by what it was made of.
+"""Compiled code on disk: a folder for each module, named by a digest of its sources.
 
-Numba keeps compiled code beside the source, or where NUMBA_CACHE_DIR says, and notices a change in
-a function's own file. But what a function calls is compiled into it, and lies in other files. So
-here the folder's name holds a digest of the module's source and of all modules of ours that it
-imports, directly or not: one edit makes the modules anew that it reaches, and no others. Below
-that, a file's name holds the types that it was compiled for and the processor, with its features.
+Numba stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes only in a
+function's own file. But a compiled function contains the functions that it calls, from other files.
+So the folder's name here contains a digest of the module's source and of all our modules that it
+imports, directly or indirectly: an edit recompiles the modules that import the edited one, and no
+others. A file's name contains the argument types and the processor with its features.
 
-Nothing is ever overwritten with something else, so several versions of the sources, and several
-processes that compile at once, share one place: NUMBA_CACHE_DIR, or the user's cache folder.
+No file is ever overwritten with different content, so several versions of the sources, and several
+processes that compile at once, share one folder: NUMBA_CACHE_DIR, or the user's cache folder.
 `raster-harness cache clear` removes old code.
 """
 
@@ -28,12 +28,12 @@ from typing import NamedTuple
 from platformdirs import user_cache_path
 
 SOURCES = Path(__file__).resolve().parents[2]
-"""Where the packages lie beside each other."""
+"""The folder of the packages."""
 
 PACKAGES = ("triangulators", "harness", "scenes")
 
 OLD_S = 30 * 24 * 3600.0
-"""Seconds after which code of other sources that nobody loaded since counts as old."""
+"""Time since its last use after which code of other sources counts as old."""
 
 _FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
 """Name of a folder of compiled code: module and digest."""
@@ -44,18 +44,18 @@ _IMPORT = re.compile(
 
 
 @lru_cache(maxsize=1)
-def place() -> Path:
-    """Return the folder of all compiled code of this Numba and Python."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(chosen) if chosen else user_cache_path("raster-harness", appauthor=False)
+def cache_folder() -> Path:
+    """Return the folder of the compiled code of this Numba and Python."""
+    override = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(override) if override else user_cache_path("raster-harness", appauthor=False)
     return folder / "compiled" / f"numba{version('numba')}-{sys.implementation.cache_tag}"
 
 
 def is_trusted(info: os.stat_result) -> bool:
     """Whether only this user and the administrator own and may write a file or folder.
 
-    Loading compiled code runs it. A folder such as /tmp, in which everybody may make files but
-    change only their own, is trusted: each file in it is checked, too.
+    Loading compiled code runs it. A folder with the sticky bit, such as /tmp, is trusted, because
+    each file in it is checked as well.
     """
     if os.name != "posix":
         return True
@@ -70,7 +70,7 @@ def is_trusted(info: os.stat_result) -> bool:
 
 @lru_cache(maxsize=64)
 def _is_private_group(number: int) -> bool:
-    """Whether a group is the user's own, of the same name and without other members."""
+    """Whether a group has the user's name and no other members."""
     import grp
     import pwd
 
@@ -82,7 +82,7 @@ def _is_private_group(number: int) -> bool:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, which others may not write whatever the umask is."""
+    """Make a folder and its parents, not writable by others whatever the umask is."""
     for missing in reversed([folder, *folder.parents]):
         if not missing.is_dir():
             missing.mkdir(mode=0o755, exist_ok=True)
@@ -90,13 +90,14 @@ def make_folder(folder: Path) -> None:
 
 @lru_cache(maxsize=1024)
 def is_trusted_folder(folder: Path) -> bool:
-    """Whether compiled code in a folder may be loaded; a warning says why not."""
-    root = place().parents[1]
+    """Whether compiled code in a folder may be loaded; warn with the reason if not."""
+    root = cache_folder().parents[1]
     try:
         untrusted = [
-            each
-            for each in (folder, *folder.parents)
-            if each.is_relative_to(root) and (each.is_symlink() or not is_trusted(each.stat()))
+            parent
+            for parent in (folder, *folder.parents)
+            if parent.is_relative_to(root)
+            and (parent.is_symlink() or not is_trusted(parent.stat()))
         ]
     except FileNotFoundError:
         return True  # it will be made
@@ -111,42 +112,42 @@ def is_trusted_folder(folder: Path) -> bool:
 
 @lru_cache(maxsize=1024)
 def digest(file: Path) -> str:
-    """Return a digest of a module's source and of all modules of ours that it imports."""
-    found = hashlib.sha256()
-    for each in sorted(reached(file)):
-        found.update(f"{dotted(each)}\n".encode() + _source(each) + b"\0")
-    return found.hexdigest()[:16]
+    """Return a digest of a module's source and of all our modules that it imports."""
+    sha = hashlib.sha256()
+    for source in sorted(find_sources(file)):
+        sha.update(f"{module_name(source)}\n".encode() + _read_source(source) + b"\0")
+    return sha.hexdigest()[:16]
 
 
-def reached(file: Path) -> set[Path]:
-    """Return a module's file and those of all modules of ours that it imports."""
-    found, new = set(), {file}
-    while new:
-        each = new.pop()
-        found.add(each)
-        new |= _imported(each) - found
-    return found
+def find_sources(file: Path) -> set[Path]:
+    """Return a module's file and those of all our modules that it imports, also indirectly."""
+    sources, pending = set(), {file}
+    while pending:
+        source = pending.pop()
+        sources.add(source)
+        pending |= _find_imports(source) - sources
+    return sources
 
 
 @lru_cache(maxsize=1024)
-def _source(file: Path) -> bytes:
+def _read_source(file: Path) -> bytes:
     return file.read_bytes()
 
 
 @lru_cache(maxsize=1024)
-def _imported(file: Path) -> frozenset[Path]:
-    """Return the files of the modules of ours that one names in its import statements."""
-    found = set()
-    for base, names, plain in _IMPORT.findall(_source(file).decode()):
+def _find_imports(file: Path) -> frozenset[Path]:
+    """Return the files of our modules in a file's import statements."""
+    sources = set()
+    for base, names, plain in _IMPORT.findall(_read_source(file).decode()):
         module = base or plain
         if module.partition(".")[0] in PACKAGES:
             parts = [module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))]
-            found |= {found_file for part in parts if (found_file := _file_of(part))}
-    return frozenset(found)
+            sources |= {source for part in parts if (source := _find_file(part))}
+    return frozenset(sources)
 
 
 @lru_cache(maxsize=4096)
-def _file_of(module: str) -> Path | None:
+def _find_file(module: str) -> Path | None:
     path = SOURCES.joinpath(*module.split("."))
     for file in (path.with_suffix(".py"), path / "__init__.py"):
         if file.is_file():
@@ -154,22 +155,22 @@ def _file_of(module: str) -> Path | None:
     return None
 
 
-def dotted(file: Path) -> str:
-    """Return a module's name."""
-    inside = file.relative_to(SOURCES) if file.is_relative_to(SOURCES) else Path(file.name)
-    return ".".join(inside.with_suffix("").parts)
+def module_name(file: Path) -> str:
+    """Return a module's dotted name."""
+    path = file.relative_to(SOURCES) if file.is_relative_to(SOURCES) else Path(file.name)
+    return ".".join(path.with_suffix("").parts)
 
 
-def is_kept(module: str) -> bool:
-    """Whether there is compiled code of a module's kernels as they are now."""
-    file = _file_of(module)
-    return file is not None and (place() / f"{module}-{digest(file)}").is_dir()
+def is_cached(module: str) -> bool:
+    """Whether compiled code of a module's current source is cached."""
+    file = _find_file(module)
+    return file is not None and (cache_folder() / f"{module}-{digest(file)}").is_dir()
 
 
-class Kept(NamedTuple):
-    """What compiled code takes on disk.
+class CacheUsage(NamedTuple):
+    """Disk usage of compiled code.
 
-    old : folders of other sources than these, of no use since `OLD_S`
+    old : folders of other versions of the sources, not used for `OLD_S`
     """
 
     folder: Path
@@ -178,33 +179,35 @@ class Kept(NamedTuple):
     old: tuple[Path, ...]
 
 
-def kept() -> Kept:
-    """Return what is kept of all Numbas and Pythons."""
-    root = place().parent
+def measure_cache() -> CacheUsage:
+    """Return the disk usage for all versions of Numba and Python."""
+    root = cache_folder().parent
     files = [file.stat().st_size for file in root.rglob("*.nbc")]
-    return Kept(root, len(files), sum(files), tuple(_old(root)))
+    return CacheUsage(root, len(files), sum(files), tuple(_find_old(root)))
 
 
 def remove_old() -> int:
-    """Remove compiled code that is of no use any more; return how many folders it was."""
-    old = kept().old
+    """Remove old compiled code; return the number of folders."""
+    old = measure_cache().old
     for folder in old:
         shutil.rmtree(folder, ignore_errors=True)
     return len(old)
 
 
-def _old(root: Path) -> Iterator[Path]:
-    now = {f"{dotted(f)}-{digest(f)}" for p in PACKAGES for f in (SOURCES / p).rglob("*.py")}
+def _find_old(root: Path) -> Iterator[Path]:
+    current_names = {
+        f"{module_name(f)}-{digest(f)}" for p in PACKAGES for f in (SOURCES / p).rglob("*.py")
+    }
     for folder in root.glob("numba*/*"):
         files = folder.iterdir() if _FOLDER.fullmatch(folder.name) else ()
         if not files or any(".nbc" not in file.name for file in files):
-            continue  # somebody else's
-        current = folder.parent == place() and folder.name in now
+            continue  # not made by this module
+        current = folder.parent == cache_folder() and folder.name in current_names
         if not current and time.time() - _last_use(folder) > OLD_S:
             yield folder
 
 
 def _last_use(folder: Path) -> float:
-    """Return when the code in a folder was last read, or made where the system does not note it."""
+    """Return the latest access or modification time of a folder's files, in seconds."""
     times = [max(info.st_atime, info.st_mtime) for f in folder.iterdir() for info in [f.stat()]]
     return max(times, default=0.0)

@@ -1,7 +1,7 @@
-"""Kernels: functions compiled by Numba when they are first called.
+"""Kernels: functions compiled by Numba on the first call.
 
-Numba is imported then, too: that takes half a second, and what lists names or reads a file calls no
-kernel.
+Numba is imported on the first call as well: that takes half a second, and commands that list names
+or read a file call no kernel.
 """
 
 from collections.abc import Callable
@@ -12,9 +12,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Kernel:
-    """Stands for a compiled function until Python or another kernel calls it.
+    """Lazy proxy for a function compiled by Numba.
 
-    py_func : the function as it is written, under Numba's name
+    py_func : the Python function, under Numba's name for it
     """
 
     def __init__(self, source: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -23,23 +23,23 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher; two threads that ask at once may make two, which do the same."""
+        """Numba's dispatcher; two threads may each make an equivalent one."""
         from triangulators.compute.storing import dispatcher
 
         return dispatcher(self.py_func, self.options)
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba asks of a value that is named in a user's compiled code."""
+        """The Numba type, for use in a user's compiled code."""
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run it."""
+        """Run the compiled function."""
         return self.compiled(*arguments)
 
 
 class Intrinsic:
-    """Stands for an operation that is written in LLVM's language, until a kernel names it."""
+    """Lazy proxy for a Numba intrinsic, an operation written in LLVM IR."""
 
     def __init__(self, source: Callable[..., Any]) -> None:
         self.source = source
@@ -61,12 +61,12 @@ def njit(**options: Any) -> Callable[[F], F]: ...
 
 
 def njit(function: Any = None, **options: Any) -> Any:
-    """Compile as `numba.njit` does, and keep what was compiled; with or without options."""
+    """Compile like `numba.njit`, with or without options, and cache the compiled code."""
     if function is not None:
         return Kernel(function, options)
     return lambda source: Kernel(source, options)
 
 
 def intrinsic(function: Callable[..., Any]) -> Any:
-    """Declare an operation as `numba.extending.intrinsic` does, for kernels alone."""
+    """Declare an intrinsic like `numba.extending.intrinsic`, for use in kernels only."""
     return Intrinsic(function)

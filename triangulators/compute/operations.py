@@ -1,13 +1,13 @@
-"""Operations for kernels: copies, groups of equal numbers, what hangs together, and SIMD.
+"""Operations for kernels: copies, grouping, union-find, and SIMD.
 
-Numba compiles the text of an error message with every slice that is assigned to, for some two
-seconds of compiling; the copies here, element by element of arrays of equal shape, have none.
+Numba compiles the text of an error message with every assignment to a slice, which takes about two
+seconds of compile time; the element-by-element copies here do not.
 
-What Numba does not turn into SIMD instructions by itself: `fmin`, for it writes `min` as compare
-and branch, which the loop vectoriser does not recognise as a reduction; llvm.minnum it does, once
-NaN and signed zeros are declared away. And `push`: a loop of one or two rounds, entered some thirty
-times a polygon, spends its time on what the vectoriser puts before and behind it (do the arrays
-overlap? are lanes left over?). Written down as one vector operation there is nothing to ask.
+Two operations that Numba does not vectorise itself. `fmin`: Numba writes `min` as compare and
+branch, which LLVM's loop vectoriser does not recognise as a reduction; it recognises llvm.minnum,
+once NaN and signed zeros are excluded. `push`: a loop of one or two iterations, entered about
+thirty times per polygon, would spend its time on the vectoriser's prologue and epilogue (overlap
+checks, remaining lanes). One explicit vector operation has neither.
 """
 
 from typing import Any
@@ -19,14 +19,14 @@ from triangulators.compute.kernels import intrinsic, njit
 
 @njit(nogil=True)
 def copy_row(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy (n,)."""
+    """Copy (n,) elements."""
     for k in range(len(source)):
         into[k] = source[k]
 
 
 @njit(nogil=True)
 def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy (n, k)."""
+    """Copy (n, k) elements."""
     for row in range(len(source)):
         for k in range(source.shape[1]):
             into[row, k] = source[row, k]
@@ -34,10 +34,9 @@ def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
 
 @njit(nogil=True)
 def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (start, places): `keys[places[start[k]:start[k + 1]]]` are all k, places ascending.
+    """Sort keys (n,) in 0..count - 1 by counting; return start (count + 1,) and places (n,) int32.
 
-    keys (n,) in 0..count - 1; start (count + 1,) int64; places (n,) int32. A counting sort, in two
-    passes.
+    `places[start[k]:start[k + 1]]` are the indices of the keys equal to k, ascending.
     """
     start = np.zeros(count + 2, dtype=np.int64)
     for key in keys:
@@ -45,7 +44,7 @@ def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     for k in range(count):
         start[k + 2] += start[k + 1]
     places = np.empty(len(keys), dtype=np.int32)
-    # start[k + 1] is where the next one of k goes: in the end it is where those of k + 1 begin.
+    # start[k + 1] is the next free position for key k, and finally the start of k + 1.
     for place in range(len(keys)):
         places[start[keys[place] + 1]] = place
         start[keys[place] + 1] += 1
@@ -54,10 +53,7 @@ def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @njit
 def root_of(parent: np.ndarray, v: int) -> int:
-    """Return the root of the tree that `v` is in; parent (n,): 0..n - 1 where all are apart.
-
-    Paths are halved as they are walked (union-find).
-    """
+    """Return the root of v's tree in a union-find forest, and halve the path; parent (n,)."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
         v = parent[v]
@@ -66,7 +62,7 @@ def root_of(parent: np.ndarray, v: int) -> int:
 
 @njit
 def join(parent: np.ndarray, a: int, b: int) -> bool:
-    """Make one tree of those of `a` and `b`; return whether they were two."""
+    """Merge the trees of `a` and `b`; return whether they were different."""
     a, b = root_of(parent, a), root_of(parent, b)
     parent[a] = b
     return a != b
@@ -89,18 +85,18 @@ def fmin(_typing: Any, _a: Any, _b: Any) -> Any:
 
 
 FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
-"""What may be assumed of floats: all but that there are no infinities."""
+"""Fast-math flags: all except `ninf`, because infinities occur."""
 
 LANES = 8
-"""How many int32 `push` does at once; LLVM makes two of them where registers are shorter."""
+"""int32 lanes of `push`; LLVM splits the vector if registers are shorter."""
 
 
 @intrinsic
 def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
     """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x.
 
-    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): LANES columns of `rows`
-    (C-ordered int32) from `lane` on. The first tuple is of numbers of rows, the second of int32.
+    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): processes LANES columns of
+    `rows` (C-ordered int32) from `lane` on. The first tuple has row indices, the second int32s.
     """
     from llvmlite import ir
     from numba import types
@@ -118,24 +114,24 @@ def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> An
             at = builder.add(builder.mul(row, columns), lane)
             return builder.bitcast(builder.gep(array.data, [at]), vector.as_pointer())
 
-        def load(place: Any) -> Any:
-            return builder.load(place, align=4)
+        def load(target: Any) -> Any:
+            return builder.load(target, align=4)
 
         def spread(value: Any) -> Any:
             nothing = ir.Constant(vector, ir.Undefined)
-            one = builder.insert_element(nothing, value, ir.Constant(word, 0))
-            everywhere = ir.Constant(ir.VectorType(word, LANES), [0] * LANES)
-            return builder.shuffle_vector(one, nothing, everywhere)
+            vector_of_one = builder.insert_element(nothing, value, ir.Constant(word, 0))
+            zero_mask = ir.Constant(ir.VectorType(word, LANES), [0] * LANES)
+            return builder.shuffle_vector(vector_of_one, nothing, zero_mask)
 
-        place = pointer(to)
-        before = load(place)
+        target = pointer(to)
+        before = load(target)
         x, y = load(pointer(x_row)), load(pointer(y_row))
         weight, beyond = load(pointer(weight_row)), load(pointer(beyond_row))
         a, b, cost, none = (spread(builder.extract_value(values, k)) for k in range(4))
         left = builder.icmp_signed(">", builder.mul(a, y), builder.mul(b, x))
         total = builder.select(left, builder.add(builder.add(beyond, weight), cost), none)
         lower = builder.select(builder.icmp_signed("<", total, before), total, before)
-        builder.store(lower, place, align=4)
+        builder.store(lower, target, align=4)
         return context.get_dummy_value()
 
     numbers, values = types.UniTuple(types.intp, 5), types.UniTuple(types.int32, 4)

@@ -1,4 +1,4 @@
-"""How kernels are compiled, and how what was compiled is written and read; this imports Numba."""
+"""Compilation of kernels, and the cache of compiled code; imports Numba."""
 
 import gc
 import hashlib
@@ -21,66 +21,66 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from triangulators.compute.compiled_files import (
+    cache_folder,
     digest,
-    dotted,
     is_trusted,
     is_trusted_folder,
     make_folder,
-    place,
+    module_name,
 )
 
 
 def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """Return what `numba.njit` makes of a function, and keep what it compiles."""
-    # Nobody passes one as a function to another, for which Numba would make a third entry to each.
-    made: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
-    made._cache = _Kept(source)
-    compile_one = made.compile
+    """Return Numba's dispatcher of a function, with our cache."""
+    # The C wrapper, a third entry point, serves functions passed as arguments, which kernels avoid.
+    compiled: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
+    compiled._cache = _Cache(source)
+    compile_one = compiled.compile
 
     def compile_once(signature: Any) -> Any:
-        with _alone(f"{made._cache.cache_path} {source.__qualname__} {signature}"):
+        with _lock_compilation(f"{compiled._cache.cache_path} {source.__qualname__} {signature}"):
             collects = gc.isenabled()
-            gc.disable()  # it would go through all that is being made, for a tenth of the time
+            gc.disable()  # garbage collection would take a tenth of the compile time
             try:
                 return compile_one(signature)
             finally:
                 if collects:
                     gc.enable()
 
-    made.compile = compile_once
-    return made
+    compiled.compile = compile_once
+    return compiled
 
 
 def cfunc(signature: str, source: Callable[..., Any]) -> Any:
-    """Compile as `numba.cfunc` does, and keep what was compiled."""
+    """Compile like `numba.cfunc`, with our cache."""
     callback: Any = CFunc(source, normalize_signature(signature), locals={}, options={})
-    callback._cache = _Kept(source)
+    callback._cache = _Cache(source)
     callback.compile()
     return callback
 
 
 class NotCompiledError(BaseException):
-    """A kernel would have to be compiled within `only_kept`."""
+    """A kernel is not cached, and `forbid_compiling` is active."""
 
 
 @contextmanager
-def only_kept() -> Iterator[None]:
-    """Compile nothing inside: a kernel that is not on disk raises `NotCompiledError`."""
-    _Files.only_kept = True
+def forbid_compiling() -> Iterator[None]:
+    """Raise `NotCompiledError` for a kernel that is not cached, instead of compiling."""
+    _Files.forbid_compiling = True
     try:
         yield
     finally:
-        _Files.only_kept = False
+        _Files.forbid_compiling = False
 
 
 @contextmanager
-def _alone(what: str) -> Iterator[None]:
-    """Let no other process compile the same: who comes second waits, and loads it.
+def _lock_compilation(key: str) -> Iterator[None]:
+    """Lock a kernel between processes: the second waits, then loads the cached code.
 
-    A lock on one byte of a file, which the system takes from a process that ends. Where it cannot
-    be had, both compile.
+    Locks one byte of a file, which the system unlocks when the process exits. If locking fails,
+    both processes compile.
     """
-    byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
+    byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
     _lock("LOCK_EX", byte)
     try:
         yield
@@ -88,32 +88,32 @@ def _alone(what: str) -> Iterator[None]:
         _lock("LOCK_UN", byte)
 
 
-def _lock(way: str, byte: int) -> None:
-    if not _Files.only_kept:
+def _lock(operation: str, byte: int) -> None:
+    if not _Files.forbid_compiling:
         with suppress(ImportError, OSError):
             import fcntl
 
-            fcntl.lockf(_lock_file(), getattr(fcntl, way), 1, byte)
+            fcntl.lockf(_lock_file(), getattr(fcntl, operation), 1, byte)
 
 
 @lru_cache(maxsize=1)
 def _lock_file() -> IO[bytes]:
-    """Stays open: closing it would give up all its locks."""
-    make_folder(place())
+    """Return the lock file, which stays open: closing it would release all locks."""
+    make_folder(cache_folder())
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-    return os.fdopen(os.open(place().parent / "compiling.lock", flags, 0o644), "ab")
+    return os.fdopen(os.open(cache_folder().parent / "compiling.lock", flags, 0o644), "ab")
 
 
-class _Kept(FunctionCache):
-    """Numba's cache of one function, in a folder of its module's digest."""
+class _Cache(FunctionCache):
+    """Numba's cache of one function, in a folder named by its module's digest."""
 
     def __init__(self, source: Callable[..., Any]) -> None:
         self._name = repr(source)
         self._py_func = source
         file = Path(source.__code__.co_filename).resolve()
-        folder = place() / f"{dotted(file)}-{digest(file)}"
+        folder = cache_folder() / f"{module_name(file)}-{digest(file)}"
         self._impl = self._impl_class.__new__(self._impl_class)
-        # Numba's warnings name the file; the folder is made when something is written.
+        # Numba's warnings name the file; `save` makes the folder.
         self._impl._locator = SimpleNamespace(_py_file=str(file), ensure_cache_path=lambda: None)
         self._impl._lineno = source.__code__.co_firstlineno
         self._cache_path = str(folder)
@@ -122,33 +122,33 @@ class _Kept(FunctionCache):
         self.enable()
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Load compiled code, which needs Numba's runtime, but none of what compiling needs.
+        """Load compiled code; initialise Numba's runtime only.
 
-        That would be another half second, of which SciPy is a part.
+        Initialising the compiler, which imports SciPy, would take another half second.
         """
         rtsys.initialize(target)
         with self._guard_against_spurious_io_errors():
-            found = self._load_overload(signature, target)
-        if found is None:
-            name_compiled(self._py_func)
-        return found
+            overload = self._load_overload(signature, target)
+        if overload is None:
+            resolve_kernels(self._py_func)
+        return overload
 
 
-def name_compiled(source: Callable[..., Any]) -> None:
-    """Let the names of kernels in a function, which is to be compiled, mean what Numba knows."""
+def resolve_kernels(source: Callable[..., Any]) -> None:
+    """Replace the lazy kernels in a function's globals by Numba's dispatchers, for compilation."""
     names, codes = source.__globals__, [source.__code__]
     while codes:
         code = codes.pop()
-        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
         for name in code.co_names:
             if hasattr(names.get(name), "compiled"):
                 names[name] = names[name].compiled
 
 
 class _Files:
-    """The compiled forms of one function: a file each, named by a digest of Numba's key."""
+    """The compiled overloads of one function: a file each, named by a digest of Numba's key."""
 
-    only_kept = False
+    forbid_compiling = False
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -159,7 +159,7 @@ class _Files:
         return self._folder / f"{self._name}.{short}.nbc"
 
     def load(self, key: Any) -> Any:
-        """Return what was saved under `key`; None if nothing, or what cannot be read."""
+        """Return the data saved under `key`, or None if the file is missing or invalid."""
         try:
             descriptor = os.open(self._file(key), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
             with os.fdopen(descriptor, "rb") as file:
@@ -168,21 +168,21 @@ class _Files:
                     return pickle.load(file)
         except (OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError):
             pass
-        except (AttributeError, ImportError):  # damage may name anything
+        except (AttributeError, ImportError):  # raised by a pickle of other versions or damaged
             pass
-        if self.only_kept:
+        if self.forbid_compiling:
             raise NotCompiledError(self._name)
         return None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep `data`; where nothing can be written it is compiled again next time."""
+        """Save `data`; if writing fails, the next process compiles again."""
         file = self._file(key)
-        part = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
+        temporary = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
         try:
             make_folder(self._folder)
-            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.write(pickle.dumps(repr(key)) + dumps(data))
-            part.replace(file)
+            temporary.replace(file)
         except OSError:
-            part.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)

@@ -6,8 +6,7 @@ the features are.
 
 Units are those of the coordinates: pixels for a frame.
 
-criterion  `Criterion`, and weighted sums of features
-families   `mixed` and `calibrated`, whose weights the user chooses
+criterion  `Criterion`, weighted sums of features, `mixed` and `calibrated`
 features   compiled features of one triangle; exact quads on the pixel grid
 cost       a criterion as a record for compiled code
 """
@@ -17,17 +16,28 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.criteria.criterion import FEATURES, Criterion, weighted_sum
-from triangulators.criteria.families import (
+from triangulators.criteria.criterion import (
     BYTES_PER_TRIANGLE,
+    FEATURES,
     WEIGHTS_MARK,
+    Criterion,
     calibrated,
     mixed,
     read_weights,
+    weighted_sum,
 )
 from triangulators.errors import ArgumentError, UnknownNameError, suggest
 
-__all__ = ["CRITERIA", "Criterion", "calibrated", "find", "mixed", "names", "predict", "predicted"]
+__all__ = [
+    "CRITERIA",
+    "Criterion",
+    "calibrated",
+    "find",
+    "list_predicted",
+    "mixed",
+    "names",
+    "predict",
+]
 
 AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")
 """Features that are not criteria; only fits of a device's time need their sums."""

@@ -1,7 +1,7 @@
-"""A criterion in the form that compiled code takes: one record.
+"""A criterion as one record for compiled code.
 
-Kernels get it as a pointer: nothing is copied or counted where they hand it on, and one compiled
-form serves all criteria. A user's function is in it as the address of a C function.
+Kernels pass it on as a pointer, without copies or reference counts, and one compiled overload
+serves all criteria. A user's function is stored as the address of a C function.
 """
 
 import math
@@ -22,17 +22,17 @@ assert len(FEATURES) == COUNT
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
 
-GREATEST = 1e200
-"""No triangle costs more: a million of them still sum to a number."""
+MAX_COST = 1e200
+"""Upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite."""
 
 Cost: TypeAlias = np.record
-"""What is minimised: a weighted sum of features, or `sign` times a user's function; read only.
+"""The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.
 
-Compiled code reads `cost.box`, Python `cost["box"]`, which there is eight times as quick.
+Compiled code reads `cost.box`, Python `cost["box"]`, which is eight times as fast in Python.
 weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether there is a
-`function`, an address. box (3,): the weights (half-perimeter, bounding-box area, edge length) of a
-cost made of nothing else, up to what is the same for every triangulation of a polygon; is_box:
-whether it is.
+`function`, an address. is_box: whether half-perimeter, bounding-box area, edge length, and
+features whose sum is the same for every triangulation of a polygon, are the only ones with a
+weight; box (3,): the weights of the first three.
 """
 
 _FIELDS = np.dtype(
@@ -51,10 +51,10 @@ _RECORD = np.dtype((np.record, _FIELDS))
 
 @cache
 def _compiled(function: Callable[..., float]) -> Any:
-    """Return a function of three points as a C function, which lives as long as the process.
+    """Compile a function of three points as a C function, which lives as long as the process.
 
-    A user's has `GREATEST` in place of what is no number or would overflow sums: a table that
-    compares with NaN finds no triangulation at all, and reads beside its arrays.
+    Costs of a user's function that are NaN or too large are replaced by `MAX_COST`: a dynamic
+    program that compares with NaN finds no triangulation, and reads outside its arrays.
     """
     import numba
 
@@ -66,7 +66,7 @@ def _compiled(function: Callable[..., float]) -> Any:
 
     def cost(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
         value = float(inner(ax, ay, bx, by, cx, cy))
-        return value if abs(value) < GREATEST else GREATEST
+        return value if abs(value) < MAX_COST else MAX_COST
 
     return numba.cfunc(SIGNATURE)(cost)
 
@@ -76,7 +76,7 @@ def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 
 def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raise `TriangulationError` if a user's criterion is no number for triangles (m, 3)."""
+    """Raise `TriangulationError` unless a user's criterion is finite for triangles (m, 3)."""
     if criterion.function is None:
         return
     try:
@@ -84,12 +84,12 @@ def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarr
     except OverflowError:
         total = math.inf
     if not math.isfinite(total):
-        raise TriangulationError(f"criterion {criterion.name} gives {total}: it has to be a number")
+        raise TriangulationError(f"criterion {criterion.name}: {total} is not a finite number")
 
 
 @lru_cache(maxsize=256)
 def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return `cost_of` where it is the same for all polygons, otherwise None; kept."""
+    """Return the cost if it is the same for all polygons, otherwise None; cached."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return cost_of(criterion, 1.0, 1, sign)
@@ -105,16 +105,16 @@ def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: flo
 
 
 def with_fields(cost: Cost, **fields: Any) -> Cost:
-    """Return a cost of which some fields are others."""
+    """Return a cost with some fields replaced."""
     return _record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 
 
 def _record(**fields: Any) -> Cost:
-    one = np.zeros(1, _RECORD)
+    records = np.zeros(1, _RECORD)
     for name, value in fields.items():
-        one[name] = value
-    one.flags.writeable = False
-    cost: Cost = one[0]
+        records[name] = value
+    records.flags.writeable = False
+    cost: Cost = records[0]
     return cost
 
 
@@ -159,11 +159,11 @@ def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
 
 
 @njit
-def cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
-    """Return which of many triangulations (k, m, 3) is least; the first of those that are equal."""
-    best, least = 0, np.inf
-    for number in range(len(many)):
-        total = total_cost(points, many[number], cost)
-        if total < least:
-            best, least = number, total
+def cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) -> int:
+    """Return the index of the cheapest of k triangulations (k, m, 3), the first of equals."""
+    best, min_total = 0, np.inf
+    for index in range(len(triangulations)):
+        total = total_cost(points, triangulations[index], cost)
+        if total < min_total:
+            best, min_total = index, total
     return best

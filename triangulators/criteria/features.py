@@ -1,11 +1,11 @@
-"""Features: what one triangle is made of, which every built-in criterion is a weighted sum of.
+"""Features of a triangle; every built-in criterion is a weighted sum of them.
 
-One definition of each serves the optimiser, the predictions and the tests: a Numba function of
-three points given as six numbers. `criteria.FEATURES` names them in the order that weights have; a
-new one is added there, to `COUNT`, in `weighted` and in `feature_sums`.
+The optimiser, the predictions and the tests share one definition of each: a Numba function of
+three points as six numbers. `criterion.FEATURES` has their names in the order of weights; a new one
+is added there, to `COUNT`, in `weighted` and in `feature_sums`.
 
-Units are those of the coordinates: pixels for a frame. `exact_quads` alone asks where on the pixel
-grid the triangle lies.
+Units are those of the coordinates: pixels for a frame. Only `exact_quads` depends on the triangle's
+position on the pixel grid.
 """
 
 import math
@@ -16,10 +16,10 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import twice_area
 
 COUNT = 10
-"""How many there are; what names them, `criteria.FEATURES`, is read without compiled code."""
+"""The number of features; `criterion.FEATURES` is imported without compiled code."""
 
 SIGNATURE = f"float64({', '.join(['float64'] * 6)})"
-"""The form of a feature and of a user's own criterion: three points as six numbers."""
+"""Signature of a feature and of a user's criterion: three points as six numbers."""
 
 
 @njit
@@ -62,14 +62,14 @@ def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
 
 @njit
 def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Area over perimeter: half of what the inscribed circle has for a radius."""
+    """Area over perimeter: half the radius of the inscribed circle."""
     around = edge_length(ax, ay, bx, by, cx, cy)
     return area(ax, ay, bx, by, cx, cy) / around if around > 0.0 else 0.0
 
 
 @njit
 def _common(lost: float, doubled_area: float) -> float:
-    """Share of a triangle's area that it has in common with moved copies; lost: L, see below."""
+    """Fraction of a triangle's area in common with its shifted copies; lost: L in `_expected`."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
@@ -80,18 +80,18 @@ def _expected(
 ) -> float:
     """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
 
-    A block at an unknown place on the grid has covered centres where one of b^2 copies of the
-    triangle, moved by 0 to b - 1 whole pixels along x and y, covers its corner: the mean is the
-    area of the copies' union over b^2.
+    A block at a random position on the grid has a covered centre if one of b^2 copies of the
+    triangle, shifted by 0 to b - 1 pixels along x and y, covers its corner: the mean is the area of
+    the union of the copies over b^2.
 
-    What copies have in common. A counter-clockwise triangle T of area S is where n.p >= c for each
-    edge e = (ex, ey), with n = (-ey, ex) its normal, to the inside. A copy moved by m asks for
-    n.p >= c + n.m. So T and its copies by all m of a set M have in common what has the thresholds
-    c + max(0, n.m): a smaller T, whose sides are 1 - L / (2 S) of its own, with
+    Intersection of copies. A counter-clockwise triangle T of area S is the set n.p >= c for each
+    edge e = (ex, ey), with n = (-ey, ex) its inward normal. A copy shifted by m is the set
+    n.p >= c + n.m. So the intersection of T and its copies by all m of a set M has the thresholds
+    c + max(0, n.m): a smaller triangle, similar to T by the factor 1 - L / (2 S), with
 
         L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S,
 
-    nothing where L > 2 S. The edges go round, so the parts of one sign add up to an extent:
+    and empty if L > 2 S. The edges sum to zero, so their parts of one sign add up to an extent:
 
         pair      {(1, 0)}                  max(0, -ey)           L = height of the box
         pair      {(0, 1)}                  max(0, ex)            L = width
@@ -100,14 +100,13 @@ def _expected(
         triple    {(r, 0), (0, u)}          max(0, -r ey, u ex)   r and u are 1 or -1: four of them
         four      {(1, 0), (0, 1), (1, 1)}  max(0, -ey) + max(0, ex)    L = width + height
 
-    Inclusion and exclusion over the neighbours among the copies, of which there are b^2, with
-    b (b - 1) pairs in a row, as many in a column, and (b - 1)^2 unit squares of two diagonals, four
-    triples and one four:
+    Inclusion and exclusion over neighbours among the b^2 copies, with b (b - 1) pairs in rows, as
+    many in columns, and (b - 1)^2 unit squares of two diagonals, four triples and one four:
 
         union / S = b^2 - b (b - 1) (pairs) + (b - 1)^2 (triples - diagonals - four)
 
-    For b = 2 these are all terms, and it is exact. For more it counts an 8-connected group of
-    centres once, so only slivers with gaps inside a block count too much.
+    For b = 2 these are all terms, and the result is exact. For larger b an 8-connected group of
+    centres counts once, so only slivers with gaps inside a block are overestimated.
     """
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
     cross = ux * vy - uy * vx  # 2 S
@@ -124,7 +123,7 @@ def _expected(
     diagonals = _common(falling, cross) + _common(rising, cross)
     triples = 0.0
     for r in (-1.0, 1.0):
-        for u in (-1.0, 1.0):  # by the least in place of the greatest: all signs come up anyway
+        for u in (-1.0, 1.0):  # min for max: the loops visit all signs
             lost = min(0.0, r * uy, u * ux) + min(0.0, r * vy, u * vx)
             triples += _common(-lost - min(0.0, r * wy, u * wx), cross)
     inner = size - 1.0
@@ -135,21 +134,21 @@ def _expected(
 
 @njit
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """2x2 pixel quads with a covered pixel centre (Q), the mean over positions on the grid."""
+    """2x2 pixel quads with a covered pixel centre (Q), averaged over positions on the grid."""
     return _expected(2.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """4x4 pixel blocks with a covered pixel centre (P), the mean over positions on the grid."""
+    """4x4 pixel blocks with a covered pixel centre (P), averaged over positions on the grid."""
     return _expected(4.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
 def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Chance that the bounding box holds a pixel centre (R), the mean over positions on the grid.
+    """Probability over positions on the grid that the bounding box contains a pixel centre (R).
 
-    What a rasteriser has to set up: a triangle whose box holds none is dropped before that.
+    Rasterisers discard a triangle without such a centre before its setup.
     """
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
@@ -161,8 +160,8 @@ def weighted(
     weights: np.ndarray, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
     """Weighted sum of the features of one triangle; `weights` in the order of `FEATURES`."""
-    # Named one by one: a loop over a tuple of functions and a chain of closures both took two to
-    # three times as long in the optimiser, which calls this for every triple of vertices.
+    # Unrolled: a loop over a tuple of functions and a chain of closures both took two to three
+    # times as long in the optimiser, which calls this for every triple of vertices.
     total: float = weights[0]
     if weights[1] != 0.0:
         total += weights[1] * area(ax, ay, bx, by, cx, cy)
@@ -231,8 +230,8 @@ _UNIT, _HALF = 256, 128
 
 
 @njit(inline="always")
-def _within(value: int, step: int, left: int, right: int) -> tuple[int, int]:
-    """Return what an edge leaves of the span left..right."""
+def _clip_span(value: int, step: int, left: int, right: int) -> tuple[int, int]:
+    """Clip the span left..right by an edge."""
     if step > 0:
         return left, min(right, value // step)
     if step < 0:
@@ -242,25 +241,24 @@ def _within(value: int, step: int, left: int, right: int) -> tuple[int, int]:
 
 @njit(error_model="numpy")
 def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the 2x2 pixel quads with a pixel that the triangle covers where it lies: counted.
+    """Count the 2x2 pixel quads with a covered pixel, at the triangle's position on the grid.
 
-    Coordinates are pixels, y up, and are taken to the nearest 1/256. A pixel's centre is at (128,
-    128) of its 256 x 256 units. It is covered where it is inside all three edge functions of the
-    counter-clockwise triangle; a centre on an edge belongs to a left edge (it runs down) or a
-    bottom edge (level, it runs right): the top-left rule of Direct3D and of Mesa, seen with y up.
+    Coordinates are pixels, y up, rounded to 1/256. A pixel's centre is at (128, 128) of its
+    256 x 256 units. It is covered if it is inside all three edge functions of the counter-clockwise
+    triangle; a centre on an edge is covered if that is a left edge (running down) or a bottom edge
+    (horizontal, running right): the top-left rule of Direct3D and of Mesa, with y up.
 
     Derivation. The edge function of a-b at the centre of pixel (x, y) is
 
         (bx - ax) * (256 y + 128 - ay) - (by - ay) * (256 x + 128 - ax) = value(y) - step * x,
 
-    with step = 256 (by - ay). An edge that does not own its points is moved by one unit of that,
-    the least there is, so that inside is >= 0 for all edges. In a row, each edge lets through all x
-    up to a last one (step > 0), from a first one on (step < 0), or all or none: one floor division
-    each. What is left of the row is one span. The quads of two rows are the pairs of columns that
-    either span touches: both lengths in pairs, less what they have in common.
+    with step = 256 (by - ay). An edge that does not cover its points is shifted by one unit, the
+    resolution, so that inside is >= 0 for all edges. In a row, each edge admits all x up to a last
+    one (step > 0), from a first one on (step < 0), or all or none: one floor division each. The
+    rest of the row is one span. The quads of two rows are the pairs of columns that either span
+    touches: the sum of both lengths in pairs, minus their overlap.
 
-    Loop order. Rows in pairs, from the lowest; the spans need no memory, so the function is called
-    for millions of triangles without allocating anything.
+    Loop order. Rows in pairs, from the lowest; nothing is allocated.
 
     Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
     """
@@ -276,7 +274,7 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     first, last = -((_HALF - min(y0, y1, y2)) // _UNIT), (max(y0, y1, y2) - _HALF) // _UNIT
     if left > right:
         return 0.0
-    # What each edge function is in row 0, less 1 where the edge owns none of its points.
+    # Each edge function in row 0, minus 1 if the edge does not cover its points.
     u0, v0, u1, v1, u2, v2 = x1 - x0, y1 - y0, x2 - x1, y2 - y1, x0 - x2, y0 - y2
     c0 = u0 * (_HALF - y0) - v0 * (_HALF - x0) - (0 if v0 < 0 or (v0 == 0 and u0 > 0) else 1)
     c1 = u1 * (_HALF - y1) - v1 * (_HALF - x1) - (0 if v1 < 0 or (v1 == 0 and u1 > 0) else 1)
@@ -284,9 +282,9 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     total, before_low, before_high = 0, 0, -1
     for y in range(first & ~1, last + 1):
         low, high = left, right if y >= first else left - 1
-        low, high = _within(c0 + _UNIT * u0 * y, _UNIT * v0, low, high)
-        low, high = _within(c1 + _UNIT * u1 * y, _UNIT * v1, low, high)
-        low, high = _within(c2 + _UNIT * u2 * y, _UNIT * v2, low, high)
+        low, high = _clip_span(c0 + _UNIT * u0 * y, _UNIT * v0, low, high)
+        low, high = _clip_span(c1 + _UNIT * u1 * y, _UNIT * v1, low, high)
+        low, high = _clip_span(c2 + _UNIT * u2 * y, _UNIT * v2, low, high)
         if low > high:
             low, high = 0, -1
         else:

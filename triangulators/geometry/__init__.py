@@ -1,1 +1,1 @@
-"""Exact predicates on coordinates, who sees whom, neighbours and order of triangles."""
+"""Exact predicates, visibility, half-edges, flips and triangle order."""

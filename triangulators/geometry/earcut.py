@@ -3,8 +3,8 @@
 earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, and
 computes that point in absolute coordinates. Far from the origin its rounding error exceeds small
 distances of the polygon, so the wrong edge may be chosen, and triangles overlap: by 6.9 % of the
-area for a triangle with two holes at (2.5e6, -5e5). Next to the origin the error is as small as the
-polygon. Translations here are exact (Sterbenz' lemma), so no vertex moves relative to another.
+area for a triangle with two holes at (2.5e6, -5e5). Near the origin the error is relative to the
+polygon's size. The translation is exact (Sterbenz' lemma), so no vertex moves relative to another.
 """
 
 from typing import Any
@@ -20,9 +20,9 @@ _BY_TYPE: dict[Any, Any] = {
 
 
 def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return flat uint32 indices, three a triangle, as mapbox_earcut does and raising what it does.
+    """Return mapbox_earcut's indices (3 m,) uint32; raises the same errors.
 
-    points : (n, 2) of float64, int32 or int64; ends : (r,) uint32, where each ring ends
+    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring
     """
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
         points = points - far_offsets(points, np.zeros(1, np.int64))[0]
@@ -32,10 +32,10 @@ def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return by how much polygons are translated to the origin, (k, 2), where they are far from it.
+    """Return the translations (k, 2) of polygons that are far from the origin.
 
-    points : (n, 2) of all polygons; starts : (k,) where each begins, which has one point at least.
-    An offset is 0 unless the distance from the origin exceeds the extent: then x - offset is exact.
+    points : (n, 2) of all polygons; starts : (k,) of nonempty polygons. A translation is 0 unless
+    the distance from the origin exceeds the extent; then x - offset is exact.
 
     >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
     >>> far_offsets(points, np.array([0])).tolist()

@@ -1,12 +1,12 @@
-"""Flips of diagonals, in the one order that all languages share (see ports/ORDER.md).
+"""Flips of diagonals, in the order that all language ports share (see ports/ORDER.md).
 
-Two triangles that share an edge are a quadrilateral. If it is strictly convex it has another
-diagonal, and taking that one is a flip. Flips are made until none gains. Each test lessens a sum or
-replaces lengths by shorter ones, so no triangulation is met twice and it ends.
+Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces its
+diagonal by the other one. Diagonals are flipped until no flip gains. Each test decreases a sum or
+replaces lengths by shorter ones, so no triangulation occurs twice and the flips terminate.
 
-A flip is made only where both new triangles turn for certain, so none makes a triangulation
-invalid. Whole coordinates up to 2^25 are decided exactly; for others, a filter leaves alone what
-rounding could change.
+A flip is made only if both new triangles are certain to have the orientation of the others, so the
+triangulation remains valid. Integer coordinates up to 2^25 are decided exactly; for others, a
+filter rejects flips that depend on rounding.
 
 Sources: C. L. Lawson, "Software for C1 surface interpolation", 1977; the order is that of `refine`
 in npm's earcut 3.2.4; flips to shorter diagonals after ear clipping are in HelperLaneViz, 2025.
@@ -19,26 +19,26 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.geometry.half_edges import link
 
-_WHOLE = 2.0**25  # whole coordinates up to this have exact turns and lengths in doubles
-_EXACT = 1.6e8  # a sum of three squared distances up to which whole in-circle tests are exact
-_NOTHING = 1e-300  # more than what underflow takes from a product
-_PIECE = 27  # bits
+_MAX_INTEGER = 2.0**25  # integer coordinates up to this have exact orientations and lengths
+_MAX_EXACT_SUM = 1.6e8  # of three squared distances; integer in-circle tests are exact up to this
+_UNDERFLOW = 1e-300  # exceeds the error of a product by underflow
+_PIECE_BITS = 27
 
 
 @njit(nogil=True, inline="always")
 def run(
-    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, gains: Any, convex: Any, how: Any
+    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, gains: Any, convex: Any, context: Any
 ) -> int:
-    """Flip in place until no flip gains; return how many were made.
+    """Flip in place until no flip gains; return the number of flips.
 
     corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, how): whether the diagonal a-d
-    is better than b-c, which lies between the triangles a, b, c and d, c, b; convex(points, a, b,
-    c, d): whether their quadrilateral is.
+    is better than b-c, the common edge of the triangles a, b, c and d, c, b; convex(points, a, b,
+    c, d): whether their quadrilateral is convex.
 
-    Order: diagonals wait on a stack, at first each once, by the later of its half-edges. The one on
-    top is tried; after a flip the four sides of the quadrilateral wait again, unless they do.
-    Invariant: a diagonal that does not wait would not gain. So a flip costs a constant time, and
-    the stack has room, as `waiting` lets no half-edge in twice.
+    Order: diagonals wait on a stack, initially each once, by the later of its half-edges. The top
+    one is tried; after a flip the four sides of the quadrilateral are pushed unless they wait
+    already. Invariant: flipping a diagonal that does not wait would not gain. So a flip takes
+    constant time, and the stack cannot overflow, because `waiting` admits a half-edge once.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
@@ -60,7 +60,7 @@ def run(
         e1, e2 = (e + 1 if e % 3 < 2 else e - 2), (e - 1 if e % 3 > 0 else e + 2)
         f1, f2 = (f + 1 if f % 3 < 2 else f - 2), (f - 1 if f % 3 > 0 else f + 2)
         a, b, c, d = corner[e2], corner[e], corner[f], corner[f2]
-        if not gains(points, a, b, c, d, how) or not convex(points, a, b, c, d):
+        if not gains(points, a, b, c, d, context) or not convex(points, a, b, c, d):
             continue
         flips += 1
         corner[e], corner[f] = d, a
@@ -79,17 +79,17 @@ def run(
 
 
 @njit(nogil=True)
-def _all_whole(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+def _all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     for point in (a, b, c, d):
         for value in (points[point, 0], points[point, 1]):
-            if not (abs(value) <= _WHOLE and value == np.floor(value)):
+            if not (abs(value) <= _MAX_INTEGER and value == np.floor(value)):
                 return False
     return True
 
 
 @njit(nogil=True)
 def convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the triangles a, b, d and a, d, c turn, for certain, and the same way.
+    """Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation.
 
     The filter is Shewchuk's bound on the error of a determinant (see `predicates`).
     """
@@ -97,13 +97,13 @@ def convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     x, y = points[d, 0] - ax, points[d, 1] - ay
     p, q = (points[b, 0] - ax) * y, (points[b, 1] - ay) * x
     r, s = x * (points[c, 1] - ay), y * (points[c, 0] - ax)
-    turn, other = p - q, r - s
-    if not ((turn > 0.0 and other > 0.0) or (turn < 0.0 and other < 0.0)):
+    first, second = p - q, r - s
+    if not ((first > 0.0 and second > 0.0) or (first < 0.0 and second < 0.0)):
         return False
     return (
-        abs(turn) > 4e-16 * (abs(p) + abs(q)) + _NOTHING
-        and abs(other) > 4e-16 * (abs(r) + abs(s)) + _NOTHING
-    ) or _all_whole(points, a, b, c, d)
+        abs(first) > 4e-16 * (abs(p) + abs(q)) + _UNDERFLOW
+        and abs(second) > 4e-16 * (abs(r) + abs(s)) + _UNDERFLOW
+    ) or _all_integers(points, a, b, c, d)
 
 
 @njit(nogil=True)
@@ -121,10 +121,10 @@ def _shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool
 
 @njit(nogil=True)
 def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: float) -> bool:
-    """Whether d is, for certain, inside the circle through a, b, c, which turn left if winding > 0.
+    """Whether d is certainly inside the circle through a, b, c (counter-clockwise if winding > 0).
 
-    No flip that this allows is a matter of rounding, so they end. With s the sum of three squared
-    distances, rounding is below 4e-16 s^2; whole numbers are exact while s^2 / 3 < 2^53.
+    No allowed flip depends on rounding, so flips terminate. With s the sum of three squared
+    distances, the rounding error is below 4e-16 s^2; integers are exact while s^2 / 3 < 2^53.
     """
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
@@ -132,32 +132,34 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: floa
     p, q, r = px * px + py * py, qx * qx + qy * qy, rx * rx + ry * ry
     i, j, k = qx * ry - qy * rx, rx * py - ry * px, px * qy - py * qx
     inside, size = (p * i + q * j + r * k) * winding, p + q + r
-    if abs(inside) > 1e-15 * size * size + _NOTHING:
+    if abs(inside) > 1e-15 * size * size + _UNDERFLOW:
         return bool(inside > 0.0)
-    if (size <= _EXACT and inside == 0.0) or not _all_whole(points, a, b, c, d):
+    if (size <= _MAX_EXACT_SUM and inside == 0.0) or not _all_integers(points, a, b, c, d):
         return False
-    return inside > 0.0 if size <= _EXACT else _sign(p, i, q, j, r, k) * winding > 0.0
+    return inside > 0.0 if size <= _MAX_EXACT_SUM else _sign(p, i, q, j, r, k) * winding > 0.0
 
 
 @njit(nogil=True)
 def _sign(p: float, i: float, q: float, j: float, r: float, k: float) -> float:
-    """Return the sign of p i + q j + r k, of whole numbers up to 2^53 in size, exactly."""
+    """Return the exact sign of p i + q j + r k, of integers up to 2^53."""
     high, middle, low = 0, 0, 0
-    below = (1 << _PIECE) - 1
+    mask = (1 << _PIECE_BITS) - 1
     for left, right in ((p, i), (q, j), (r, k)):
-        one, other = int(left), int(right)
-        high += (one >> _PIECE) * (other >> _PIECE)
-        middle += (one >> _PIECE) * (other & below) + (one & below) * (other >> _PIECE)
-        low += (one & below) * (other & below)
-    middle += low >> _PIECE
-    high += middle >> _PIECE
-    rest = ((middle & below) << _PIECE) + (low & below)  # from 0 on, below one of `high`
-    return float(np.sign(high)) if high != 0 else float(np.sign(rest))
+        first, second = int(left), int(right)
+        high += (first >> _PIECE_BITS) * (second >> _PIECE_BITS)
+        middle += (first >> _PIECE_BITS) * (second & mask) + (first & mask) * (
+            second >> _PIECE_BITS
+        )
+        low += (first & mask) * (second & mask)
+    middle += low >> _PIECE_BITS
+    high += middle >> _PIECE_BITS
+    remainder = ((middle & mask) << _PIECE_BITS) + (low & mask)  # in 0..2^54 - 1
+    return float(np.sign(high)) if high != 0 else float(np.sign(remainder))
 
 
 @njit(nogil=True)
 def _in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
-    """The test of npm's earcut 3.2.4, operation by operation, with its margin for ties."""
+    """The in-circle test of npm's earcut 3.2.4, operation by operation, with its tolerance."""
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
     rx, ry = points[c, 0] - points[d, 0], points[c, 1] - points[d, 1]
@@ -178,7 +180,7 @@ def _left_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 @njit(nogil=True)
 def _winding(points: np.ndarray, corner: np.ndarray) -> float:
-    """Return 1 or -1, the winding of the first triangle that turns at all."""
+    """Return the orientation, 1 or -1, of the first triangle with an area; 0 if there is none."""
     for e in range(0, len(corner), 3):
         a, b, c = corner[e], corner[e + 1], corner[e + 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -189,7 +191,7 @@ def _winding(points: np.ndarray, corner: np.ndarray) -> float:
     return 0.0
 
 
-# One compiled form for each test: to ask for it at each edge takes longer than what it chooses.
+# One compiled function per test: a branch at each edge would take longer than the test.
 
 
 @njit(nogil=True)
@@ -206,7 +208,7 @@ def by_euclidean(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> in
 
 @njit(nogil=True)
 def by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip where a corner lies in the other triangle's circle, see `run`."""
+    """Flip where a vertex is inside the circumcircle of the adjacent triangle, see `run`."""
     return run(points, corner, twin, _in_circle, convex, _winding(points, corner))
 
 
@@ -218,7 +220,7 @@ def as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
 
 @njit(nogil=True)
 def shorten(points: np.ndarray, indices: np.ndarray) -> int:
-    """Do `by_l1` in place for indices (3 m,) of any whole type; return how many flips."""
+    """Apply `by_l1` in place to indices (3 m,) of any integer type; return the number of flips."""
     corner = indices.astype(np.int32)
     flips = by_l1(points, corner, link(corner))
     if flips > 0:

@@ -1,6 +1,6 @@
-"""Triangles as half-edges: triangle t has 3 t, 3 t + 1 and 3 t + 2, each from a corner to the next.
+"""Half-edges: triangle t has 3 t, 3 t + 1 and 3 t + 2, each from a vertex to the next.
 
-The other half of the same edge, in the triangle beyond, is its twin.
+The other half of the same edge, in the adjacent triangle, is its twin.
 """
 
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import orientation
 
 
 @njit(nogil=True, inline="always")
@@ -19,15 +19,16 @@ def _next(e: Any) -> Any:
 
 @njit(nogil=True)
 def link(corner: np.ndarray) -> np.ndarray:
-    """Return the twin of each of (3 m,) half-edges, (3 m,), or -1; a half-edge is its twin's twin.
+    """Return the twin (3 m,) of each half-edge, or -1; a half-edge is its twin's twin.
 
-    corner: where each begins. One that has several is linked with the first that has none yet.
+    corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, the
+    first unmatched one is.
 
-    A table with open addressing, at most two thirds full, has one slot for each edge, under a
-    number that both its directions have. In the slot stands the last half-edge of a queue: those of
-    the edge that wait for a twin, all in one direction, for one in the other would take the first.
-    While it waits, a half-edge holds -2 - the next one in `twin`, the last one the first: the queue
-    is a ring, so its ends are found in one step, and any number of equal edges costs the same each.
+    A hash table with open addressing, at most two thirds full, has one slot per undirected edge.
+    The slot has the last half-edge of a queue of unmatched half-edges of that edge, all in one
+    direction, because one in the other direction is matched with the first. While queued, a
+    half-edge has -2 - next in `twin`, and the last one refers to the first: the queue is a ring, so
+    both ends are reached in one step, and repeated edges take constant time each.
     """
     count = len(corner)
     bits = 4
@@ -48,12 +49,12 @@ def link(corner: np.ndarray) -> np.ndarray:
                 break
             at = (at + 1) & mask
             last = np.int64(slots[at])
-        if last < 0 or twin[last] >= 0:  # none waits: a queue of its own
+        if last < 0 or twin[last] >= 0:  # start a new queue
             slots[at] = e
             twin[e] = -2 - e
         elif start == head and end == tail:
             first = -2 - twin[last]
-            twin[last] = twin[first]  # if first is last, the line below says otherwise
+            twin[last] = twin[first]  # overwritten by the next line if first is last
             twin[first] = e
             twin[e] = first
         else:
@@ -66,7 +67,7 @@ def link(corner: np.ndarray) -> np.ndarray:
 
 
 def twins_of(triangles: np.ndarray) -> np.ndarray:
-    """Return (m, 3): the twin of the half-edge from corner e of triangles (m, 3), or -1."""
+    """Return (m, 3): the twin of the half-edge from vertex e of triangles (m, 3), or -1."""
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
     return np.asarray(link(corner)).reshape(-1, 3)
 
@@ -75,11 +76,11 @@ def twins_of(triangles: np.ndarray) -> np.ndarray:
 def is_triangulation(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, twin: np.ndarray
 ) -> bool:
-    """Whether triangles all turn left and what they do not share is the rings' edges, once each.
+    """Whether all triangles are counter-clockwise and their unshared edges are the rings' edges.
 
-    points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), as
-    `link` has them. n + 2 h - 2 triangles that turn left, whose edges are the boundary's or lie
-    between two of them, add up to the boundary as a chain, and so cover what it encloses once.
+    points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
+    `link`. The edges of n + 2 h - 2 counter-clockwise triangles, each on the boundary or shared by
+    two triangles, add up to the boundary as a chain, so the triangles cover the interior once.
     """
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):
@@ -90,7 +91,7 @@ def is_triangulation(
     edges = 0
     for row in range(0, len(corner), 3):
         a, b, c = corner[row], corner[row + 1], corner[row + 2]
-        if turn(points, a, b, c) <= 0.0:
+        if orientation(points, a, b, c) <= 0.0:
             return False
         for e in range(3):
             if twin[row + e] < 0:

@@ -1,9 +1,9 @@
 """The orientation predicate, exact in sign for doubles up to 1e150 (no overflow).
 
-Where products would fall below what a double holds, all is scaled up first. That reaches down to
-1e-290 of the largest coordinate: what two smaller ones have as their product counts as nothing.
+If products would underflow, all coordinates are scaled up first. That reaches down to 1e-290 of the
+largest coordinate: products of two smaller ones count as 0.
 
-A float64 filter decides almost all calls; the rest are evaluated without rounding as an expansion.
+A float64 filter decides almost all calls; the others are evaluated exactly as an expansion.
 Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
 Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself is already exact.
 """
@@ -16,9 +16,9 @@ from triangulators.compute.kernels import njit
 
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
 FILTER = 3.3306690738754716e-16
-_NEARLY_NOTHING = 1e-250  # a product above it has an error that float64 holds
-_NO_UNDERFLOW = 1e-125  # its square does not fall below that
-_ACCURATE = 1e-4  # share of its products that a determinant keeps, which so has eleven digits
+_MIN_PRODUCT = 1e-250  # the rounding error of a larger product is representable
+_NO_UNDERFLOW = 1e-125  # squares of larger numbers exceed _MIN_PRODUCT
+_ACCURATE = 1e-4  # a determinant larger than this part of its products has eleven digits
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
@@ -40,7 +40,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
 def _grow(expansion: np.ndarray, length: int, value: float) -> int:
     """Add `value` to a non-overlapping expansion in place; return its new length."""
     carry = value
-    kept = 0
+    size = 0
     for index in range(length):
         term = expansion[index]
         total = carry + term
@@ -48,27 +48,27 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
         error = (carry - (total - virtual)) + (term - virtual)
         carry = total
         if error != 0.0:
-            expansion[kept] = error
-            kept += 1
-    if carry != 0.0 or kept == 0:
-        expansion[kept] = carry
-        kept += 1
-    return kept
+            expansion[size] = error
+            size += 1
+    if carry != 0.0 or size == 0:
+        expansion[size] = carry
+        size += 1
+    return size
 
 
 @njit(nogil=True)
 def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    largest, least = 0.0, np.inf
+    largest, smallest = 0.0, np.inf
     for x in (ax, ay, bx, by, cx, cy):
         largest = max(largest, abs(x))
-        least = abs(x) if 0.0 < abs(x) < least else least
-    if least >= _NO_UNDERFLOW:
+        smallest = abs(x) if 0.0 < abs(x) < smallest else smallest
+    if smallest >= _NO_UNDERFLOW:
         return _expanded(ax, ay, bx, by, cx, cy)
-    # Powers of two change no digit: make the largest 2^500, so that its products have room below.
+    # Scale by a power of two, which is exact: the largest becomes 2^500, far above underflow.
     up = 2.0 ** (500 - np.ceil(np.log2(largest))) if largest > 2.0**-500 else 2.0**1000
-    found = _expanded(ax * up, ay * up, bx * up, by * up, cx * up, cy * up)
-    down = found / up / up
-    return down if down != 0.0 or found == 0.0 else np.copysign(5e-324, found)
+    scaled = _expanded(ax * up, ay * up, bx * up, by * up, cx * up, cy * up)
+    down = scaled / up / up
+    return down if down != 0.0 or scaled == 0.0 else np.copysign(5e-324, scaled)
 
 
 @njit(nogil=True)
@@ -79,7 +79,7 @@ def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) 
         rounded, error = _product(left, right)
         length = _grow(expansion, length, error)
         length = _grow(expansion, length, rounded)
-    # Components do not overlap: the last has the sign, the others up to half of the value.
+    # Components do not overlap: the last has the sign, and at least half of the value.
     total = 0.0
     for index in range(length):
         total += expansion[index]
@@ -102,15 +102,15 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
 def _in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, left: float, right: float
 ) -> float:
-    """Return `orient` where left - right, its determinant's products, may have the wrong sign.
+    """Return `orient` if the rounded determinant left - right may have the wrong sign.
 
-    Apart from it, so that it is short enough for LLVM to make it part of a loop.
+    A separate function, so that `orient` is short enough for LLVM to inline.
     """
     if (
         _exact_difference(ax, cx, by, cy)
         and _exact_difference(ay, cy, bx, cx)
-        and (abs(left) > _NEARLY_NOTHING or ax == cx or by == cy)
-        and (abs(right) > _NEARLY_NOTHING or ay == cy or bx == cx)
+        and (abs(left) > _MIN_PRODUCT or ax == cx or by == cy)
+        and (abs(right) > _MIN_PRODUCT or ay == cy or bx == cx)
     ):
         left, left_error = _product(ax - cx, by - cy)
         right, right_error = _product(ay - cy, bx - cx)
@@ -126,7 +126,7 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     left = (ax - cx) * (by - cy)
     right = (ay - cy) * (bx - cx)
     determinant = left - right
-    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _NEARLY_NOTHING:
+    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _MIN_PRODUCT:
         return determinant
     return _in_doubt(ax, ay, bx, by, cx, cy, left, right)
 
@@ -135,17 +135,17 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the area of a, b, c, to eleven digits, also of slivers.
 
-    Rounding leaves few digits of a sliver's determinant, others for each corner it begins with.
+    Rounding leaves a sliver's determinant few digits, which depend on the first vertex.
     """
     left = (bx - ax) * (cy - ay)
     right = (by - ay) * (cx - ax)
-    if abs(left - right) > _ACCURATE * (abs(left) + abs(right)) + _NEARLY_NOTHING:
+    if abs(left - right) > _ACCURATE * (abs(left) + abs(right)) + _MIN_PRODUCT:
         return abs(left - right)
     return abs(_exact(ax, ay, bx, by, cx, cy))
 
 
 @njit(nogil=True)
-def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
+def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
     """`orient` of three rows of `points`."""
     return orient(
         points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1]
@@ -153,11 +153,13 @@ def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 @njit(nogil=True)
-def turns(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """`turn` of every triangle, shape (m,)."""
+def orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """`orientation` of every triangle, shape (m,)."""
     result = np.empty(len(triangles))
     for index in range(len(triangles)):
-        result[index] = turn(points, triangles[index, 0], triangles[index, 1], triangles[index, 2])
+        result[index] = orientation(
+            points, triangles[index, 0], triangles[index, 1], triangles[index, 2]
+        )
     return result
 
 
@@ -166,14 +168,14 @@ ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 
 @njit(nogil=True)
 def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE where an index is not one of a point."""
+    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE if an index is out of range."""
     count = len(points)
     result = ALL_LEFT
     for row in range(len(triangles)):
         a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
         if min(a, b, c) < 0 or max(a, b, c) >= count:
             return OUTSIDE
-        if turn(points, a, b, c) <= 0.0:
+        if orientation(points, a, b, c) <= 0.0:
             result = NOT_ALL_LEFT
     return result
 
@@ -187,7 +189,7 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
     length2 = dx * dx + dy * dy
     if along <= 0.0 or along >= length2:
         return False
-    return bool(abs(turn(points, a, b, v)) <= tolerance * np.sqrt(length2))
+    return bool(abs(orientation(points, a, b, v)) <= tolerance * np.sqrt(length2))
 
 
 @njit(nogil=True)
@@ -196,9 +198,9 @@ def touching(
 ) -> list[tuple[int, int]]:
     """Return (edge, vertex) for each of the vertices (k,) that lies inside an edge (b, 2).
 
-    vertices: in ascending order of x, so that few are looked at for a short edge.
+    vertices: in ascending order of x, so that a short edge is compared with few.
     """
-    found = [(0, 0) for _ in range(0)]
+    incidences = [(0, 0) for _ in range(0)]
     x_of = points[vertices, 0]
     for edge in range(len(edges)):
         a, b = edges[edge]
@@ -206,19 +208,19 @@ def touching(
         high_x = max(points[a, 0], points[b, 0]) + allowed
         low_y = min(points[a, 1], points[b, 1]) - allowed
         high_y = max(points[a, 1], points[b, 1]) + allowed
-        for place in range(np.searchsorted(x_of, low_x), len(vertices)):
-            v = vertices[place]
-            if x_of[place] > high_x:
+        for index in range(np.searchsorted(x_of, low_x), len(vertices)):
+            v = vertices[index]
+            if x_of[index] > high_x:
                 break
             near = low_y <= points[v, 1] <= high_y and v not in (a, b)
             if near and on_segment(points, v, a, b, allowed):
-                found.append((edge, v))
-    return found
+                incidences.append((edge, v))
+    return incidences
 
 
 @njit(nogil=True)
 def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the least x and y of points, their width and their height."""
+    """Return min x, min y, width and height of points (n, 2)."""
     low_x = high_x = points[0, 0]
     low_y = high_y = points[0, 1]
     for k in range(1, len(points)):
@@ -229,11 +231,10 @@ def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
 
 @njit(nogil=True)
 def grid_unit(points: np.ndarray) -> float:
-    """Return the largest power of two that all coordinates (n, 2) are multiples of.
+    """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
-    0.0 if there is none of which they span at most 2^24. Where there is one, plain float64
-    determinants are exact: differences fit 25 bits and products 50. Frames snapped to 1/256 px
-    always have one.
+    0.0 if their span exceeds 2^24 such units. Otherwise float64 determinants are exact: differences
+    fit 25 bits and products 50. Frames snapped to 1/256 px always have a grid.
     """
     _, _, w, h = box_of(points)
     span = max(w, h)
@@ -253,16 +254,16 @@ def grid_unit(points: np.ndarray) -> float:
 
 
 def tolerance(points: np.ndarray) -> float:
-    """How far off an edge, in its units, a vertex may lie and still count as on it.
+    """Return the distance up to which a vertex counts as on an edge, in coordinate units.
 
-    Zero where float64 determinants are exact; otherwise the rounding error of a coordinate.
+    Zero if float64 determinants are exact, otherwise the rounding error of a coordinate.
     """
     return 0.0 if grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 
 @njit(nogil=True)
 def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the open segments a-b and c-d cross in a point inside both."""
+    """Whether the open segments a-b and c-d intersect in one point."""
     ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]
     if max(cx, dx) < min(ax, bx) or min(cx, dx) > max(ax, bx):
         return False
@@ -271,9 +272,9 @@ def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
         return False
     if a in (c, d) or b in (c, d):
         return False
-    # By signs, not by their product, which may underflow.
-    of_c, of_d = turn(points, a, b, c), turn(points, a, b, d)
-    if not (min(of_c, of_d) < 0.0 < max(of_c, of_d)):
+    # Compares signs: a product of determinants may underflow.
+    side_c, side_d = orientation(points, a, b, c), orientation(points, a, b, d)
+    if not (min(side_c, side_d) < 0.0 < max(side_c, side_d)):
         return False
-    of_a, of_b = turn(points, c, d, a), turn(points, c, d, b)
-    return min(of_a, of_b) < 0.0 < max(of_a, of_b)
+    side_a, side_b = orientation(points, c, d, a), orientation(points, c, d, b)
+    return min(side_a, side_b) < 0.0 < max(side_a, side_b)

@@ -1,13 +1,13 @@
 """Cut a triangulated region open along its own diagonals, into one simple polygon.
 
-A region whose triangles hang together as a tree is a simple polygon, if vertices are told apart by
-where on its outline they are met. So choosing a tree of neighbouring triangles *is* choosing the
-cuts, holes need no geometry, and the triangulation at hand is one of the polygon's own.
+A region whose dual graph is a tree is a simple polygon, if repeated vertices are distinguished by
+their position on its outline. So choosing a tree of adjacent triangles *is* choosing the cuts,
+holes need no geometry, and the current triangulation is one of the polygon's triangulations.
 
-`grow` chooses the tree, `unfold` walks it from its root and gives the polygon as a cycle of
-corners, and `fold_back` puts another triangulation of that cycle in the place of the tree's. All
-take a time that goes by the triangles of the tree, but for `grow` and `fold_back`, which also clear
-a mark for each triangle of the whole.
+`grow` chooses the tree, `unfold` walks it from its root and returns the polygon as a cycle of
+vertices, and `fold_back` replaces the tree's triangles by another triangulation of that cycle. All
+take time linear in the triangles of the tree; `grow` and `fold_back` also clear one mark for each
+triangle of the triangulation.
 
 Half-edges are numbers as in `half_edges`; twin (m, 3) is what `twins_of` gives.
 """
@@ -22,45 +22,44 @@ from triangulators.geometry.half_edges import link
 def grow(
     twin: np.ndarray,
     root: int,
-    most: int,
+    max_size: int,
     depth_first: bool,
-    turn: int,
+    first_edge: int,
     tree: np.ndarray,
     rows: np.ndarray,
 ) -> int:
-    """Grow a tree of neighbouring triangles from `root`; return how many, `most` or fewer.
+    """Grow a tree of up to `max_size` adjacent triangles from `root`; return its size.
 
-    Breadth first makes a compact region, depth first a long one; the edges of a triangle are taken
-    from number `turn` on. Each choice leaves other edges uncrossed, which are the cuts. Writes the
-    triangles to `rows` and marks, in `tree` (m, 3), the edges crossed, from both sides. `tree`
-    comes in without marks.
+    Breadth first gives a compact region, depth first a long one; the edges of a triangle are tried
+    from index `first_edge` on. Uncrossed edges are the cuts. Writes the triangles to `rows`, and
+    marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
     """
-    # Half-edges over which to enter triangles. A triangle may be there three times: it is entered
-    # once, and passed over later. The root's is there for its number; it is entered over none.
-    ahead = np.empty(3 * most + 3, dtype=np.int32)
-    ahead[0] = 3 * root
+    # Half-edges over which to enter triangles. A triangle may occur three times: it is entered
+    # once, and skipped later. The root's half-edge only encodes its index.
+    entries = np.empty(3 * max_size + 3, dtype=np.int32)
+    entries[0] = 3 * root
     first, last, size = 0, 1, 0
-    seen = np.zeros(len(twin), dtype=np.bool_)
-    while first < last and size < most:
+    visited = np.zeros(len(twin), dtype=np.bool_)
+    while first < last and size < max_size:
         if depth_first:
             last -= 1
-            entry = ahead[last]
+            entry = entries[last]
         else:
-            entry = ahead[first]
+            entry = entries[first]
             first += 1
         row = entry // 3
-        if seen[row]:
+        if visited[row]:
             continue
-        seen[row] = True
+        visited[row] = True
         rows[size] = row
         size += 1
         if size > 1:
             back = twin[row, entry % 3]
             tree[row, entry % 3] = tree[back // 3, back % 3] = True
         for step in range(3):
-            other = twin[row, (step + turn) % 3]
-            if other >= 0 and not seen[other // 3]:
-                ahead[last] = other
+            other = twin[row, (step + first_edge) % 3]
+            if other >= 0 and not visited[other // 3]:
+                entries[last] = other
                 last += 1
     return size
 
@@ -71,19 +70,19 @@ def unfold(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cut a tree of triangles out; return (cycle, local triangles, outline).
 
-    triangles: (m, 3); tree: (m, 3), as left by `grow`; size: triangles in the tree, that of `root`.
-    With k = size + 2: cycle (k,) holds the corners counter-clockwise, as indices of points; local
-    triangles (size, 3) are the tree's, breadth first, as positions in the cycle; outline (k,) holds
-    the half-edge that follows each corner.
+    triangles: (m, 3); tree: (m, 3), the marks of `grow`; size: number of triangles in the tree.
+    With k = size + 2: cycle (k,) has the vertices counter-clockwise, as indices of points; local
+    triangles (size, 3) are the tree's, breadth first, as positions in the cycle; outline (k,) has
+    the half-edge from each vertex to the next.
 
-    The outline is a linked list, at first of the root's three corners. A triangle that is reached
-    over the side tail-head puts its apex between them, as a corner of its own, whether or not its
-    point is a corner already: that is the cut. Invariant: the first `done` triangles have met all
-    their neighbours, those up to `known` are on the outline.
+    The outline is a linked list of corners, initially those of the root. A triangle that is entered
+    over the side tail-head inserts its apex between them, as a new corner even if its point has a
+    corner already: that is the cut. Invariant: the neighbours of the first `done` triangles are
+    inserted; the first `discovered` triangles are on the outline.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
-    after = np.empty(size + 2, dtype=np.int32)  # the corner next on the outline
-    edge = np.empty(size + 2, dtype=np.int32)  # half-edge from the corner to that one
+    after = np.empty(size + 2, dtype=np.int32)  # the next corner on the outline
+    edge = np.empty(size + 2, dtype=np.int32)  # half-edge from the corner to the next
     local = np.empty((size, 3), dtype=np.int32)
     rows = np.empty(size, dtype=np.int32)
     entered = np.empty(size, dtype=np.int32)  # edge through which a triangle was reached
@@ -93,36 +92,36 @@ def unfold(
         edge[k] = 3 * root + k
         local[0, k] = k
     rows[0], entered[0] = root, -1
-    done, known = 0, 1
-    while done < known:
+    done, discovered = 0, 1
+    while done < discovered:
         row = rows[done]
         for e in range(3):
             if e == entered[done] or not tree[row, e]:
                 continue
             other, entry = twin[row, e] // 3, twin[row, e] % 3  # entry runs from head to tail
             tail, head = local[done, e], local[done, (e + 1) % 3]
-            apex = known + 2
+            apex = discovered + 2
             corner[apex] = triangles[other, (entry + 2) % 3]
             after[tail], after[apex] = apex, head
             edge[tail] = 3 * other + (entry + 1) % 3
             edge[apex] = 3 * other + (entry + 2) % 3
-            rows[known], entered[known] = other, entry
-            local[known, entry] = head
-            local[known, (entry + 1) % 3] = tail
-            local[known, (entry + 2) % 3] = apex
-            known += 1
+            rows[discovered], entered[discovered] = other, entry
+            local[discovered, entry] = head
+            local[discovered, (entry + 1) % 3] = tail
+            local[discovered, (entry + 2) % 3] = apex
+            discovered += 1
         done += 1
     cycle = np.empty(size + 2, dtype=np.int32)
     outline = np.empty(size + 2, dtype=np.int32)
-    place = np.empty(size + 2, dtype=np.int32)
+    position_of = np.empty(size + 2, dtype=np.int32)
     current = 0
     for position in range(size + 2):
         cycle[position], outline[position] = corner[current], edge[current]
-        place[current] = position
+        position_of[current] = position
         current = after[current]
     for index in range(size):
         for e in range(3):
-            local[index, e] = place[local[index, e]]
+            local[index, e] = position_of[local[index, e]]
     return cycle, local, outline
 
 
@@ -137,16 +136,16 @@ def fold_back(
 ) -> None:
     """Replace the triangles `rows` by `better` (positions in `cycle`), twins included.
 
-    Row r of `better` takes the place of triangle rows[r]. Its half-edges are linked among
-    themselves (`inner`); what has no twin there is a side of the cycle, from a position to the
-    next, and takes over the twin of the half-edge that was on the outline there. That is one
-    outside or, across a cut, on another place of the outline, which was replaced as well.
+    Row r of `better` replaces triangle rows[r]. `inner` links its half-edges among themselves; a
+    half-edge without a twin there is a side of the cycle, from a position to the next, and gets the
+    twin of the old half-edge on the outline. That twin is outside or, across a cut, at another
+    position of the outline, where it was replaced as well.
     """
     size = len(cycle)
     inner = link(better.reshape(-1))
     fresh = np.empty(size, dtype=np.int32)  # the new half-edge at each position
-    beyond = np.empty(size, dtype=np.int32)  # the twin that the old one had
-    position_of = np.full(twin.size, -1, dtype=np.int32)  # of the old one
+    beyond = np.empty(size, dtype=np.int32)  # the twin of the old half-edge
+    position_of = np.full(twin.size, -1, dtype=np.int32)  # of each old half-edge
     for index in range(len(rows)):
         for e in range(3):
             if inner[3 * index + e] < 0:
@@ -161,9 +160,9 @@ def fold_back(
             if other >= 0:
                 twin[rows[index], e] = 3 * rows[other // 3] + other % 3
     for position in range(size):
-        own, other = fresh[position], beyond[position]
+        side, other = fresh[position], beyond[position]
         if other >= 0 and position_of[other] >= 0:
             other = fresh[position_of[other]]
-        twin[own // 3, own % 3] = other
+        twin[side // 3, side % 3] = other
         if other >= 0:
-            twin[other // 3, other % 3] = own
+            twin[other // 3, other % 3] = side

@@ -1,12 +1,12 @@
-"""The optimum for the half-perimeter in compute shaders, for many rings of up to 64 corners.
+"""The optimum for the half-perimeter in compute shaders, for many rings of up to 64 vertices.
 
-The recurrence is that of `optimum.full_table` in int32, and the results are those of the CPU,
-triangle for triangle: ties are broken alike. What a device does not do (polygons with holes, off
-the grid, of more than 64 vertices), and what one that fails leaves undone, is left to the CPU.
+The dynamic program is that of `optimum.full_table` in int32, with identical triangles, because ties
+are broken in the same way. The CPU does unsupported polygons (with holes, off the grid, or with
+more than 64 vertices), and those that a failed device did not solve.
 
-OpenGL 4.3 through moderngl, which the project needs anyway. GLSL has the product of two 32-bit
-integers in 64 bits (imulExtended); WGSL, which would reach macOS too, has not.
+OpenGL 4.3 through moderngl, which the project uses for drawing as well. GLSL has 64-bit products of
+32-bit integers (imulExtended); WGSL, which would also run on macOS, does not.
 
-    rings    polygons into integers for a device, and what it found into triangles, checked
-    engine   opening a device, the thread that owns it, and what is done where it fails
+    rings    conversion of polygons to integers, and of device results to checked triangles
+    engine   opening of devices, the thread that owns them, and handling of failures
 """

@@ -1,8 +1,8 @@
-"""Runs batches on a device, and leaves to the CPU what a device that fails has not done.
+"""Run batches on a device; fall back to the CPU for polygons that a failed device did not solve.
 
 An OpenGL context belongs to the thread that made it current. One thread of this module owns all
-devices, so whoever else draws with OpenGL in this process is not disturbed, and batches may come
-from any thread; they are done one after the other.
+devices, so other OpenGL code in this process is not disturbed, and batches may come from any
+thread; they run one after another.
 """
 
 import logging
@@ -16,31 +16,39 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.batch import Batch
 from triangulators.devices import LLVMPIPE, matches
-from triangulators.gpu.rings import KINDS, MOST, ON_CPU, SIZES, Rings, place, prepare
+from triangulators.gpu.rings import (
+    KINDS,
+    MAX_VERTICES,
+    ON_CPU,
+    SIZES,
+    Rings,
+    prepare_rings,
+    store_results,
+)
+from triangulators.polygon_arrays import Batch
 
 VERSION = 430
 """Of OpenGL: the first with compute shaders and storage buffers."""
 
 MAX_DEVICES = 32
 MAX_GROUPS = 65535
-"""Workgroups that every device takes in one dimension of a dispatch."""
+"""Workgroups that every device supports in one dimension of a dispatch."""
 
 NONE = (1 << 30) - 1
-"""Cost of a ring that has no triangulation, as shaders have it."""
+"""Cost of a ring without a triangulation in the shaders."""
 
 LANES = 32
-"""Of a workgroup; twice as many for rings of more than 32 corners."""
+"""Invocations of a workgroup; twice as many for rings of more than 32 vertices."""
 
 CHUNK = 1 << 18
-"""Corners that are on the device at a time: 2 MiB go there and 1 MiB comes back."""
+"""Vertices per upload to the device (2 MiB; the result is 1 MiB)."""
 
 _LOG = logging.getLogger(__name__)
 
 
 class DeviceError(Exception):
-    """A device could not be opened, or gave up; the message says why."""
+    """A device could not be opened, or failed; the message is the reason."""
 
 
 class Compute:
@@ -53,7 +61,7 @@ class Compute:
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def program(self, *names: str, **constants: int) -> Any:
-        """Return the compute shader of some files in shaders/, with macros defined; built once."""
+        """Compile the compute shader of files in shaders/, with macros defined; cached."""
         key = (names, *sorted(constants.items()))
         if key not in self._programs:
             lines = [f"#version {VERSION} core"]
@@ -63,33 +71,33 @@ class Compute:
         return self._programs[key]
 
     def run(self, program: Any, columns: int, rows: int = 1) -> None:
-        """Start columns x rows workgroups, which see what those before them wrote."""
+        """Start columns x rows workgroups, with a barrier after them for later dispatches."""
         program.run(columns, rows)
         self.ctx.memory_barrier()
 
     def check(self, doing: str) -> None:
-        """Raise `DeviceError` if OpenGL has noted an error since the last check."""
+        """Raise `DeviceError` if OpenGL has recorded an error since the last check."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise DeviceError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
-        """Free the context and what is in it."""
+        """Release the context and its objects."""
         self.ctx.release()
 
 
 class Storage:
-    """A storage buffer that grows when more is put into it than it holds."""
+    """A storage buffer that grows on demand."""
 
     def __init__(self, owner: Compute, binding: int) -> None:
         self._owner, self._binding = owner, binding
         self._buffer = owner.ctx.buffer(reserve=4, dynamic=True)
 
     def reserve(self, count: int) -> None:
-        """Have room for at least `count` bytes; what was in it may be lost."""
+        """Ensure a capacity of `count` bytes; the content may be lost."""
         if self._buffer.size < count:
             self._buffer.orphan(count)
-            self._owner.check(f"taking {count:,} bytes")
+            self._owner.check(f"allocating {count:,} bytes")
 
     def write(self, array: np.ndarray) -> None:
         """Upload an array (C-contiguous) to the buffer's beginning."""
@@ -101,14 +109,14 @@ class Storage:
         self._buffer.read_into(array, size=array.nbytes)
 
     def bind(self) -> None:
-        """Let shaders see it."""
+        """Bind the buffer for shaders."""
         self._buffer.bind_to_storage_buffer(self._binding)
 
 
 def open_context(name: str) -> Compute:
     """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_name`) in the calling thread.
 
-    Raises `DeviceError` if there is none of that name, or its driver fails.
+    Raises `DeviceError` if there is no such device, or its driver fails.
     """
     try:
         import moderngl
@@ -129,11 +137,11 @@ def open_context(name: str) -> Compute:
             passed += 1
         compute.close()
     reason = f" ({problems[0]})" if problems else ""
-    raise DeviceError(f"there is no {name} with compute shaders here{reason}")
+    raise DeviceError(f"{name}: no such device with compute shaders{reason}")
 
 
 def _contexts(problems: list[str]) -> Iterator[Any]:
-    """Yield a bare context on each of EGL's devices; append why one could not be opened."""
+    """Yield a context on each EGL device; append the reasons of failures to `problems`."""
     import glcontext
 
     for index in range(MAX_DEVICES):
@@ -156,45 +164,45 @@ def _shader(name: str) -> str:
     return files("triangulators.gpu").joinpath("shaders", name).read_text(encoding="utf-8")
 
 
-_said: set[str] = set()
+_warned: set[str] = set()
 
 
-def attempt(name: str, batch: Batch, wanted: np.ndarray, most: int, worst: bool) -> None:
-    """Do what the device can, and mark it in `batch.done`; what is not done is for the CPU.
+def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> None:
+    """Solve the polygons that the device supports; marks them in `batch.done`.
 
-    wanted (p,): the rings to do, of up to `most` corners; worst: whether the longest diagonals are
-    looked for. One line is logged where a device fails.
+    selected (p,): polygons to solve, of up to `max_vertices` vertices; worst: maximise the sum of
+    diagonals. The failure of a device is logged once.
     """
     try:
-        wrong = _owner().submit(_run, name, batch, wanted, most, worst).result()
+        wrong = _owner().submit(_run, name, batch, selected, max_vertices, worst).result()
     except Exception as error:  # drivers and their bindings raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
-        _say(f"{name} failed, and the CPU does the rest: {reason}")
+        _warn_once(f"{name}: device failed ({reason}); the CPU does the remaining polygons")
         return
     if wrong:
-        _say(f"{name}: {wrong:,} results are wrong, and the CPU does them")
+        _warn_once(f"{name}: {wrong:,} results are wrong; the CPU does these polygons")
 
 
-def _say(line: str) -> None:
-    """Log a line as a warning, once: a file's polygons come in many batches."""
-    if line not in _said:
-        _said.add(line)
+def _warn_once(line: str) -> None:
+    """Log a warning unless it was logged before: a file's polygons come in many batches."""
+    if line not in _warned:
+        _warned.add(line)
         _LOG.warning(line)
 
 
 def describe(name: str) -> tuple[str, str]:
-    """Open a device, if it is not yet; return its driver's names of renderer and version.
+    """Open a device unless it is open; return its driver's names of renderer and version.
 
     Raises `DeviceError`.
     """
-    compute = _owner().submit(_opened, name).result().compute
+    compute = _owner().submit(_open_engine, name).result().compute
     return compute.renderer, compute.version
 
 
 def close_all() -> None:
-    """Close all devices and forget what was said of them; the next batch opens its own anew."""
+    """Close all devices and clear the warnings; the next batch opens its device again."""
     _owner().submit(_close_all).result()
-    _said.clear()
+    _warned.clear()
 
 
 @cache
@@ -202,14 +210,14 @@ def _owner() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, thread_name_prefix="triangulators-gpu")
 
 
-_open: dict[str, "Engine"] = {}  # touched by that thread alone
+_open: dict[str, "Engine"] = {}  # used only by the owner thread
 _drivers: set[int] = set()
-"""Processes that have loaded a driver, this one or those that it was forked from."""
+"""Processes, this one and its parents, that have loaded a driver."""
 
 
-def _opened(name: str) -> "Engine":
+def _open_engine(name: str) -> "Engine":
     if _drivers - {os.getpid()}:
-        raise DeviceError("its driver was loaded before this process was forked")
+        raise DeviceError("driver loaded before this process was forked")
     if name not in _open:
         _drivers.add(os.getpid())
         _open[name] = Engine(name)
@@ -217,7 +225,7 @@ def _opened(name: str) -> "Engine":
 
 
 def _after_fork() -> None:
-    """Forget the thread, which a forked process has not; nor has it the driver's own threads."""
+    """Clear the thread and its devices: a forked process has neither it nor a driver's threads."""
     _owner.cache_clear()
     _open.clear()
 
@@ -232,19 +240,19 @@ def _close_all() -> None:
 
 
 def _run(name: str, *task: Any) -> int:
-    """Do a batch; return how many results were no triangulations of the cost they came with.
+    """Solve a batch; return the number of wrong results.
 
-    A device that raises is closed: after a lost context nothing that it held can be used.
+    A device that raises is closed, because its objects are unusable after a lost context.
     """
-    engine = _opened(name)
+    engine = _open_engine(name)
     try:
         return engine.do(*task)
     except BaseException:
         del _open[name]
         try:
             engine.compute.close()
-        except Exception:  # it is lost anyway
-            _LOG.debug("%s cannot even be closed", name, exc_info=True)
+        except Exception:  # the context is lost already
+            _LOG.debug("%s cannot be closed", name, exc_info=True)
         raise
 
 
@@ -255,59 +263,62 @@ class Engine:
         self.compute: Compute = open_context(name)
         self._corners, self._jobs, self._bases = (Storage(self.compute, n) for n in range(3))
 
-    def do(self, batch: Batch, wanted: np.ndarray, most: int, worst: bool) -> int:
-        """Do a batch, chunk after chunk; return how many results were wrong."""
+    def do(self, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> int:
+        """Solve a batch in chunks; return the number of wrong results.
+
+        A result is wrong if it is not a triangulation of the reported cost.
+        """
         rings = Rings.of(batch.vertex_offsets)
-        prepare(batch.coords, wanted, min(most, MOST), rings)
+        prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
         wrong = 0
         for first, last in pairwise(chunk_bounds(batch.vertex_offsets)):
-            which = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
-            if len(which):
+            indices = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
+            if len(indices):
                 self._compute_chunk(rings, first, last, worst, bases)
-                place(which, bases, worst, rings, batch)
-                found = bases[rings.vertex_offsets[which]] != NONE
-                wrong += int(np.count_nonzero(found & ~batch.done[which]))
+                store_results(indices, bases, worst, rings, batch)
+                is_solved = bases[rings.vertex_offsets[indices]] != NONE
+                wrong += int(np.count_nonzero(is_solved & ~batch.done[indices]))
         return wrong
 
     def _compute_chunk(
         self, rings: Rings, first: int, last: int, worst: bool, bases: np.ndarray
     ) -> None:
-        """Fill the part of bases (n,) of polygons first..last - 1, a workgroup a ring."""
-        own = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
-        self._corners.write(rings.corners[own])
-        self._bases.reserve(bases[own].nbytes)
+        """Fill the part of bases (n,) of polygons first..last - 1, one workgroup per ring."""
+        vertices = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
+        self._corners.write(rings.corners[vertices])
+        self._bases.reserve(bases[vertices].nbytes)
         for kind in range(KINDS):
             jobs = jobs_of(rings, first, last, kind)
             if len(jobs):
                 self._jobs.write(jobs)
                 for buffer in (self._corners, self._jobs, self._bases):
                     buffer.bind()
-                most = SIZES[kind // 2]
+                max_size = SIZES[kind // 2]
                 wide = {"WIDE": 1} if kind % 2 else {}
-                constants = {"MOST": most, "LANES": max(LANES, most), **wide}
+                constants = {"MOST": max_size, "LANES": max(LANES, max_size), **wide}
                 program = self.compute.program("exact.glsl", "small.glsl", **constants)
                 program["number"], program["worst"] = len(jobs), int(worst)
                 columns = min(len(jobs), MAX_GROUPS)
                 self.compute.run(program, columns, -(-len(jobs) // columns))
         self.compute.check("computing rings")
-        self._bases.read_into(bases[own])
+        self._bases.read_into(bases[vertices])
         self.compute.check("reading rings")
 
 
 def jobs_of(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
-    """Return (k, 4) int32: first corner in the chunk, corners, w + h and 0 of rings of a kind."""
-    which = first + np.flatnonzero(rings.kind[first:last] == kind)
-    begin = rings.vertex_offsets[which]
-    jobs = np.zeros((len(which), 4), dtype=np.int32)
+    """Return (k, 4) int32 for rings of a kind: first vertex in the chunk, vertices, w + h, 0."""
+    indices = first + np.flatnonzero(rings.kind[first:last] == kind)
+    begin = rings.vertex_offsets[indices]
+    jobs = np.zeros((len(indices), 4), dtype=np.int32)
     jobs[:, 0] = begin - rings.vertex_offsets[first]
-    jobs[:, 1] = rings.vertex_offsets[which + 1] - begin
-    jobs[:, 2] = rings.longest[which]
+    jobs[:, 1] = rings.vertex_offsets[indices + 1] - begin
+    jobs[:, 2] = rings.longest[indices]
     return jobs
 
 
 def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
-    """Return where to cut polygons into chunks of about `corners` corners, one polygon at least."""
+    """Return the bounds of chunks of about `corners` vertices, at least one polygon each."""
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

@@ -1,47 +1,47 @@
-"""Rings of a batch for a device: their corners as integers, and its answer as triangles, checked.
+"""Rings of a batch for a device: vertices as integers, and checked triangles from the results.
 
-A device has int32 alone: n (w + h) below 2^30 units of the ring's grid, so that every sum of
-diagonals fits, with room for two that stand for nothing.
+Devices compute in int32: n (w + h) is below 2^30 units of the ring's grid, so that every sum of
+diagonals fits, including the sum of two costs NONE.
 
-It gives each apex k the base (i, j) of its triangle: every corner of a ring but the first and the
-last is the apex of exactly one. So the triangles are a binary tree. The pair (i, j) is the side of
-one more triangle, whose base is longer: that of apex j, if it begins at i too, else that of apex i.
-The tree is walked from the pair (0, n - 1) as the CPU walks its table.
+The result is the base (i, j) of the triangle of each apex k: every vertex of a ring except the
+first and the last is the apex of exactly one triangle. So the triangles are a binary tree. The pair
+(i, j) is the side of one more triangle, with a longer base: that of apex j if its base begins at i,
+otherwise that of apex i. The tree is walked from the pair (0, n - 1), in the order of the CPU.
 
-Nothing that comes from a driver is trusted. It has to be such a tree, all its triangles have to
-turn left, so that they are a triangulation, and their diagonals have to add up to the cost that
-came with them. A ring of which one of these does not hold is left to the CPU.
+Results of drivers are not trusted: they must be such a tree, all triangles must be
+counter-clockwise, so that they are a triangulation, and their diagonals must add up to the reported
+cost. The CPU does the rings of invalid results.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.batch import Batch
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import box_of, grid_unit
 from triangulators.optimum.full_table import SPAN
 from triangulators.polygon import twice_ring_area
+from triangulators.polygon_arrays import Batch
 
 SIZES = (16, 32, 64)
-"""Corners up to which a ring has a program of its own, with a table that size."""
+"""Maximum numbers of vertices of the shaders, which have a cost table of that size."""
 
-MOST = SIZES[-1]
+MAX_VERTICES = SIZES[-1]
 KINDS = 2 * len(SIZES)
-"""Kinds are even where differences of coordinates stay below 2^15 units, so that orientations fit
-int32, and odd where they do not."""
+"""Kinds are even if differences of coordinates stay below 2^15 units, so that orientations fit
+int32, and odd otherwise."""
 
 ON_CPU = -1
 _INT32_LIMIT = 1 << 30
 
 
 class Rings(NamedTuple):
-    """The rings of p polygons, prepared; n corners in all.
+    """The prepared rings of p polygons, with n vertices in total.
 
-    vertex_offsets (p + 1,): where each ring begins in corners (n, 2) int32, which are its vertices
-    in counter-clockwise order, in units of its grid, from its box's lower left. kind (p,) int8:
-    ON_CPU, or by size and span; longest (p,) int32: w + h of the box; turned (p,): whether the
-    order is that of the input reversed.
+    vertex_offsets (p + 1,): offsets of the rings in corners (n, 2) int32, their vertices in
+    counter-clockwise order, in units of the ring's grid, relative to the lower left of its box.
+    kind (p,) int8: ON_CPU, or by size and span; longest (p,) int32: w + h of the box; turned (p,):
+    whether the order is the reverse of the input.
     """
 
     vertex_offsets: np.ndarray
@@ -52,7 +52,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def of(cls, vertex_offsets: np.ndarray) -> "Rings":
-        """Return room for rings, of which none is prepared."""
+        """Allocate rings; none is prepared."""
         count = len(vertex_offsets) - 1
         return cls(
             vertex_offsets,
@@ -64,17 +64,19 @@ class Rings(NamedTuple):
 
 
 @njit(nogil=True)
-def prepare(coords: np.ndarray, wanted: np.ndarray, most: int, rings: Rings) -> None:
-    """Prepare each `wanted` ring (p,) that is for a device.
+def prepare_rings(
+    coords: np.ndarray, selected: np.ndarray, max_vertices: int, rings: Rings
+) -> None:
+    """Prepare the `selected` rings (p,) that devices support.
 
-    coords: (n, 2) float64. Left out are rings off the grid, with sums beyond int32, of fewer
-    than 3 or more than `most` corners (at most MOST), and with a corner twice in a row.
+    coords: (n, 2) float64. Unsupported: rings off the grid, with sums beyond int32, with fewer than
+    3 or more than `max_vertices` vertices (up to MAX_VERTICES), and with a repeated vertex.
     """
     offsets, corners, kind, longest, turned = rings
-    for index in range(len(wanted)):
+    for index in range(len(selected)):
         points = coords[offsets[index] : offsets[index + 1]]
         n = len(points)
-        if not wanted[index] or n < 3 or n > most:
+        if not selected[index] or n < 3 or n > max_vertices:
             continue
         unit = grid_unit(points)
         if unit == 0.0:
@@ -82,13 +84,13 @@ def prepare(coords: np.ndarray, wanted: np.ndarray, most: int, rings: Rings) -> 
         low_x, low_y, w, h = box_of(points)
         if n * ((w + h) / unit) >= _INT32_LIMIT:
             continue
-        back = not twice_ring_area(points) > 0.0
-        own = corners[offsets[index] : offsets[index + 1]]
+        is_reversed = not twice_ring_area(points) > 0.0
+        vertices = corners[offsets[index] : offsets[index + 1]]
         for k in range(n):
-            source = n - 1 - k if back else k
-            own[k, 0] = np.int32((points[source, 0] - low_x) / unit)
-            own[k, 1] = np.int32((points[source, 1] - low_y) / unit)
-        if _repeats(own):
+            source = n - 1 - k if is_reversed else k
+            vertices[k, 0] = np.int32((points[source, 0] - low_x) / unit)
+            vertices[k, 1] = np.int32((points[source, 1] - low_y) / unit)
+        if _repeats(vertices):
             continue
         size = 0
         while n > SIZES[size]:
@@ -96,12 +98,12 @@ def prepare(coords: np.ndarray, wanted: np.ndarray, most: int, rings: Rings) -> 
         wide = max(w, h) >= SPAN * unit
         kind[index] = 2 * size + (1 if wide else 0)
         longest[index] = np.int32((w + h) / unit)
-        turned[index] = back
+        turned[index] = is_reversed
 
 
 @njit(nogil=True)
 def _repeats(corners: np.ndarray) -> bool:
-    """Whether a corner is met twice in a row: shapely takes that for valid."""
+    """Whether consecutive vertices are equal, which shapely considers valid."""
     x, y = corners[-1, 0], corners[-1, 1]
     for k in range(len(corners)):
         if corners[k, 0] == x and corners[k, 1] == y:
@@ -111,11 +113,13 @@ def _repeats(corners: np.ndarray) -> bool:
 
 
 @njit(nogil=True)
-def place(which: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch: Batch) -> None:
-    """Write the triangles of the rings `which`; mark those in `done` that are as they should be.
+def store_results(
+    indices: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch: Batch
+) -> None:
+    """Write the triangles of the rings `indices`; mark in `done` those with valid results.
 
-    bases: (n,) uint32, as many as corners: the cost of the ring at its first, i | j << 16 at apex
-    k; worst: whether the longest diagonals were looked for.
+    bases: (n,) uint32, one per vertex: the cost of the ring at its first, i | j << 16 at apex k;
+    worst: whether the sum of diagonals was maximised.
     """
     offsets, corners, longest, turned = (
         rings.vertex_offsets,
@@ -123,24 +127,26 @@ def place(which: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch
         rings.longest,
         rings.turned,
     )
-    below = np.empty((MOST, 2), dtype=np.int32)
-    stack = np.empty(MOST, dtype=np.int32)
-    for index in which:
+    below = np.empty((MAX_VERTICES, 2), dtype=np.int32)
+    stack = np.empty(MAX_VERTICES, dtype=np.int32)
+    for index in indices:
         begin, end = offsets[index], offsets[index + 1]
-        own = batch.triangles[batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]]
+        triangles = batch.triangles[
+            batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]
+        ]
         base, ring = bases[begin:end], corners[begin:end]
-        least = longest[index] if worst else -1
-        if not _walk(base, ring, least, below, stack, own):
+        max_length = longest[index] if worst else -1
+        if not _walk_tree(base, ring, max_length, below, stack, triangles):
             continue
         if turned[index]:
-            for row in range(len(own)):
+            for row in range(len(triangles)):
                 for e in range(3):
-                    own[row, e] = end - begin - 1 - own[row, e]
+                    triangles[row, e] = end - begin - 1 - triangles[row, e]
         batch.done[index] = True
 
 
 @njit(nogil=True)
-def _walk(
+def _walk_tree(
     bases: np.ndarray,
     corners: np.ndarray,
     longest: int,
@@ -148,15 +154,15 @@ def _walk(
     stack: np.ndarray,
     triangles: np.ndarray,
 ) -> bool:
-    """Write the triangles (n - 2, 3) of a ring; False if they are no triangulation of that cost.
+    """Write the triangles (n - 2, 3) of a ring; False unless they are valid and have the cost.
 
-    longest: w + h of the box where diagonals cost that less their length, -1 where they cost it.
+    longest: w + h of the box if diagonals cost longest - length, -1 if they cost their length.
     """
     n = len(bases)
-    stack[0] = _grow(bases, below)
+    stack[0] = _link_tree(bases, below)
     if stack[0] < 0:
         return False
-    height, found, total = 1, 0, np.int64(0)
+    height, size, total = 1, 0, np.int64(0)
     while height > 0:
         height -= 1
         k = stack[height]
@@ -168,9 +174,9 @@ def _walk(
         if j - i < n - 1:
             length = abs(bx) + abs(by)
             total += length if longest < 0 else longest - length
-        # As the CPU's table has it: the new vertex last and the smaller side first.
-        triangles[found, 0], triangles[found, 1], triangles[found, 2] = j, i, k
-        found += 1
+        # The CPU's order: the new vertex last and the smaller side first.
+        triangles[size, 0], triangles[size, 1], triangles[size, 2] = j, i, k
+        size += 1
         left, right = below[k, 0], below[k, 1]
         if k - i <= j - k:
             left, right = right, left
@@ -180,14 +186,14 @@ def _walk(
         if right >= 0:
             stack[height] = right
             height += 1
-    return found == n - 2 and total == np.int64(bases[0])
+    return size == n - 2 and total == np.int64(bases[0])
 
 
 @njit(nogil=True)
-def _grow(bases: np.ndarray, below: np.ndarray) -> int:
-    """Link each apex below the one whose triangle has its base for a side; return the top or -1.
+def _link_tree(bases: np.ndarray, below: np.ndarray) -> int:
+    """Link each apex below the apex whose triangle has its base as a side; return the top or -1.
 
-    below (n, 2): the apexes over the sides (i, k) and (k, j) of apex k, -1 where that is none.
+    below (n, 2): the apexes over the sides (i, k) and (k, j) of apex k, or -1.
     """
     n, top = len(bases), -1
     below[:n] = -1

@@ -1,1 +1,1 @@
-"""The triangulators that are ours, one algorithm a file; those of libraries are in `libraries`."""
+"""Our triangulators, one algorithm per module; `libraries` has the others."""

@@ -1,8 +1,8 @@
-"""How many triangulations a simple polygon has, and one of them drawn at random.
+"""The number of triangulations of a simple polygon, and uniform random triangulations.
 
-The recurrence of the optimum with sums and products for minima and sums. Drawn is the apex over a
-pair of corners, in proportion to the triangulations that it leaves, so that each is equally likely.
-Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
+The dynamic program of the optimum, with sums and products instead of minima and sums. The apex over
+a pair of vertices is drawn in proportion to the triangulations with it, so that all are equally
+likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
 """
 
 import numpy as np
@@ -13,23 +13,23 @@ from triangulators.errors import SkippedError
 from triangulators.initial import Cycle, cycle_of
 from triangulators.polygon import Boundary, checked_boundary
 
-LIMIT = 2000  # corners of one drawn at random, as a table of all pairs is kept
+MAX_VERTICES = 2000  # of a random triangulation, which needs a matrix of all pairs
 
 
-def count_triangulations(polygon: shapely.Polygon, most: int | None = None) -> int:
+def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
-    most: where there are more, that there are is all that is found out; see `count_of_cycle`.
-    Raises `InvalidPolygonError`, and `SkippedError` for holes.
+    max_count: stop counting above it, see `count_of_cycle`. Raises `InvalidPolygonError`, and
+    `SkippedError` for holes.
     """
-    return count_of_cycle(cycle_of(checked_boundary(polygon), "count"), most)
+    return count_of_cycle(cycle_of(checked_boundary(polygon), "count"), max_count)
 
 
-def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
+def count_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a `Cycle`.
 
-    most: stop at the first part of the polygon that has more, and return how many that has: the
-    polygon has no fewer, as every triangulation of a part is one of the whole when completed.
+    max_count: stop at the first part of the polygon that has more, and return its number, a lower
+    bound, because every triangulation of a part extends to one of the polygon.
     """
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
@@ -43,7 +43,7 @@ def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
                 if left is not None:
                     total += left * right
             row[j] = total
-            if most is not None and total > most:
+            if max_count is not None and total > max_count:
                 return total
         for j, total in row.items():
             ways[j][i] = total
@@ -52,17 +52,17 @@ def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
 
 @njit
 def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the logarithm of the number of triangulations beneath each visible pair, (pairs,).
+    """Return the logarithm of the number of triangulations of each visible pair's sub-polygon.
 
-    start, target: the `visible_pairs` of a cycle. Logarithms, as the numbers outgrow any float; a
-    sum of them is taken relative to its largest, `top`. Corner i descends, so that the apexes'
-    numbers are known: `row[k]` is that of i..k, `below[j, k]` that of k..j, and what does not see
-    each other has minus infinity, which adds nothing. n^2 numbers; n^3 / 6 steps at most.
+    start, target: the `visible_pairs` of a cycle. Logarithms, because the numbers overflow any
+    float; sums are relative to the largest term, `top`. Vertex i descends, so that the apexes'
+    numbers are available: `row[k]` is that of i..k, `below[j, k]` that of k..j, and minus infinity
+    for pairs that do not see each other. n^2 numbers; n^3 / 6 steps at most.
     """
     n = len(start) - 1
     result = np.full(len(target), -np.inf)
     row = np.full(n, -np.inf)
-    below = np.full((n, n), -np.inf)  # [j, k]: of the corners k..j
+    below = np.full((n, n), -np.inf)  # [j, k]: of the vertices k..j
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
             j = target[p]
@@ -84,40 +84,40 @@ def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 @njit
-def _drawn(
+def _draw(
     start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
 ) -> np.ndarray:
     """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1).
 
     start, target: the `visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
-    triangulations beneath the pair i-j, W(i, k) W(k, j) have the apex k, so that share of them is
-    taken from the chance in turn, k by k; where it is used up is the apex, and the last possible k
-    takes what rounding leaves. A stack of pairs, from 0, n - 1 on; n^2 numbers, and up to n steps
-    for each triangle.
+    triangulations of the pair i-j, W(i, k) W(k, j) have the apex k, so this fraction is subtracted
+    from the random number for each k. The first k that makes it negative is the apex, or the last
+    possible k if rounding leaves a remainder. A stack of pairs, from 0, n - 1 on; n^2 numbers, and
+    up to n steps for each triangle.
     """
     n = len(start) - 1
-    table = np.full((n, n), -np.inf)
+    counts = np.full((n, n), -np.inf)
     for i in range(n):
         for p in range(start[i], start[i + 1]):
-            table[i, target[p]] = table[target[p], i] = ways[p]
+            counts[i, target[p]] = counts[target[p], i] = ways[p]
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     waiting = [(0, n - 1)]
-    found = 0
+    size = 0
     while len(waiting) > 0:
         i, j = waiting.pop()
         if j - i < 2:
             continue
-        remaining = chances[found]
+        remaining = chances[size]
         apex = -1
         for k in range(i + 1, j):
-            share = table[i, k] + table[j, k] - table[i, j]
+            share = counts[i, k] + counts[j, k] - counts[i, j]
             if share > -np.inf:
                 apex = k
                 remaining -= np.exp(share)
                 if remaining < 0.0:
                     break
-        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
-        found += 1
+        triangles[size, 0], triangles[size, 1], triangles[size, 2] = i, apex, j
+        size += 1
         waiting.append((i, apex))
         waiting.append((apex, j))
     return triangles
@@ -126,11 +126,11 @@ def _drawn(
 def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     """Return a triangulation (n - 2, 3) drawn uniformly; the same seed gives the same one.
 
-    Raises `SkippedError` for holes, where they cannot be counted, and beyond 2000 vertices.
+    Raises `SkippedError` for holes and for more than 2000 vertices.
     """
-    if len(outline.edges) > LIMIT:
-        raise SkippedError(f"random: {len(outline.edges)} vertices, more than {LIMIT}")
+    if len(outline.edges) > MAX_VERTICES:
+        raise SkippedError(f"random: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
     ring = cycle_of(outline, "random")
     ways = log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
-    return np.asarray(ring.cycle[_drawn(ring.start, ring.target, ways, chances)])
+    return np.asarray(ring.cycle[_draw(ring.start, ring.target, ways, chances)])

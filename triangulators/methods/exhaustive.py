@@ -1,9 +1,9 @@
-"""The method of the paper (Kryvda and Sulema): list every triangulation, take the best.
+"""The method of the paper (Kryvda and Sulema): list all triangulations, return the best.
 
-Mode `paper` is the paper's recursion over cuts (`Recursion`); as the paper's program did, it drops
-a vertex that has become straight, so its results are not all conforming. Mode `conforming` lists
-all valid triangulations, each once, by a recursion over the apexes of one side: without dropping,
-the paper's recursion gives the same and removes duplicates.
+Mode `paper` is the paper's recursion over cuts (`Recursion`); like the paper's program, it drops
+vertices that have become collinear, so some results do not conform. Mode `conforming` lists all
+valid triangulations once, by a recursion over the apexes of one side: without dropping vertices,
+the paper's recursion gives the same set after removing duplicates.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +28,8 @@ from triangulators.polygon import (
 from triangulators.polygon_arrays import polygon_of_rings
 
 Mode = Literal["conforming", "paper"]
-MOST = 1_000_000  # triangulations; beyond, `optimal` finds the best without listing any
-MOST_PAPER = 20_000  # the recursion over all cuts keeps a set for every remaining polygon
+MAX_TRIANGULATIONS = 1_000_000  # in mode `conforming`
+MAX_PAPER_TRIANGULATIONS = 20_000  # the recursion stores a set for every remaining polygon
 Triangle = tuple[int, int, int]
 Triangulation = frozenset[Triangle]
 Corners = tuple[int, ...]
@@ -38,34 +38,34 @@ Corners = tuple[int, ...]
 def enumerate_triangulations(
     polygon: shapely.Polygon, mode: Mode = "conforming"
 ) -> np.ndarray | list[np.ndarray]:
-    """Return all triangulations of a polygon without holes, none twice.
+    """Return all distinct triangulations of a polygon without holes.
 
-    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3), as
-    dropped vertices leave fewer triangles. Raises `InvalidPolygonError`, and `SkippedError` for
-    holes and for more than 10^6 triangulations (20,000 in mode `paper`).
+    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3),
+    because dropped vertices leave fewer triangles. Raises `InvalidPolygonError`, and `SkippedError`
+    for holes and for more than 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "exhaustive")
     if mode == "conforming":
-        return np.asarray(ring.cycle[_all(ring)])
+        return np.asarray(ring.cycle[_list_all(ring)])
     if mode != "paper":
-        raise ValueError(f"mode is 'conforming' or 'paper', not {mode!r}")
-    _refuse(ring, MOST_PAPER)
-    found = Recursion(outline.points, drop_straight=True).all(ring.cycle.tolist())
-    return [np.array(sorted(triangles), dtype=np.int32) for triangles in sorted(map(sorted, found))]
+        raise ValueError(f"unknown mode {mode!r} (choose from conforming, paper)")
+    _check_count(ring, MAX_PAPER_TRIANGULATIONS)
+    results = Recursion(outline.points, drop_straight=True).all(ring.cycle.tolist())
+    ordered = sorted(map(sorted, results))
+    return [np.array(triangles, dtype=np.int32) for triangles in ordered]
 
 
-def _refuse(ring: Cycle, most: int) -> None:
-    if count_of_cycle(ring, most) > most:
+def _check_count(ring: Cycle, max_count: int) -> None:
+    if count_of_cycle(ring, max_count) > max_count:
         raise SkippedError(
-            f"exhaustive: the polygon has more than {most} triangulations;"
-            " 'optimal' finds the best without listing them"
+            f"exhaustive: more than {max_count} triangulations; use 'optimal', which lists none"
         )
 
 
-def _all(ring: Cycle) -> np.ndarray:
+def _list_all(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3) positions in it."""
-    _refuse(ring, MOST)
+    _check_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
     lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]  # lists[j][i]: of corners i..j
     for i in range(n - 1, -1, -1):
@@ -76,13 +76,13 @@ def _all(ring: Cycle) -> np.ndarray:
                 continue
             parts = [_join(row[k], right, (i, k, j)) for k, right in lists[j].items() if k in row]
             row[j] = np.concatenate(parts) if parts else np.empty((0, j - i - 1, 3), np.int16)
-        for j, found in row.items():
-            lists[j][i] = found
+        for j, part in row.items():
+            lists[j][i] = part
     return lists[n - 1][0].astype(np.int32)
 
 
 def _join(left: np.ndarray, right: np.ndarray, triangle: Triangle) -> np.ndarray:
-    """Return every pair of a left and a right part with the triangle between them."""
+    """Return all combinations of a left and a right part with the triangle between them."""
     count = len(left) * len(right)
     between = np.broadcast_to(np.array(triangle, dtype=np.int16), (count, 1, 3))
     return np.concatenate(
@@ -98,109 +98,112 @@ def triangulate(
 ) -> np.ndarray:
     """Return the best of all triangulations; raises `SkippedError` for holes and for too many."""
     ring = cycle_of(outline, "exhaustive")
-    found = criteria.find(criterion, **parameters)
-    cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
-    everything = _all(ring)
-    return np.asarray(ring.cycle[everything[cheapest(ring.points, everything, cost)]])
+    resolved = criteria.find(criterion, **parameters)
+    cost = cost_of(resolved, boundary_area(outline), outline.expected_triangles)
+    listed = _list_all(ring)
+    return np.asarray(ring.cycle[listed[cheapest(ring.points, listed, cost)]])
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
 
-    Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
-    Raises `SkippedError` for holes, for more than 20,000, and where the list ends before k.
+    Mode `paper`, with T-junctions. The lists of recent polygons are cached. Raises `SkippedError`
+    for holes, for more than 20,000 triangulations, and if there is no entry k.
     """
-    everything = _listed(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
-    if not 0 <= k < len(everything):
-        raise SkippedError(f"listed: the list ends at number {len(everything) - 1}, before {k}")
-    return everything[k].copy()
+    listed = _list_sorted(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
+    if not 0 <= k < len(listed):
+        raise SkippedError(f"listed: k={k} is out of range (the list ends at {len(listed) - 1})")
+    return listed[k].copy()
 
 
 @lru_cache(maxsize=8)
-def _listed(wkb: bytes) -> list[np.ndarray]:
+def _list_sorted(wkb: bytes) -> list[np.ndarray]:
     polygon = shapely.from_wkb(wkb)
     points = vertices(polygon)
 
     def order(triangles: np.ndarray) -> tuple[float, float]:
         sums = criteria.predict(points, triangles)
-        return round(sums["overdraw"], 9), round(sums["shape"], 9)  # so that equal ones tie
+        return round(sums["overdraw"], 9), round(sums["shape"], 9)  # ties despite rounding
 
     return sorted(enumerate_triangulations(polygon, "paper"), key=order)
 
 
 class Recursion:
-    """All triangulations of the polygons over one set of points, found by cutting ears.
+    """All triangulations of the polygons over one set of points, by cutting ears.
 
-    From each starting vector of the remaining polygon three cuts are tried: the triangle of the
-    start and the next vector (the paper's firstPart), that of the previous vector and the one
-    before (secondPart), and both (thirdPart). A cut is allowed if its triangle lies inside; what is
-    left is treated in the same way until one triangle remains. The set of distinct results is kept.
+    From each starting edge of the remaining polygon three cuts are tried: the triangle of this and
+    the next edge (the paper's firstPart), that of the previous edge and the one before
+    (secondPart), and both (thirdPart). A cut is allowed if its triangle is inside; the rest is
+    treated in the same way until one triangle remains. The result is the set of distinct ones.
 
-    points: (n, 2). drop_straight: drop a vertex that a cut has made straight, as the paper's
-    program did; triangulations that passed it by are then not conforming.
+    points: (n, 2). drop_straight: drop a vertex that a cut has made collinear, like the paper's
+    program; triangulations that skip it do not conform.
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
         rows = points.tolist()
         self._drop_straight = drop_straight
-        # Both are asked for the same in many of the remaining polygons.
-        self._turn = cache(lambda a, b, c: orient(*rows[a], *rows[b], *rows[c]))
-        self._of = cache(self._all_of)
+        # Cached: many of the remaining polygons share triples and parts.
+        self._orientation = cache(lambda a, b, c: orient(*rows[a], *rows[b], *rows[c]))
+        self._triangulations = cache(self._cut_all)
 
     def all(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
-        return self._of(_least_first(list(cycle)))
+        return self._triangulations(_least_first(list(cycle)))
 
-    def _all_of(self, corners: Corners) -> set[Triangulation]:
-        found: set[Triangulation] = set()
-        if len(corners) == 3:
-            if self._turn(*corners) > 0.0:
-                a, b, c = corners
-                found.add(frozenset({(a, b, c)}))
+    def _cut_all(self, cycle: Corners) -> set[Triangulation]:
+        results: set[Triangulation] = set()
+        if len(cycle) == 3:
+            if self._orientation(*cycle) > 0.0:
+                a, b, c = cycle
+                results.add(frozenset({(a, b, c)}))
         else:
-            n = len(corners)
+            n = len(cycle)
             for start in range(n):
-                first, second = corners[(start + 1) % n], corners[start - 1]
+                first, second = cycle[(start + 1) % n], cycle[start - 1]
                 for ears in ((first,), (second,), (first, second)):
-                    found |= self._after(corners, ears)
-        return found
+                    results |= self._cut_ears(cycle, ears)
+        return results
 
-    def _after(self, corners: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
-        """Return the triangulations that begin by cutting these vertices off, in turn."""
-        cut: set[Triangle] = set()
+    def _cut_ears(self, cycle: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
+        """Return the triangulations that begin by cutting these vertices off, one by one."""
+        ears_cut: set[Triangle] = set()
         for vertex in ears:
-            if len(corners) == 3 or vertex not in corners:
+            if len(cycle) == 3 or vertex not in cycle:
                 return set()
-            at = corners.index(vertex)
-            ear = (corners[at - 1], vertex, corners[(at + 1) % len(corners)])
-            if not self._is_inside(ear, corners):
+            at = cycle.index(vertex)
+            ear = (cycle[at - 1], vertex, cycle[(at + 1) % len(cycle)])
+            if not self._is_inside(ear, cycle):
                 return set()
             a, b, c = _least_first(list(ear))
-            cut.add((a, b, c))
-            corners = self._without(corners, at)
-        return {frozenset(others | cut) for others in self._of(corners)}
+            ears_cut.add((a, b, c))
+            cycle = self._without(cycle, at)
+        return {
+            frozenset(rest_triangles | ears_cut) for rest_triangles in self._triangulations(cycle)
+        }
 
-    def _is_inside(self, ear: Triangle, corners: Corners) -> bool:
-        """Whether a triangle turns left and no other corner lies in it or on its edges."""
+    def _is_inside(self, ear: Triangle, cycle: Corners) -> bool:
+        """Whether a triangle is counter-clockwise with no other vertex inside or on its edges."""
         a, b, c = ear
-        return self._turn(a, b, c) > 0.0 and all(
-            min(self._turn(a, b, v), self._turn(b, c, v), self._turn(c, a, v)) < 0.0
-            for v in corners
+        return self._orientation(a, b, c) > 0.0 and all(
+            min(self._orientation(a, b, v), self._orientation(b, c, v), self._orientation(c, a, v))
+            < 0.0
+            for v in cycle
             if v not in ear
         )
 
-    def _without(self, corners: Corners, at: int) -> Corners:
-        rest = [*corners[at + 1 :], *corners[:at]]
+    def _without(self, cycle: Corners, at: int) -> Corners:
+        remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
-            # Only the neighbours of what was cut off can have become straight: the ends of `rest`.
-            while len(rest) > 3 and self._turn(rest[-1], rest[0], rest[1]) == 0.0:
-                rest.pop(0)
-            while len(rest) > 3 and self._turn(rest[-2], rest[-1], rest[0]) == 0.0:
-                rest.pop()
-        return _least_first(rest)
+            # Only neighbours of the cut can have become collinear: the ends of `remaining`.
+            while len(remaining) > 3 and self._orientation(remaining[-1], *remaining[:2]) == 0.0:
+                remaining.pop(0)
+            while len(remaining) > 3 and self._orientation(*remaining[-2:], remaining[0]) == 0.0:
+                remaining.pop()
+        return _least_first(remaining)
 
 
-def _least_first(corners: list[int]) -> Corners:
-    """Turn a cycle so that it starts with its least index."""
-    least = corners.index(min(corners))
-    return (*corners[least:], *corners[:least])
+def _least_first(cycle: list[int]) -> Corners:
+    """Rotate a cycle so that it starts with its lowest index."""
+    start = cycle.index(min(cycle))
+    return (*cycle[start:], *cycle[:start])

@@ -1,9 +1,9 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
-Without holes it is exact, up to a number of vertices that the caller may set, by a table over all
-sub-polygons. With few holes and corners all ways to cut them open are tried (`cut_holes`); else
-`proof` begins with the better of ear clipping and Delaunay, improves it and says whether it could
-be proven. Beyond the number of vertices, windows of that beginning are optimised.
+Without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices. With few
+holes and vertices all ways to cut the holes open are tried (`cut_holes`); otherwise `proof`
+improves the better of ear clipping and Delaunay, and proves the result if it can. Beyond `limit`
+vertices, windows of that initial solution are optimised.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
-from triangulators.checking.units import EXACT, whole_scale
+from triangulators.checking.units import EXACT, find_exact_scale
 from triangulators.criteria.cost import cost_of, total_cost, with_fields
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import walk
@@ -28,24 +28,24 @@ from triangulators.optimum.best_way import (
 )
 from triangulators.polygon import Boundary, boundary_area
 
-LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
-MOST_PLACED = 500
-"""Vertices up to which a criterion that is counted pixel by pixel is optimised."""
+LIMIT = 2000  # vertices up to which a polygon is optimised in one piece
+MAX_PLACED_VERTICES = 500
+"""Vertices up to which a criterion that counts pixels is optimised."""
 
-PROVEN = 500
-"""Vertices up to which the linear program is asked where a polygon's rings stay apart.
+MAX_PROGRAM_VERTICES = 500
+"""Vertices up to which the linear program is used if the skeleton does not connect all rings.
 
-With more it can take minutes: `certify` asks it for those who want a proof. What is
-worst is never proven: local minimality excludes next to nothing there.
+With more it can take minutes; `certify` uses it for polygons of any size. The maximum is never
+proven, because local minimality excludes almost no edge there.
 """
 
 
 class SearchOptions(NamedTuple):
     """Parameters of `optimal` and `worst` other than the criterion and its parameters.
 
-    limit : vertices up to which a polygon is optimised in one piece, at a time that grows with
-        their cube at worst; of larger ones windows of a triangulation are
-    seed : choices of the local search
+    limit : vertices up to which a polygon is optimised in one piece, in cubic time at worst; larger
+        polygons are optimised in windows
+    seed : of the local search's random choices
     """
 
     limit: int = LIMIT
@@ -54,15 +54,17 @@ class SearchOptions(NamedTuple):
     @classmethod
     def split(cls, parameters: Mapping[str, Any]) -> tuple["SearchOptions", dict[str, Any]]:
         """Return the search options among parameters, and the parameters of the criterion."""
-        own = {name: parameters[name] for name in cls._fields if name in parameters}
-        return cls(**own), {name: parameters[name] for name in parameters if name not in own}
+        options = {name: parameters[name] for name in cls._fields if name in parameters}
+        return cls(**options), {
+            name: parameters[name] for name in parameters if name not in options
+        }
 
 
 def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that minimises `criterion`.
 
-    parameters: `criterion` as `criteria.find` takes it, "overdraw" by default; `SearchOptions`; all
-    others are the criterion's.
+    parameters: `criterion`, see `criteria.find`, "overdraw" by default; `SearchOptions`; all others
+    are the criterion's.
     """
     return _optimise(outline, 1.0, **parameters).triangles
 
@@ -73,54 +75,55 @@ def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
 
 
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
-    """Return what `triangulate` does, and how far it may be from the optimum, relative to its cost.
+    """Return the result of `triangulate`, and its gap to the optimum relative to its cost.
 
-    0 where it is the optimum: by a table, or by a proof as `certify` makes one, which `checker` has
-    not looked at; of costs that are real numbers, up to rounding. Next to nothing where whole costs
-    add up to more than doubles hold, and infinite where there is no bound: what windows or the
-    local search gave.
+    The gap is 0 for an optimum: by a dynamic program, or by a proof as in `certify`, but unchecked;
+    for real costs, up to rounding. It is a rounding bound (about 1e-16) if sums of integer costs
+    exceed 2^53, and infinite if there is no bound: after windows or local search.
     """
-    found = _optimise(outline, 1.0, **parameters)
-    if found.by_table is None:
-        return found.triangles, found.gap
-    return found.triangles, _rounding(outline, found.by_table, found.triangles)
+    result = _optimise(outline, 1.0, **parameters)
+    if result.exact_for is None:
+        return result.triangles, result.gap
+    return result.triangles, _bound_rounding(outline, result.exact_for, result.triangles)
 
 
-def _rounding(outline: Boundary, criterion: criteria.Criterion, triangles: np.ndarray) -> float:
-    """Return how far from the optimum rounding may have led a table, relative to the cost.
+def _bound_rounding(
+    outline: Boundary, criterion: criteria.Criterion, triangles: np.ndarray
+) -> float:
+    """Return a bound on the relative gap of a dynamic program's result (m, 3) due to rounding.
 
-    triangles (m, 3): what it gave. Of costs that are not negative no sum matters that is above the
-    optimum's, so it is enough that this one is exact. Otherwise all of them are off by a part of
-    2^-53 for each number that was added, and the three that it was made of.
+    For costs that are not negative, sums above the optimum's do not matter, so it is enough that
+    the optimum's is exact. Otherwise each sum has a relative error of 2^-53 for each number added,
+    and for the three that it was computed from.
     """
     points, count = outline.points, outline.expected_triangles
     cost = cost_of(criterion, boundary_area(outline), count)
     _, _, width, height = box_of(points)
     unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
-    if weights * max(2.0, steps) * steps * count < EXACT:  # quickly said
+    if weights * max(2.0, steps) * steps * count < EXACT:  # fast path
         return 0.0
-    scale, whole, most = whole_scale(points, cost)
-    if (scale == 0.0 and not whole) or (scale > 0.0 and most * count < EXACT):
+    scale, is_integer, max_units = find_exact_scale(points, cost)
+    if (scale == 0.0 and not is_integer) or (scale > 0.0 and max_units * count < EXACT):
         return 0.0
     if cost["box"].min() < 0.0:
         return math.inf
     total = total_cost(points, triangles, with_fields(cost, weights=np.abs(cost["weights"])))
     if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
         return 0.0
-    least = abs(total_cost(points, triangles, cost))
-    return (16 * count + 32) * 2.0**-53 * total / least if least > 0.0 else math.inf
+    size = abs(total_cost(points, triangles, cost))
+    return (16 * count + 32) * 2.0**-53 * total / size if size > 0.0 else math.inf
 
 
-class _Found(NamedTuple):
-    """A triangulation (m, 3) and how far it may be from the optimum, infinite where unknown.
+class _Result(NamedTuple):
+    """A triangulation (m, 3) and its relative gap to the optimum, infinite if unknown.
 
-    by_table: the criterion, where a table of it says so by sums of doubles.
+    exact_for: the criterion, if a dynamic program in doubles found the optimum.
     """
 
     triangles: np.ndarray
     gap: float
-    by_table: criteria.Criterion | None = None
+    exact_for: criteria.Criterion | None = None
 
 
 def _optimise(
@@ -129,41 +132,41 @@ def _optimise(
     *,
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: Any,
-) -> _Found:
-    """Do `triangulate`; sign: 1 to minimise, -1 to maximise."""
+) -> _Result:
+    """Return the optimum, in walk order; sign: 1 to minimise, -1 to maximise."""
     options, weights = SearchOptions.split(parameters)
-    wanted = criteria.find(criterion, **weights)
-    small = quick_optimum(outline, wanted, sign, options.limit)
+    resolved = criteria.find(criterion, **weights)
+    small = quick_optimum(outline, resolved, sign, options.limit)
     if small is not None:
-        return _Found(walk(small, len(outline.points)), 0.0, wanted)
-    found = _search(outline, wanted, sign, options)
-    return found._replace(triangles=walk(found.triangles, len(outline.points)))
+        return _Result(walk(small, len(outline.points)), 0.0, resolved)
+    result = _search(outline, resolved, sign, options)
+    return result._replace(triangles=walk(result.triangles, len(outline.points)))
 
 
 def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
-) -> _Found:
+) -> _Result:
     points, (limit, seed) = outline.points, options
-    if criterion.placed and len(points) > MOST_PLACED:
+    if criterion.placed and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
-            f"{criterion.name} of {len(points):,} vertices: up to {MOST_PLACED} are done, because"
-            " every triangle's rows of pixels are looked at"
+            f"{criterion.name}: {len(points):,} vertices (more than {MAX_PLACED_VERTICES});"
+            " counting pixels of all triangles would take too long"
         )
     cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
         start = ring_triangulation(outline, cycle)
-        return _Found(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
+        return _Result(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = best_initial(outline, cost)
-        return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
+        return _Result(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
     proof = None
     if sign > 0.0:
-        # Never a time between the two: the result is the same on any machine.
-        seconds = math.inf if len(points) <= PROVEN else 0.0
+        # No finite time limit, so that the result is the same on any machine.
+        seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
         from triangulators.certificate.proof import prove  # most polygons have no holes
 
         proof = prove(outline, best_initial(outline, cost), cost, seconds)
     if proof is None:
-        return _Found(search_cuts(points, best_initial(outline, cost), cost, seed), math.inf)
-    return _Found(proof.triangles, proof.gap)
+        return _Result(search_cuts(points, best_initial(outline, cost), cost, seed), math.inf)
+    return _Result(proof.triangles, proof.gap)

@@ -1,8 +1,8 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
-The recurrence of the optimum with sets of non-dominated pairs of costs for single costs. It needs
-no list of triangulations; the fronts of the sub-polygons stay small, though there is no bound. A
-weighted sum of the two criteria reaches only the corners of the front's convex hull; here is all.
+The dynamic program of the optimum, with sets of non-dominated pairs of costs instead of costs. It
+lists no triangulations; the fronts of sub-polygons are small in practice, without a proven bound.
+Weighted sums of the two criteria reach only vertices of the front's convex hull; this finds all.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,11 @@ from triangulators.initial import Cycle, cycle_of
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
-MOST = 100_000  # points in the front of a sub-polygon
-LIMIT = 100  # vertices up to which a point of the front is a triangulator: a minute at worst
-_SAME = 1e-9  # costs closer than this part of the largest count as equal
+MAX_FRONT_SIZE = 100_000  # of a sub-polygon
+MAX_VERTICES = 100  # of the triangulator "pareto": a minute at worst
+_RELATIVE_TOLERANCE = 1e-9  # costs closer than this part of the largest count as equal
 
-Wanted = criteria.Criterion | str | Callable[..., float]
+CriterionLike = criteria.Criterion | str | Callable[..., float]
 
 
 class Front(NamedTuple):
@@ -44,9 +44,9 @@ class _Partial(NamedTuple):
 
 
 def pareto_front(
-    polygon: shapely.Polygon, first: Wanted = "overdraw", second: Wanted = "shape"
+    polygon: shapely.Polygon, first: CriterionLike = "overdraw", second: CriterionLike = "shape"
 ) -> Front:
-    """Return the Pareto front of two criteria, both to be small.
+    """Return the Pareto front of two criteria to minimise.
 
     Raises `InvalidPolygonError`, `SkippedError` for holes, `UnknownNameError`, and
     `TriangulationError` if the front of some sub-polygon has more than 100,000 entries.
@@ -54,29 +54,33 @@ def pareto_front(
     outline = checked_boundary(polygon)
     ring = cycle_of(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
-    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
+    pair = [cost_of(criteria.find(criterion), area, count) for criterion in (first, second)]
     fronts = _fronts(ring, pair[0], pair[1])
-    whole = fronts[0, len(ring.cycle) - 1]
-    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
-    return Front(whole.costs, ring.cycle[triangles])
+    front = fronts[0, len(ring.cycle) - 1]
+    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(front[0]))])
+    return Front(front.costs, ring.cycle[triangles])
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
-    """Return the k-th triangulation (n - 2, 3) of the front of A and D, from the least A on.
+    """Return the k-th triangulation (n - 2, 3) of the front of A and D, by ascending A.
 
-    The fronts of the last polygons are kept, so that the next number costs nothing. Raises
-    `SkippedError` for holes, beyond 100 vertices, and where the front ends before k.
+    The fronts of recent polygons are cached for other k. Raises `SkippedError` for holes, for more
+    than 100 vertices, and if the front has no entry k.
     """
-    if len(outline.edges) > LIMIT:
-        raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
-    triangles = _of_a_and_d(polygon_of_rings(outline.points, outline.ring_offsets).wkb).triangles
+    if len(outline.edges) > MAX_VERTICES:
+        raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
+    triangles = _front_of_a_and_d(
+        polygon_of_rings(outline.points, outline.ring_offsets).wkb
+    ).triangles
     if not 0 <= k < len(triangles):
-        raise SkippedError(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
+        raise SkippedError(
+            f"pareto: k={k} is out of range (the front ends at {len(triangles) - 1})"
+        )
     return np.array(triangles[k])
 
 
 @lru_cache(maxsize=32)
-def _of_a_and_d(wkb: bytes) -> Front:
+def _front_of_a_and_d(wkb: bytes) -> Front:
     return pareto_front(shapely.from_wkb(wkb))
 
 
@@ -103,35 +107,35 @@ def _merge(
     apexes: list[int],
     pair: tuple[Cost, Cost],
 ) -> _Partial:
-    """Return the front beneath the pair i, j: the best of every apex's sums."""
+    """Return the front of the sub-polygon of the pair i, j, over all its apexes."""
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []
     for k in apexes:
         left, right = fronts[i, k].costs, fronts[k, j].costs
         triangle = np.array([[i, k, j]], dtype=np.int32)
-        own = np.array([total_cost(points, triangle, cost) for cost in pair])
-        sums = (left[:, None] + right[None, :]).reshape(-1, 2) + own
-        kept = _non_dominated(sums)
-        costs.append(sums[kept])
+        triangle_costs = np.array([total_cost(points, triangle, cost) for cost in pair])
+        sums = (left[:, None] + right[None, :]).reshape(-1, 2) + triangle_costs
+        rows = _non_dominated(sums)
+        costs.append(sums[rows])
         origins.append(
-            np.column_stack((np.full(len(kept), k), kept // len(right), kept % len(right)))
+            np.column_stack((np.full(len(rows), k), rows // len(right), rows % len(right)))
         )
     if not costs:
         return _Partial(np.empty((0, 2)), np.empty((0, 3), dtype=np.int32))
     sums, origin = np.concatenate(costs), np.concatenate(origins).astype(np.int32)
-    kept = _non_dominated(sums)
-    if len(kept) > MOST:
-        raise TriangulationError(f"pareto: a front has more than {MOST} entries")
-    return _Partial(sums[kept], origin[kept])
+    rows = _non_dominated(sums)
+    if len(rows) > MAX_FRONT_SIZE:
+        raise TriangulationError(f"pareto: a front has more than {MAX_FRONT_SIZE} entries")
+    return _Partial(sums[rows], origin[rows])
 
 
 def _non_dominated(costs: np.ndarray) -> np.ndarray:
-    """Return the rows of (c, 2) that no other row is as good as in both columns; one of equals."""
+    """Return the indices of non-dominated rows of (c, 2), one of equal rows."""
     order = np.lexsort((costs[:, 1], costs[:, 0]))
     second = costs[order, 1]
-    least = np.minimum.accumulate(second)
-    slack = _SAME * max(float(np.abs(second).max(initial=0.0)), 1e-300)
-    better = np.r_[True, second[1:] < least[:-1] - slack]
+    minima = np.minimum.accumulate(second)
+    slack = _RELATIVE_TOLERANCE * max(float(np.abs(second).max(initial=0.0)), 1e-300)
+    better = np.r_[True, second[1:] < minima[:-1] - slack]
     return order[better]
 
 

@@ -1,4 +1,4 @@
-"""Triangulations by a simple rule: fan, strip, greedy, largest triangle first."""
+"""Simple triangulators: fan, strip, greedy, largest triangle first."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,33 +8,35 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.errors import SkippedError
 from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import orientation
 from triangulators.geometry.shortest_diagonals import by_length, shortest_first
 from triangulators.geometry.visibility import visible_sites
 from triangulators.initial import cycle_of, initial_triangulations
 from triangulators.polygon import Boundary
 
-MOST_GREEDY = 3000
-"""Vertices of a greedy triangulation, as pairs of them are looked at."""
+MAX_GREEDY_VERTICES = 3000
+"""Limit of `greedy`, which compares pairs of vertices."""
 
-MOST_LARGEST = 1500
-"""Vertices of one by largest triangles: the search takes a time that grows with their cube."""
+MAX_LARGEST_VERTICES = 1500
+"""Limit of `largest_first`, whose time is cubic."""
 
 
 def fan(outline: Boundary) -> np.ndarray:
     """Return all diagonals from one vertex; raise `SkippedError` for holes or if none sees all."""
-    return _of_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
+    return _apply_to_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
 
 
 def strip(outline: Boundary) -> np.ndarray:
-    """Return a zigzag of diagonals, as a triangle strip would be drawn.
+    """Return a zigzag of diagonals, which can be drawn as a triangle strip.
 
-    Raises `SkippedError` for holes and where no start gives a valid one.
+    Raises `SkippedError` for holes and if no start gives a valid one.
     """
-    return _of_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
+    return _apply_to_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
 
 
-def _of_ring(outline: Boundary, name: str, rule: Callable[..., Any], why_not: str) -> np.ndarray:
+def _apply_to_ring(
+    outline: Boundary, name: str, rule: Callable[..., Any], why_not: str
+) -> np.ndarray:
     if outline.holes:
         raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
@@ -47,7 +49,7 @@ def _of_ring(outline: Boundary, name: str, rule: Callable[..., Any], why_not: st
 def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid fan of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A fan is valid if all its triangles turn left: their edges then add up to the boundary.
+    A fan is valid if all its triangles are counter-clockwise: their edges add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -55,7 +57,7 @@ def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
         valid = True
         for row in range(n - 2):
             a, b, c = ring[centre], ring[(centre + row + 1) % n], ring[(centre + row + 2) % n]
-            if turn(points, a, b, c) <= 0.0:
+            if orientation(points, a, b, c) <= 0.0:
                 valid = False
                 break
             triangles[row, 0], triangles[row, 1], triangles[row, 2] = a, b, c
@@ -68,8 +70,8 @@ def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A zigzag starts at a side and takes its next vertex from either end in turn. It is valid if all
-    its triangles turn left: their edges then add up to the boundary.
+    A zigzag starts at a side and takes its next vertex from either end alternately. It is valid if
+    all its triangles are counter-clockwise: their edges add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -81,7 +83,7 @@ def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
         for row in range(n - 2):
             apex = low + 1 if forward else high - 1
             a, b, c = ring[low % n], ring[apex % n], ring[high % n]
-            if turn(points, a, b, c) <= 0.0:
+            if orientation(points, a, b, c) <= 0.0:
                 valid = False
                 break
             triangles[row, 0], triangles[row, 1], triangles[row, 2] = a, b, c
@@ -96,65 +98,69 @@ def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 
 def greedy(outline: Boundary) -> np.ndarray:
-    """Return all diagonals, shortest first, each kept if it crosses none kept, as triangles (m, 3).
+    """Return the greedy triangulation (m, 3): shortest diagonals first, unless they cross one.
 
-    Raises `SkippedError` beyond 3000 vertices.
+    Raises `SkippedError` for more than 3000 vertices.
     """
-    if len(outline.edges) > MOST_GREEDY:
-        raise SkippedError(f"greedy: {len(outline.edges)} vertices, more than {MOST_GREEDY}")
+    if len(outline.edges) > MAX_GREEDY_VERTICES:
+        raise SkippedError(
+            f"greedy: {len(outline.edges)} vertices, more than {MAX_GREEDY_VERTICES}"
+        )
     if not outline.holes:
-        return _greedy_of_cycle(outline)
+        return _greedy_cycle(outline)
     start = initial_triangulations(outline)[0]
     return shortest_first(
         outline.points, outline.edges, visible_sites(outline.points, start, twins_of(start))
     )
 
 
-def _greedy_of_cycle(outline: Boundary) -> np.ndarray:
+def _greedy_cycle(outline: Boundary) -> np.ndarray:
     ring = cycle_of(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
     pairs = by_length(ring.points, np.column_stack((tails, ring.target)))
     sides = np.column_stack((np.arange(n), (np.arange(n) + 1) % n))
-    kept = np.concatenate((pairs[_keep_in_cycle(n, pairs)], np.sort(sides, axis=1)))
-    kept = kept[np.lexsort((kept[:, 1], kept[:, 0]))]
-    kept = kept[np.r_[True, np.any(kept[1:] != kept[:-1], axis=1)]]
-    # The corners above i that i is joined to, in order, are the far sides of its triangles.
-    same = np.flatnonzero(kept[1:, 0] == kept[:-1, 0])
-    return np.asarray(ring.cycle[np.column_stack((kept[same], kept[same + 1, 1]))])
+    selected = np.concatenate((pairs[_select_in_cycle(n, pairs)], np.sort(sides, axis=1)))
+    selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
+    selected = selected[np.r_[True, np.any(selected[1:] != selected[:-1], axis=1)]]
+    # Consecutive neighbours j, j' > i of vertex i form a triangle with it.
+    same = np.flatnonzero(selected[1:, 0] == selected[:-1, 0])
+    return np.asarray(ring.cycle[np.column_stack((selected[same], selected[same + 1, 1]))])
 
 
 @njit
-def _keep_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
-    """Mark the pairs (i, j) of a cycle's corners, i < j, that cross no earlier one kept.
+def _select_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
+    """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
-    Diagonals of a cycle cross if the ends of one are apart on the cycle between those of the other:
-    no coordinates are needed. least, most: the range of corners that each is joined to by what is
-    kept. So i-j crosses one of them if a corner strictly between i and j is joined to one outside
-    i..j; a pair takes j - i steps.
+    Diagonals of a cycle cross if their ends alternate along the cycle: no coordinates are needed.
+    lowest, highest: the range of vertices that each is joined to by selected pairs. So i-j crosses
+    one of them if a vertex strictly between i and j is joined to one outside i..j; a pair takes
+    j - i steps.
     """
-    least, most = np.arange(n), np.arange(n)
-    kept = np.zeros(len(pairs), dtype=np.bool_)
+    lowest, highest = np.arange(n), np.arange(n)
+    selected = np.zeros(len(pairs), dtype=np.bool_)
     for index in range(len(pairs)):
         i, j = pairs[index]
         crossed = False
         for v in range(i + 1, j):
-            crossed |= least[v] < i or most[v] > j
+            crossed |= lowest[v] < i or highest[v] > j
         if not crossed:
-            kept[index] = True
-            most[i], least[j] = max(most[i], j), min(least[j], i)
-    return kept
+            selected[index] = True
+            highest[i], lowest[j] = max(highest[i], j), min(lowest[j], i)
+    return selected
 
 
 def largest_first(outline: Boundary) -> np.ndarray:
-    """Return the largest triangle, then the same in what is left on each side of it, (n - 2, 3).
+    """Return the largest triangle, and recursively that of each remaining part, (n - 2, 3).
 
-    Raises `SkippedError` for holes and beyond 1500 vertices. Source: E. Persson, "Triangulation",
-    2009, for convex polygons; here corners that see each other are joined, so any simple polygon
-    will do.
+    Raises `SkippedError` for holes and for more than 1500 vertices. Source: E. Persson,
+    "Triangulation", 2009, for convex polygons; joining only vertices that see each other extends it
+    to simple polygons.
     """
-    if len(outline.edges) > MOST_LARGEST:
-        raise SkippedError(f"max-area: {len(outline.edges)} vertices, more than {MOST_LARGEST}")
+    if len(outline.edges) > MAX_LARGEST_VERTICES:
+        raise SkippedError(
+            f"max-area: {len(outline.edges)} vertices, more than {MAX_LARGEST_VERTICES}"
+        )
     ring = cycle_of(outline, "max-area")
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
@@ -166,14 +172,14 @@ def largest_first(outline: Boundary) -> np.ndarray:
 def _largest_of(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2); sees (n, n), i < j.
 
-    A stack of sub-polygons, each the corners of it in the cycle's order, so that every triangle
-    i < k < j of corners that see each other turns left, and its doubled area needs no sign. The
-    largest one cuts three sub-polygons off, of the corners p to q, q to r, and r round to p; those
-    that are a side only are not kept. Of equal areas it is the first, by i, k and j.
+    A stack of sub-polygons, each as its vertices in the cycle's order, so that every triangle
+    i < k < j of mutually visible vertices is counter-clockwise, with a positive doubled area. The
+    largest one cuts off three sub-polygons, of the vertices p to q, q to r, and r around to p; a
+    single side is not pushed. Of equal areas the first by i, k and j is taken.
     """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
-    found = 0
+    count = 0
     waiting = [np.arange(n)]
     while len(waiting) > 0:
         corners = waiting.pop()
@@ -193,10 +199,10 @@ def _largest_of(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
                         and sees[corners[k], corners[j]]
                     ):
                         best, p, q, r = area, i, k, j
-        triangles[found, 0] = corners[p]
-        triangles[found, 1] = corners[q]
-        triangles[found, 2] = corners[r]
-        found += 1
+        triangles[count, 0] = corners[p]
+        triangles[count, 1] = corners[q]
+        triangles[count, 2] = corners[r]
+        count += 1
         if q - p > 1:
             waiting.append(corners[p : q + 1].copy())
         if r - q > 1:

@@ -1,1 +1,1 @@
-"""The least of a criterion by tables: over one ring, rings with holes, many rings at once."""
+"""Dynamic programs for the optimum of a ring and of rings with holes; local search."""

@@ -1,15 +1,14 @@
-"""The optimum of one polygon, by whichever table is the fastest there; of pieces, beyond tables.
+"""Choose the fastest exact solver for one polygon; local search for polygons without one.
 
-full_table     boxes and edges, without visibility: small rings, and those where most corners see
-               each other
-visible_lists  any cost, over the pairs of corners that see each other
-cut_holes      small polygons with few holes, all ways to cut them into one ring
+full_table     box and edge costs, dense: small rings, and rings where most vertices see each other
+visible_lists  any cost, sparse: over the pairs of vertices that see each other
+cut_holes      small polygons with few holes, over all ways to cut them into one ring
 
-Where no table is for the whole polygon, a triangulation of it is improved by optimising pieces of
-it exactly. A piece is a tree of neighbouring triangles, unfolded into a simple polygon (see
-`unfold`); its own triangulation is one of those the exact method chooses from, so no step makes
-anything worse. With the whole polygon as the piece, a tree crosses all but h of the diagonals that
-matter: the others are the cuts between the holes and the outline, and other trees give other cuts.
+If no dynamic program applies to the polygon, a triangulation is improved by optimising pieces of it
+exactly. A piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`); its
+current triangulation is feasible for the exact solver, so no step increases the cost. If the piece
+is the complete polygon, the diagonals that its tree does not cross are the cuts between the holes
+and the outline; other trees give other cuts.
 """
 
 import numpy as np
@@ -27,48 +26,46 @@ from triangulators.optimum.full_table import SMALL, by_full_table
 from triangulators.optimum.visible_lists import by_lists
 from triangulators.polygon import Boundary
 
-TABLE_ONLY = 128  # corners; up to here looking for visible pairs costs more than it saves
-_SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by ring
+MAX_DENSE_VERTICES = 128  # up to which finding visible pairs takes longer than it saves
+_SPARSE_TO_DENSE = 2.0  # measured ratio of the times per apex, sparse to dense
 
 PIECE = 200  # triangles in a window of a large polygon
-_ROUNDS = 12  # sweeps of windows at most
-_ENOUGH = 5e-3  # a sweep that gains less than this part of the cost is the last
-_PATIENCE = 6  # cuts tried in a row without gain before giving up on better ones
+_MAX_SWEEPS = 12  # of windows
+_MIN_GAIN = 5e-3  # relative; a sweep that gains less is the last
+_PATIENCE = 6  # consecutive cuts without gain after which the search stops
 
 
 def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the triangulation (n - 2, 3) of least cost of a simple polygon.
+    """Return the minimum-cost triangulation (n - 2, 3) of a simple polygon.
 
-    points: (n, 2), a counter-clockwise cycle, in which a point may be met several times;
-    triangles: (n - 2, 3), some triangulation of it, positions in the cycle. Raises
-    `TriangulationError` if there is none.
-
-    Exact for all doubles: orientations and visibility are decided by exact predicates.
+    points: (n, 2), a counter-clockwise cycle, in which a point may occur several times; triangles:
+    (n - 2, 3), any triangulation of it, as positions in the cycle. Raises `TriangulationError` if
+    there is none. Exact predicates decide orientations and visibility for all doubles.
     """
     n = len(points)
-    if cost["is_box"] and n <= TABLE_ONLY:
-        found = _by_ring(points, cost["box"])
-        if found is not None:
-            return found
+    if cost["is_box"] and n <= MAX_DENSE_VERTICES:
+        optimal = _solve_dense(points, cost["box"])
+        if optimal is not None:
+            return optimal
     start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
     if cost["is_box"]:
-        tried = _apexes_tried(n, target)
-        everything = len(target) == n * (n - 1) // 2
-        if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or grid_unit(points) > 0.0):
-            found = _by_ring(points, cost["box"])
-            if found is not None:
-                return found
-    found = by_lists(points, start, target, cost)
-    if len(found) != n - 2:
-        raise TriangulationError(f"no triangulation of {n} corners found")
-    return found
+        is_convex = len(target) == n * (n - 1) // 2
+        is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
+        if is_dense and (is_convex or grid_unit(points) > 0.0):
+            optimal = _solve_dense(points, cost["box"])
+            if optimal is not None:
+                return optimal
+    optimal = by_lists(points, start, target, cost)
+    if len(optimal) != n - 2:
+        raise TriangulationError(f"no triangulation of {n} vertices found")
+    return optimal
 
 
 @njit(nogil=True)
-def _apexes_tried(n: int, target: np.ndarray) -> float:
-    """Return how many apexes lists try: half the square of each one's length.
+def _count_apexes(n: int, target: np.ndarray) -> float:
+    """Return the number of apexes in the sparse program: half the sum of squared list lengths.
 
-    `np.bincount` would copy all pairs to int64, as much memory as a third of the lists.
+    `np.bincount` would copy all pairs to int64, a third of the memory of the lists.
     """
     seen_from_above = np.zeros(n)
     for j in target:
@@ -79,10 +76,10 @@ def _apexes_tried(n: int, target: np.ndarray) -> float:
 def quick_optimum(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a small polygon, in `order.walk`'s order, or None.
+    """Return the optimum (m, 3) of a small polygon, or None if it is unsupported.
 
-    None where it is not small, has more vertices than `limit` or rings that touch, or where the
-    criterion is not made of boxes and edges alone: then `optimum` and what is around it do it.
+    None if the polygon is not small, has more than `limit` vertices or rings that touch, or if the
+    criterion is not a combination of box and edge features.
     """
     points = outline.points
     if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
@@ -92,13 +89,13 @@ def quick_optimum(
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
     if outline.holes:
-        found = by_cuts(points, outline.ring_offsets, cost["box"], triangles)
+        is_solved = by_cuts(points, outline.ring_offsets, cost["box"], triangles)
     else:
-        found = by_full_table(points, cost["box"], triangles) < np.inf
-    return triangles if found else None
+        is_solved = by_full_table(points, cost["box"], triangles) < np.inf
+    return triangles if is_solved else None
 
 
-def _by_ring(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
+def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
     return triangles if by_full_table(points, box, triangles) < np.inf else None
 
@@ -114,11 +111,11 @@ class Patchwork:
         self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
 
     def optimise_piece(
-        self, root: int, most: int, *, depth_first: bool = False, turn: int = 0
+        self, root: int, max_size: int, *, depth_first: bool = False, first_edge: int = 0
     ) -> np.ndarray:
-        """Replace a piece grown from `root` by its optimum; return the rows it consists of."""
-        rows = np.empty(most, dtype=np.int32)
-        size = grow(self.twin, root, most, depth_first, turn, self._tree, rows)
+        """Replace a piece grown from `root` by its optimum; return the indices of its triangles."""
+        rows = np.empty(max_size, dtype=np.int32)
+        size = grow(self.twin, root, max_size, depth_first, first_edge, self._tree, rows)
         rows = rows[:size]
         cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
@@ -128,26 +125,26 @@ class Patchwork:
         return rows
 
     def total(self) -> float:
-        """Return the cost of the whole."""
+        """Return the cost of all triangles."""
         return total_cost(self.points, self.triangles, self.cost)
 
 
 def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0) -> np.ndarray:
-    """Improve a whole polygon with holes over several choices of cuts; return (m, 3)."""
+    """Optimise a polygon with holes for several choices of cuts; return (m, 3)."""
     work = Patchwork(points, triangles, cost)
     size = len(triangles)
-    # Where the triangles hang together as a tree it is one simple polygon: nothing to cut.
+    # If the dual graph is a tree, this is one simple polygon, without cuts.
     if np.count_nonzero(work.twin >= 0) == 2 * (size - 1):
         work.optimise_piece(0, size)
         return work.triangles
     rng = np.random.default_rng(seed)
     best = work.total()
-    idle = 0
-    while idle < _PATIENCE:
-        root, turn = int(rng.integers(size)), int(rng.integers(3))
-        work.optimise_piece(root, size, depth_first=bool(idle % 2), turn=turn)
+    failures = 0
+    while failures < _PATIENCE:
+        root, first_edge = int(rng.integers(size)), int(rng.integers(3))
+        work.optimise_piece(root, size, depth_first=bool(failures % 2), first_edge=first_edge)
         total = work.total()
-        idle = 0 if total < best - 1e-12 * abs(best) else idle + 1
+        failures = 0 if total < best - 1e-12 * abs(best) else failures + 1
         best = min(best, total)
     return work.triangles
 
@@ -159,13 +156,13 @@ def sweep_windows(
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
     best = work.total()
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_SWEEPS):
         waiting = np.ones(len(triangles), dtype=np.bool_)
         for root in rng.permutation(len(triangles)).tolist():
             if waiting[root]:
                 waiting[work.optimise_piece(root, piece)] = False
         total = work.total()
-        if total >= best - _ENOUGH * abs(best):
+        if total >= best - _MIN_GAIN * abs(best):
             break
         best = total
     return work.triangles

@@ -1,24 +1,24 @@
-"""The least over one ring by lists of corners that see each other, for any cost.
+"""Sparse dynamic program over visible vertex pairs of one ring, for any cost.
 
-The recurrence of `full_table`, with memory proportional to the pairs that see each other: in a
-noisy outline a corner sees a few per cent of the others, and n^3 / 6 apexes shrink to as many as
-three corners that see each other.
+The recurrence of `full_table`, with memory proportional to the visible pairs: in a noisy outline a
+vertex sees a few per cent of the others, and n^3 / 6 apexes shrink to the number of mutually
+visible triples.
 
-Derivation. A diagonal of a triangulation joins two corners that see each other, so cost(i, j) is
-needed for visible pairs only, and its apexes k are those that both i and j see. Three corners that
-see each other pairwise, in the order of the ring, turn left, so no orientation is tested here:
-the exact predicates have been used up in `visibility`.
+Derivation. A diagonal of a triangulation joins two vertices that see each other, so cost(i, j) is
+needed for visible pairs only, and its apexes k are those that both i and j see. Three mutually
+visible vertices, in the order of the ring, are counter-clockwise, so no orientation is tested here:
+`visibility` has used the exact predicates.
 
-Loop order. Corner i descends. `row[k]` holds cost(i, k) for the k that i sees and `none` for all
+Loop order. Vertex i descends. `row[k]` is cost(i, k) for the k that i sees and `none` for all
 others. For each j there is a list of (k, cost(k, j)) for k > i, in descending order of k: it grows
-at its end as i descends, which is why `first` and `end` of the lists are kept apart and a corner's
-final length is known beforehand by counting. The inner loop so reads one list from front to back
-and gathers from one row of n numbers, which the first-level cache holds; what i does not see
-answers `none` and drops out of the minimum without a branch.
+at its end as i descends, so `first` and `end` of the lists are separate arrays, and the final
+lengths are counted in advance. The inner loop reads one list from front to back and gathers from
+one row of n numbers, which fits the first-level cache; entries that i does not see are `none` and
+drop out of the minimum without a branch.
 
-Four costs share the loop, each with an inner loop of its own:
+Four costs share the loop, each with its own inner loop:
 
-edges    cost sits on edges, and no triangle is looked at. For three numbers a <= b <= c,
+edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
          |a - b| + |b - c| + |a - c| = 2 (c - a), so twice the half-perimeter of a triangle's box is
          its perimeter in the L1 metric, and summed over a triangulation
 
@@ -27,25 +27,25 @@ edges    cost sits on edges, and no triangle is looked at. For three numbers a <
          The optimum for the half-perimeter is the minimum-weight triangulation under L1, that for
          the edge length the one under L2.
 boxes    half-perimeters and areas of boxes, and edges
-any      whatever function of three points
-weights  whole numbers, whose least costs are evidence that nothing is less (see `far_costs`)
+any      any function of three points
+weights  integers, whose minimum costs are evidence of optimality (see `far_costs`)
 
-Those of edges and boxes are made part of that loop (`forceinline`): to hand over four arrays for
-each pair of corners took a tenth of the time.
+The loops of edges and boxes are inlined (`forceinline`): passing four arrays for each pair of
+vertices took a tenth of the time.
 
-Numbers. On a grid L1 lengths are whole multiples of its unit. A triangulation of n corners has
+Numbers. On a grid L1 lengths are integer multiples of its unit. A triangulation of n vertices has
 n - 3 diagonals, none longer than w + h, so while n (w + h) is below 2^30 units every sum fits
-int32, with room for none + none; int64 holds all others that a grid of 2^24 units can have. Both
-are exact. Off the grid, and for L2, the sums are float64. Weights that are to be maximised become
-(longest - weight): every triangulation has as many diagonals, so the order is the same and no
-weight is negative, which `none` relies on.
+int32, including none + none; int64 suffices for all others on a grid of 2^24 units. Both are exact.
+Off the grid, and for L2, the sums are float64. To maximise, weights become (longest - weight): all
+triangulations have the same number of diagonals, so the order is the same and no weight is
+negative, as `none` requires.
 """
 
 from typing import Any
 
 import numpy as np
 
-from triangulators.checking.units import Units, weight
+from triangulators.checking.units import Units, compute_weight
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, fmin
 from triangulators.criteria.cost import (
@@ -65,21 +65,26 @@ _NONE: dict[np.dtype, Any] = {
     np.dtype(np.int64): np.int64((1 << 61) - 1),
     np.dtype(np.float64): np.float64(FLOAT),
 }
-"""Cost of what has no triangulation: two of them can be added."""
+"""Cost of a sub-polygon without a triangulation; the sum of two does not overflow."""
 
-NOTHING = np.int64(2**60 - 1)  # weight where no triangles fit; thrice that is still an int64
-_UNSEEN = np.int64(2**62)  # weight of a pair that does not see each other: it is not looked at
+NOTHING = np.int64(2**60 - 1)  # weight without a triangulation; three times that fits int64
+_UNSEEN = np.int64(2**62)  # weight of a pair that does not see each other; such pairs are skipped
 
 
 @njit(nogil=True, inline="always")
 def _fill(
-    start: np.ndarray, target: np.ndarray, beside: np.ndarray, none: Any, least: Any, how: Any
+    start: np.ndarray,
+    target: np.ndarray,
+    extra_rows: np.ndarray,
+    none: Any,
+    minimise: Any,
+    context: Any,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (row costs, list starts, list apexes, lists): cost(i, j) by i, and by j.
 
-    start, target: corner i sees `target[start[i]:start[i + 1]]`. beside (b, n): what a list holds
-    of each corner beside the cost, of the costs' type. least(row, apex, lists, range, pair, none,
-    how): cost(i, j) over the apexes in a range of j's list; pair: i, j, and its place in `target`.
+    start, target: vertex i sees `target[start[i]:start[i + 1]]`. extra_rows (b, n): further values
+    of each vertex in a list, of the costs' type. minimise(row, apex, lists, range, pair, none,
+    context): cost(i, j) over the apexes in a range of j's list; pair: i, j, its index in `target`.
     """
     n, pairs = len(start) - 1, start[len(start) - 1]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -89,23 +94,23 @@ def _fill(
         first[j + 1] += first[j]
     end = first[:n].copy()
     apex = np.empty(pairs, dtype=np.int32)
-    lists = np.empty((1 + len(beside), pairs), dtype=beside.dtype)
-    row_cost = np.empty(pairs, dtype=beside.dtype)
-    row = np.empty(n, dtype=beside.dtype)
+    lists = np.empty((1 + len(extra_rows), pairs), dtype=extra_rows.dtype)
+    row_cost = np.empty(pairs, dtype=extra_rows.dtype)
+    row = np.empty(n, dtype=extra_rows.dtype)
     row[:] = none
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
             j = target[p]
-            best = beside.dtype.type(0)
+            best = extra_rows.dtype.type(0)
             if j > i + 1:
                 between = (np.uint64(first[j]), np.uint64(end[j]))
-                best = least(row, apex, lists, between, (i, j, p), none, how)
+                best = minimise(row, apex, lists, between, (i, j, p), none, context)
             row[j] = row_cost[p] = best
             apex[end[j]], lists[0, end[j]] = i, best
-            for b in range(len(beside)):
-                lists[b + 1, end[j]] = beside[b, i]
+            for b in range(len(extra_rows)):
+                lists[b + 1, end[j]] = extra_rows[b, i]
             end[j] += 1
-        # Cleared by what was written, not from end to end: that would cost n for each corner.
+        # Clear only the written entries; clearing the row would take n steps for each vertex.
         for p in range(start[i], start[i + 1]):
             row[target[p]] = none
     return row_cost, first, apex, lists
@@ -117,14 +122,14 @@ def _trace(
     target: np.ndarray,
     filled: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     none: Any,
-    own: Any,
-    how: Any,
+    triangle_cost: Any,
+    context: Any,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) behind what `_fill` found; no rows if there are none.
+    """Return the triangles (n - 2, 3) of the optimum of `_fill`; no rows if there is none.
 
-    No apex was kept: the n - 2 that are needed are found again, from the same sums, by a stack of
-    pairs i-j whose sub-polygons are still to do. What a pair itself costs is there for each apex.
-    own(i, k, j, how): what a triangle costs. Of apexes that tie it is the highest that is taken.
+    Apexes are not stored: the n - 2 of the optimum are recomputed from the same sums, with a stack
+    of pairs i-j whose sub-polygons remain. The cost of the pair itself is the same for all apexes.
+    own(i, k, j, context): cost of a triangle. Of apexes that tie the highest is taken.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -133,7 +138,7 @@ def _trace(
     row[:] = none
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
-    height, found = 1, 0
+    height, size = 1, 0
     while height > 0:
         height -= 1
         i, j = stack[height, 0], stack[height, 1]
@@ -145,17 +150,17 @@ def _trace(
         for r in range(first[j], first[j + 1]):
             k = apex[r]
             if k <= i:
-                break  # the list descends: the rest lies outside i..j
+                break  # the list descends: all further apexes are outside i..j
             if row[k] < none:
-                total = row[k] + lists[0, r] + own(i, k, j, how)
+                total = row[k] + lists[0, r] + triangle_cost(i, k, j, context)
                 if total < best:
                     best, best_apex = total, k
         for p in range(start[i], start[i + 1]):
             row[target[p]] = none
         if best_apex < 0:
             return triangles[:0]
-        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, best_apex, j
-        found += 1
+        triangles[size, 0], triangles[size, 1], triangles[size, 2] = i, best_apex, j
+        size += 1
         stack[height, 0], stack[height, 1] = i, best_apex
         stack[height + 1, 0], stack[height + 1, 1] = best_apex, j
         height += 2
@@ -173,9 +178,9 @@ def _least_of_edges(
     weights: np.ndarray,
 ) -> Any:
     (first, end), (_, _, p) = between, pair
-    # Named once, and no branch around what is asked of `weights`: each would cost an array's
-    # counted reference for each apex or pair. The casts keep Numba from widening to int64, which
-    # would halve the lanes. The side from corner 0 to the last is counted: all have it.
+    # Arrays are named once, and `weights` is read without a branch: otherwise Numba would count
+    # references for each apex or pair. The casts keep Numba from widening to int64, which would
+    # halve the lanes. The side from vertex 0 to the last is counted: a constant of the ring.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
@@ -190,9 +195,9 @@ def _least_of_boxes(
     between: tuple[np.uint64, np.uint64],
     pair: tuple[int, int, int],
     none: float,
-    how: tuple[np.ndarray, np.ndarray],
+    context: tuple[np.ndarray, np.ndarray],
 ) -> float:
-    (first, end), (i, j, _), (points, box) = between, pair, how
+    (first, end), (i, j, _), (points, box) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     low_x, high_x = min(xi, xj), max(xi, xj)
     low_y, high_y = min(yi, yj), max(yi, yj)
@@ -214,16 +219,16 @@ def _least_of_any(
     between: tuple[np.uint64, np.uint64],
     pair: tuple[int, int, int],
     none: float,
-    how: tuple[np.ndarray, Cost],
+    context: tuple[np.ndarray, Cost],
 ) -> float:
-    (first, end), (i, j, _), (points, cost) = between, pair, how
+    (first, end), (i, j, _), (points, cost) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     best = none
     for r in range(first, end):
         left = row[apex[r]]
         if left < none:
-            own = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
-            best = min(best, left + lists[0, r] + own)
+            triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
+            best = min(best, left + lists[0, r] + triangle)
     return best
 
 
@@ -235,15 +240,15 @@ def _least_of_weights(
     between: tuple[np.uint64, np.uint64],
     pair: tuple[int, int, int],
     none: np.int64,
-    how: tuple[np.ndarray, np.ndarray, Cost, Units],
+    context: tuple[np.ndarray, np.ndarray, Cost, Units],
 ) -> np.int64:
-    (first, end), (i, j, _), (points, ring, cost, units) = between, pair, how
+    (first, end), (i, j, _), (points, ring, cost, units) = between, pair, context
     best = NOTHING
     for r in range(first, end):
         k = apex[r]
         if row[k] < none:
-            own = weight(points, ring[i], ring[k], ring[j], cost, units)
-            best = min(best, row[k] + lists[0, r] + own)
+            triangle = compute_weight(points, ring[i], ring[k], ring[j], cost, units)
+            best = min(best, row[k] + lists[0, r] + triangle)
     return best
 
 
@@ -253,20 +258,22 @@ def _free(_i: int, _k: int, _j: int, _how: Any) -> int:
 
 
 @njit
-def _cost_in(i: int, k: int, j: int, how: tuple[np.ndarray, Cost]) -> float:
-    return cost_at(how[0], i, k, j, how[1])
+def _cost_in(i: int, k: int, j: int, context: tuple[np.ndarray, Cost]) -> float:
+    return cost_at(context[0], i, k, j, context[1])
 
 
 @njit
-def _weight_in(i: int, k: int, j: int, how: tuple[np.ndarray, np.ndarray, Cost, Units]) -> np.int64:
-    points, ring, cost, units = how
-    return weight(points, ring[i], ring[k], ring[j], cost, units)
+def _weight_in(
+    i: int, k: int, j: int, context: tuple[np.ndarray, np.ndarray, Cost, Units]
+) -> np.int64:
+    points, ring, cost, units = context
+    return compute_weight(points, ring[i], ring[k], ring[j], cost, units)
 
 
 @njit(nogil=True)
 def _by_edges(start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any) -> np.ndarray:
-    beside = np.empty((0, len(start) - 1), dtype=weights.dtype)
-    filled = _fill(start, target, beside, none, _least_of_edges, weights)
+    extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
+    filled = _fill(start, target, extra_rows, none, _least_of_edges, weights)
     return _trace(start, target, filled, none, _free, None)
 
 
@@ -274,16 +281,16 @@ def _by_edges(start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: 
 def _by_boxes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
-    how = (points, box)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_boxes, how)
+    context = (points, box)
+    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_boxes, context)
     return _trace(start, target, filled, FLOAT, _cost_in, (points, in_boxes))
 
 
 @njit(nogil=True)
 def _by_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
-    how = (points, cost)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_any, how)
-    return _trace(start, target, filled, FLOAT, _cost_in, how)
+    context = (points, cost)
+    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_any, context)
+    return _trace(start, target, filled, FLOAT, _cost_in, context)
 
 
 @njit(nogil=True)
@@ -295,29 +302,29 @@ def far_costs(
     cost: Cost,
     units: Units,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (far (p,) of each pair, triangles (n - 2, 3) of the least weight or no rows).
+    """Return far (p,) of each pair, and the minimum-weight triangles (n - 2, 3) or no rows.
 
-    Corner i of the ring is the site ring[i] of points, and sees `target[start[i]:start[i + 1]]`;
-    far(i, j) is the least weight of a triangulation of the sub-polygon i, i + 1, ..., j by
-    triangles of such pairs, `NOTHING` where there is none:
+    Position i of the ring is the site ring[i] of points, and sees `target[start[i]:start[i + 1]]`;
+    far(i, j) is the minimum weight of a triangulation of the sub-polygon i, i + 1, ..., j by
+    triangles of such pairs, `NOTHING` if there is none:
 
-        far(i, i + 1) = 0,    far(i, j) = the least far(i, k) + far(k, j) + weight(ikj) over k.
+        far(i, i + 1) = 0,    far(i, j) = min over k of far(i, k) + far(k, j) + weight(ikj).
 
-    It is its own proof. Take -far(i, j) as the potential of the edge run from i to j, and so
-    far(i, j) run from j to i. A triangle i < k < j runs i-k, k-j and j-i, and the inequality that
-    potentials must satisfy,
+    These costs prove their optimality. Take -far(i, j) as the potential of the edge from i to j,
+    and so far(i, j) from j to i. A triangle i < k < j runs i-k, k-j and j-i, and the inequality
+    that potentials must satisfy,
 
         -far(i, k) - far(k, j) + far(i, j) <= weight(ikj),
 
-    is what the least means, for each triangle of pairs that are there, in a triangulation or not:
-    sums with `NOTHING` count as well. Sides of the ring have 0, but for the one from n - 1 to 0,
-    which has far(0, n - 1): the bound is the optimum. Nothing is rounded. Source: G. T. Klincsek,
-    "Minimal triangulations of polygonal domains", 1980.
+    follows from the minimum for each triangle of present pairs, in a triangulation or not,
+    including sums with `NOTHING`. Sides of the ring have 0, except the one from n - 1 to 0, which
+    has far(0, n - 1): the bound is the optimum. All numbers are exact integers. Source: G. T.
+    Klincsek, "Minimal triangulations of polygonal domains", 1980.
     """
-    how = (points, ring, cost, units)
-    beside = np.empty((0, len(ring)), dtype=np.int64)
-    filled = _fill(start, target, beside, _UNSEEN, _least_of_weights, how)
-    return filled[0], _trace(start, target, filled, _UNSEEN, _weight_in, how)
+    context = (points, ring, cost, units)
+    extra_rows = np.empty((0, len(ring)), dtype=np.int64)
+    filled = _fill(start, target, extra_rows, _UNSEEN, _least_of_weights, context)
+    return filled[0], _trace(start, target, filled, _UNSEEN, _weight_in, context)
 
 
 @njit(nogil=True)
@@ -339,7 +346,7 @@ def _length_of_pairs(
 def weights_of_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, box: np.ndarray
 ) -> np.ndarray:
-    """Return what each visible pair costs as a diagonal, none below zero: int32, int64, float64.
+    """Return the cost of each visible pair as a diagonal, >= 0, in int32, int64 or float64.
 
     box: coefficients of half-perimeter, bounding-box area (0 here) and edge length.
     """
@@ -350,8 +357,8 @@ def weights_of_pairs(
         lengths = _length_of_pairs(points, 1.0 / unit, 0.0, start, target).astype(kind)
         return lengths if box[0] >= 0.0 else kind((w + h) / unit) - lengths
     weights = _length_of_pairs(points, box[0], 2.0 * box[2], start, target)
-    least = weights.min()
-    return weights if least >= 0.0 else weights - least
+    lowest = weights.min()
+    return weights if lowest >= 0.0 else weights - lowest
 
 
 def by_lists(points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost) -> np.ndarray:
@@ -360,14 +367,14 @@ def by_lists(points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Co
     start, target: its `visible_pairs`, all of them.
     """
     if not cost["is_box"]:
-        found: np.ndarray = _by_any(start, target, points, cost)
+        triangles: np.ndarray = _by_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weights_of_pairs(points, start, target, cost["box"])
-        found = _by_edges(start, target, weights, _NONE[weights.dtype])
+        triangles = _by_edges(start, target, weights, _NONE[weights.dtype])
     else:
-        # Edges are counted with the pairs, and what is the same for all is left out.
+        # `_least_of_boxes` counts edges with the pairs, and constants of the ring are omitted.
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
         in_boxes = with_fields(cost, weights=boxes)
-        found = _by_boxes(start, target, points, cost["box"], in_boxes)
-    return found
+        triangles = _by_boxes(start, target, points, cost["box"], in_boxes)
+    return triangles
