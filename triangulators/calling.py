@@ -11,7 +11,7 @@ from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, check_criterion, load, parse
-from triangulators.verify import insert_dropped_vertices, orient_triangles, rows_of
+from triangulators.verify import check_rows, insert_dropped_vertices, orient_triangles
 
 
 def triangulate(
@@ -135,7 +135,7 @@ def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any
     number for a triangle.
     """
     try:
-        triangles = orient_triangles(outline.points, rows_of(raw, outline.points))
+        triangles = orient_triangles(outline.points, check_rows(raw, outline.points))
     except ValueError as error:
         raise TriangulationError(f"{choice.full_name}: {error}") from error
     if criterion is not None and not isinstance(criterion, str):

@@ -159,7 +159,7 @@ def _search_triangles(
     """Return triangles (m, 3) of a method other than flips, or None if the rings are invalid."""
     # Imported here, because these take a second to import, and flips do not need them.
     from triangulators.methods import flips, optimal
-    from triangulators.optimum.full_table import by_full_table
+    from triangulators.optimum.full_table import solve_ring
     from triangulators.polygon import UNSURE, checked_boundary, find_ring_orientation
     from triangulators.polygon_arrays import polygon_of_rings
 
@@ -170,7 +170,7 @@ def _search_triangles(
         and find_ring_orientation(points[np.arange(-1, n)]) != UNSURE
     ):
         triangles = np.empty((n - 2, 3), dtype=np.int32)
-        if by_full_table(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
+        if solve_ring(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
             return triangles
     triangulate = optimal.triangulate if is_optimal else flips.triangulate_refined
     try:

@@ -7,9 +7,9 @@ import numpy as np
 from triangulators.checking.edges import find_edges
 from triangulators.criteria.cost import Cost, total_cost
 from triangulators.errors import SkippedError, TriangulationError
-from triangulators.geometry.half_edges import is_triangulation, link, twins_of
-from triangulators.geometry.shortest_diagonals import shortest_first
-from triangulators.geometry.visibility import visible_pairs
+from triangulators.geometry.half_edges import find_twins, is_triangulation, link
+from triangulators.geometry.shortest_diagonals import triangulate_greedily
+from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
 from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
@@ -34,7 +34,7 @@ def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
         if verify_boundary(outline, triangles).conforming:
             conforming.append(outline.site[triangles])
     if not conforming and len(outline.points) <= _MAX_GREEDY_VERTICES:
-        triangles = shortest_first(outline.points, outline.edges, find_edges(outline).ends)
+        triangles = triangulate_greedily(outline.points, outline.edges, find_edges(outline).ends)
         if verify_boundary(outline, triangles).conforming:
             conforming.append(triangles)
     if not conforming:
@@ -44,7 +44,7 @@ def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
     return conforming
 
 
-def best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
+def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
     """Return the cheapest initial triangulation; raises `TriangulationError` if there is none."""
     return min(
         initial_triangulations(outline),
@@ -56,7 +56,7 @@ class Cycle(NamedTuple):
     """A simple polygon: `cycle` (n,) has its vertices counter-clockwise, as indices.
 
     `points` (n, 2) are the coordinates of the cycle; position i sees
-    `target[start[i]:start[i + 1]]`, ascending, all > i (see `visible_pairs`).
+    `target[start[i]:start[i + 1]]`, ascending, all > i (see `find_visible_pairs`).
     """
 
     cycle: np.ndarray
@@ -65,18 +65,18 @@ class Cycle(NamedTuple):
     target: np.ndarray
 
 
-def cycle_of(outline: Boundary, who: str) -> Cycle:
+def make_cycle(outline: Boundary, who: str) -> Cycle:
     """Return a polygon's only ring and its visible vertices; raise `SkippedError` for holes."""
     if outline.holes:
         raise SkippedError(f"{who}: the polygon has holes")
     cycle = outline.edges[:, 0].copy()
     points = outline.points[cycle]
-    local = ring_triangulation(outline, cycle)
-    start, target = visible_pairs(points, local, twins_of(local), len(cycle) ** 2)
+    local = find_ring_triangulation(outline, cycle)
+    start, target = find_visible_pairs(points, local, find_twins(local), len(cycle) ** 2)
     return Cycle(cycle, points, start, target)
 
 
-def ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
+def find_ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
     """Return some triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)

@@ -23,7 +23,7 @@ from triangulators.errors import (
 from triangulators.geometry.earcut import far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, find_test, improve_batch
 from triangulators.methods.optimal import SearchOptions
-from triangulators.optimum.cut_holes import MAX_HOLES, by_cuts
+from triangulators.optimum.cut_holes import MAX_HOLES, solve_by_cuts
 from triangulators.optimum.full_table import SMALL, triangulate_rings
 from triangulators.polygon_arrays import (
     Batch,
@@ -215,7 +215,7 @@ def _optimise_with_holes(
     for index in indices[first:last].tolist():
         points, rings = rings_at(index, batch.coords, batch.ring_offsets, batch.geom_offsets)
         triangles = batch.triangles[offsets[index] : offsets[index + 1]]
-        batch.done[index] = by_cuts(points, rings, box, triangles)
+        batch.done[index] = solve_by_cuts(points, rings, box, triangles)
 
 
 def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:

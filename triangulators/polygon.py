@@ -108,7 +108,7 @@ def sites(points: np.ndarray) -> np.ndarray:
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
     outline = _boundary_of_simple_ring(polygon)
-    return boundary_of_rings(*rings_of(polygon)) if outline is None else outline
+    return make_boundary(*rings_of(polygon)) if outline is None else outline
 
 
 def checked_boundary(polygon: shapely.Polygon) -> Boundary:
@@ -116,7 +116,7 @@ def checked_boundary(polygon: shapely.Polygon) -> Boundary:
     outline = _boundary_of_simple_ring(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
         check(polygon)
-        outline = boundary_of_rings(*rings_of(polygon))
+        outline = make_boundary(*rings_of(polygon))
     return outline
 
 
@@ -230,7 +230,7 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
     return ring
 
 
-def boundary_of_rings(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
+def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of rings given as in `rings_of`, the exterior first.
 
     If rings touch, edges are split at the vertices that lie exactly on them, consistent with GEOS's
@@ -244,7 +244,7 @@ def boundary_of_rings(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
         pairs = np.column_stack((corners, np.roll(corners, -1)))
         edges.append(pairs[pairs[:, 0] != pairs[:, 1]])
     outline = Boundary(points, ring_offsets, site, np.concatenate(edges), len(ring_offsets) - 2)
-    inside = vertices_on(outline, outline.edges, 0.0) if outline.holes else {}
+    inside = find_vertices_on(outline, outline.edges, 0.0) if outline.holes else {}
     if not inside:
         return outline
     chains = [[a, *inside.get((a, b), ()), b] for a, b in outline.edges.tolist()]
@@ -252,7 +252,7 @@ def boundary_of_rings(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     return outline._replace(edges=np.array(split, dtype=site.dtype))
 
 
-def vertices_on(
+def find_vertices_on(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
     """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.

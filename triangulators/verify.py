@@ -19,7 +19,7 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
 from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left, orientations, tolerance
-from triangulators.polygon import Boundary, boundary, boundary_area, vertices_on
+from triangulators.polygon import Boundary, boundary, boundary_area, find_vertices_on
 from triangulators.polygon_arrays import PolygonArray, offsets_of, rings_at
 
 Edge = tuple[int, int]
@@ -88,7 +88,7 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     """`verify`, for a polygon given as its `Boundary`."""
     expected = outline.expected_triangles
     try:
-        triangles = rows_of(triangles, outline.points)
+        triangles = check_rows(triangles, outline.points)
     except ValueError as error:
         return Verification(len(triangles), expected, float("nan"), [str(error)])
     orientation = orientations(outline.points, triangles)
@@ -97,7 +97,9 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     loose = unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
     if loose:
-        on_edges = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
+        on_edges = find_vertices_on(
+            outline, np.array(list(loose), np.int32), tolerance(outline.points)
+        )
         balance: Counter[Edge] = Counter()
         for (a, b), times in loose.items():
             inside = on_edges.get((a, b), [])
@@ -115,7 +117,7 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     return Verification(len(triangles), expected, area_error, problems, junctions)
 
 
-def rows_of(triangles: Any, points: np.ndarray) -> np.ndarray:
+def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
     """Return triangles as int32 (m, 3); raises `ValueError` unless they index (n, 2) points."""
     array = np.asarray(triangles)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -207,7 +209,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     loose = unmatched_edges(outline, triangles)
     if not loose:
         return triangles
-    inside = vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
+    inside = find_vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
     result: list[tuple[int, int, int]] = []
     for corners in triangles.tolist():
         chains = []

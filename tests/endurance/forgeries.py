@@ -22,7 +22,7 @@ from tests.endurance.brute_force import SmallPolygon, list_sides
 from triangulators import TriangulationError, certify, criteria, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking.evidence import Evidence, as_claim
-from triangulators.criteria.cost import cost_of
+from triangulators.criteria.cost import make_cost
 from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
 
@@ -47,7 +47,7 @@ def is_accepted_by_package(line: str) -> bool:
         fields = (claim[name] for name in ("scale", "factor", "bits"))
         evidence = Evidence(*fields, edges, potentials, claim["lift"])
         criterion = criteria.find(claim["criterion"])
-        cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles)
+        cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles)
         certificate = make_certificate(outline, outline.site[triangles], cost, evidence)
     except (TriangulationError, ValueError, LookupError, OverflowError, RecursionError):
         return False

@@ -19,7 +19,7 @@ from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
 from triangulators.criteria import FLIP_TESTS, find
 from triangulators.dropin import triangulate_float64
-from triangulators.optimum.full_table import by_full_table
+from triangulators.optimum.full_table import solve_ring
 from triangulators.verify import verify
 
 CRITERIA = ("half-perimeter", "overdraw")
@@ -81,7 +81,7 @@ def test_large_rings_equal_the_full_table(n, make):
     for criterion, weights in zip(CRITERIA, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
         total = find(criterion).total
         table = np.empty((len(ring) - 2, 3), dtype=np.int32)
-        by_full_table(ring, np.array(weights), table)
+        solve_ring(ring, np.array(weights), table)
         optimum = total(ring, table)
         triangles = triangulate(polygon, f"optimal:{criterion}", limit=10_000)
         assert abs(total(vertices(polygon), triangles) - optimum) <= TOLERANCE * abs(optimum)

@@ -43,10 +43,10 @@ from triangulators.criteria.cost import (
     BBOX_AREA,
     HALF_PERIMETER,
     TRIANGLES,
-    cost_of,
-    with_fields,
+    make_cost,
+    replace_fields,
 )
-from triangulators.initial import best_initial
+from triangulators.initial import find_best_initial
 from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
 
@@ -125,8 +125,8 @@ def test_dynamic_and_linear_programs_agree_without_holes():
         polygon = random_simple(rng, int(rng.integers(5, 40)), 60)
         name = (*WHOLE, *ROUNDED)[number % 5]
         outline = boundary(polygon)
-        cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
-        proof = prove(outline, best_initial(outline, cost), cost)
+        cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+        proof = prove(outline, find_best_initial(outline, cost), cost)
         best = triangulate(polygon, "optimal", criterion=name)
         total = criteria.find(name).total
         assert total(outline.points, proof.triangles) == pytest.approx(
@@ -176,7 +176,7 @@ class TestChecker:
         polygon = shapely.Polygon(star(30).exterior, [[(480, 500), (530, 520), (510, 560)]])
         best, certificate = solve(polygon, name)
         outline = boundary(polygon)
-        cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+        cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
         about = (outline, best, cost)
         assert make_certificate(*about, certificate.evidence) == certificate
         return about, certificate.evidence
@@ -242,7 +242,7 @@ def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
     rng = np.random.default_rng(bits)
     points = rng.integers(-50, 50, (20, 2)).astype(float)
     triangles = np.array([rng.permutation(20)[:3] for _ in range(60)], np.int32)
-    cost = cost_of(criteria.find(name), 1.0, 18)
+    cost = make_cost(criteria.find(name), 1.0, 18)
     units = Units(scale, find_factor(18, bits), bits, True, False)
     weights = compute_weights(points, triangles, cost, units)
     for turned in range(3):
@@ -260,10 +260,10 @@ def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
 
 def weighing(each: float):
     """Return a cost that is the same for every triangle."""
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+    cost = make_cost(criteria.find("half-perimeter"), 1.0, 1)
     weights = np.zeros_like(cost["weights"])
     weights[TRIANGLES] = each
-    return with_fields(cost, weights=weights)
+    return replace_fields(cost, weights=weights)
 
 
 def test_weight_range_is_symmetric():
@@ -302,7 +302,7 @@ def test_units_of_real_costs_are_fine_and_leave_noise_bits(count):
     """Of 2^-36 to 2^-32 of the total; noise has as many bits as fit, ten at most."""
     for total in (0.75, 1.5, 1.1e-7, 3.3e9):
         points = np.array([(0.0, 0.0), (total / 2, 0.0), (0.0, 0.0)])
-        cost = cost_of(criteria.find("edge-length"), 1.0, 1)
+        cost = make_cost(criteria.find("edge-length"), 1.0, 1)
         triangle_cost = float(compute_costs(points, TRIANGLE, cost)[0])
         units = find_units(outlined(points, count), TRIANGLE, cost)
         assert 2.0**32 <= triangle_cost * units.scale < 2.0**36
@@ -324,7 +324,7 @@ def test_units_of_extreme_costs_are_finite(total, scale):
 
 def test_exact_weights_of_four_triangulations_fit_with_noise():
     rng = np.random.default_rng(3)
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+    cost = make_cost(criteria.find("half-perimeter"), 1.0, 1)
     for size in 2.0 ** rng.uniform(0, 50, 60):
         points = np.rint(np.array([(0.0, 0.0), (size, 0.0), (0.0, size)]))
         count = int(rng.integers(1, 10**4))
@@ -356,7 +356,7 @@ def boxes(around: float = 0.0, box: float = 0.0):
     cost = weighing(0.0)
     weights = cost["weights"].copy()
     weights[HALF_PERIMETER], weights[BBOX_AREA] = around, box
-    return with_fields(cost, weights=weights)
+    return replace_fields(cost, weights=weights)
 
 
 def test_four_times_total_stays_below_limit():
@@ -398,7 +398,7 @@ def test_integer_costs_may_combine_all_integer_features():
     weights = np.zeros_like(boxes()["weights"])
     weights[:4] = 1, -1, 2, 3
     points = np.array([(0.0, 0.0), (7.0, 0.0), (0.0, 7.0)])
-    assert find_exact_scale(points, with_fields(boxes(), weights=weights)) == (
+    assert find_exact_scale(points, replace_fields(boxes(), weights=weights)) == (
         2.0,
         True,
         7 * 2 * 49.0,

@@ -30,7 +30,7 @@ from triangulators.checking import checker
 from triangulators.checking.edges import _meets, find_edges
 from triangulators.checking.evidence import CertificateError, Evidence, as_claim
 from triangulators.checking.units import exact_total, find_units
-from triangulators.criteria.cost import cost_of
+from triangulators.criteria.cost import make_cost
 from triangulators.polygon import boundary, boundary_area
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (4, 3)]])
@@ -42,7 +42,7 @@ RING = shapely.from_wkt(
 
 def about(polygon, triangles, name="half-perimeter"):
     outline = boundary(polygon)
-    cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+    cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
     return outline, np.ascontiguousarray(outline.site[triangles], np.int32), cost
 
 

@@ -10,13 +10,13 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, random_simple, smooth, snapped, star
 from triangulators import criteria, triangulate, vertices
-from triangulators.criteria.cost import cost_of, with_fields
+from triangulators.criteria.cost import make_cost, replace_fields
 from triangulators.criteria.criterion import FEATURES
 from triangulators.geometry.predicates import grid_unit
-from triangulators.initial import cycle_of
+from triangulators.initial import make_cycle
 from triangulators.optimum import full_table, visible_lists
-from triangulators.optimum.full_table import by_full_table
-from triangulators.optimum.visible_lists import INT32_LIMIT, by_lists, weights_of_pairs
+from triangulators.optimum.full_table import solve_ring
+from triangulators.optimum.visible_lists import INT32_LIMIT, solve_visible_pairs, weigh_pairs
 from triangulators.polygon import boundary
 from triangulators.verify import verify
 
@@ -27,15 +27,17 @@ E = np.array([0.0, 0.0, 1.0])
 
 def by_triangles(ring, criterion, sign=1.0):
     """The recurrence with a cost for each triangle, in float64."""
-    cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
-    best = by_lists(ring.points, ring.start, ring.target, with_fields(cost, is_box=False))
+    cost = make_cost(criteria.find(criterion), 1.0, 1, sign)
+    best = solve_visible_pairs(
+        ring.points, ring.start, ring.target, replace_fields(cost, is_box=False)
+    )
     return criteria.find(criterion).total(ring.points, best)
 
 
 def by_ring(ring, box):
     """The dense dynamic program, without visibility."""
     triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
-    assert by_full_table(ring, box, triangles) < np.inf
+    assert solve_ring(ring, box, triangles) < np.inf
     return triangles
 
 
@@ -43,7 +45,7 @@ def by_ring(ring, box):
 def test_dense_and_sparse_programs_have_equal_cost(n):
     assert grid_unit(vertices(convex(n))) == 0.0
     for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
-        ring = cycle_of(boundary(polygon), "test")
+        ring = make_cycle(boundary(polygon), "test")
         for name, box in (("overdraw", A), ("half-perimeter", H)):
             cost = criteria.find(name).total(ring.points, by_ring(ring.points, box))
             assert cost == pytest.approx(by_triangles(ring, name), rel=1e-12)
@@ -55,11 +57,11 @@ def test_edge_costs_equal_triangle_costs(criterion, box, sign):
     # Ear clipping leaves corners on edges in it.
     twice = shapely.Polygon([(3, 3.5), *[(4, 4)] * 2, (3, 3), (3, 2), *[(3, 1)] * 2, (2, 0)])
     for polygon in (star(40, spread=0.4), star(90), convex(33), smooth(64), twice):
-        ring = cycle_of(boundary(polygon), "test")
+        ring = make_cycle(boundary(polygon), "test")
         expected = by_triangles(ring, criterion, sign)
-        cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
+        cost = make_cost(criteria.find(criterion), 1.0, 1, sign)
         assert cost["box"].tolist() == (sign * box).tolist()
-        edge_optimum = by_lists(ring.points, ring.start, ring.target, cost)
+        edge_optimum = solve_visible_pairs(ring.points, ring.start, ring.target, cost)
         assert verify(polygon, ring.cycle[edge_optimum]).conforming
         total = criteria.find(criterion).total(ring.points, edge_optimum)
         assert total == pytest.approx(expected, rel=1e-12)
@@ -81,16 +83,16 @@ def test_sums_are_exact_around_int32_limit(monkeypatch, above, sign):
     assert grid_unit(ring) == 1.0
     start = np.r_[0, np.cumsum(np.arange(n - 1, -1, -1))]
     target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
-    weight = weights_of_pairs(ring, start, target, sign * H)
+    weight = weigh_pairs(ring, start, target, sign * H)
     assert weight.dtype == (np.int64 if above else np.int32)
     cost, total = (
-        cost_of(criteria.find("half-perimeter"), 1.0, 1, sign),
+        make_cost(criteria.find("half-perimeter"), 1.0, 1, sign),
         criteria.find("half-perimeter").total,
     )
-    costs = [total(ring, by_lists(ring, start, target, cost))]
+    costs = [total(ring, solve_visible_pairs(ring, start, target, cost))]
     monkeypatch.setattr(visible_lists, "INT32_LIMIT", 0)
-    assert weights_of_pairs(ring, start, target, sign * H).dtype == np.int64
-    costs.append(total(ring, by_lists(ring, start, target, cost)))
+    assert weigh_pairs(ring, start, target, sign * H).dtype == np.int64
+    costs.append(total(ring, solve_visible_pairs(ring, start, target, cost)))
     assert len(set(costs)) == 1
     if sign < 0.0:
         assert costs[0] > 0.9 * n * width
@@ -103,7 +105,7 @@ def test_optimum_on_frames_equals_triangle_recurrence_exactly():
         if polygon.interiors or len(vertices(polygon)) > 250:
             continue
         outline = boundary(polygon)
-        ring = cycle_of(outline, "test")
+        ring = make_cycle(outline, "test")
         assert grid_unit(ring.points) > 0.0
         for name in ("half-perimeter", "overdraw"):
             triangles = triangulate(polygon, f"optimal:{name}")

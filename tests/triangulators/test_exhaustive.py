@@ -17,8 +17,8 @@ from tests.triangulators.cases import (
 )
 from triangulators import SkippedError, triangulate
 from triangulators.criteria import predict
-from triangulators.initial import cycle_of
-from triangulators.methods.counting import count_of_cycle, count_triangulations
+from triangulators.initial import make_cycle
+from triangulators.methods.counting import count_in_cycle, count_triangulations
 from triangulators.methods.exhaustive import Recursion, enumerate_triangulations
 from triangulators.polygon import boundary
 from triangulators.verify import verify
@@ -70,8 +70,10 @@ def test_lists_are_complete_and_without_duplicates():
         assert as_sets == expected
         assert len(listed) == len(expected) == count_triangulations(polygon)
         outline = boundary(polygon)
-        by_cuts = Recursion(outline.points, drop_straight=False).all(outline.edges[:, 0].tolist())
-        assert {frozenset(map(frozenset, triangles)) for triangles in by_cuts} == expected
+        solve_by_cuts = Recursion(outline.points, drop_straight=False).all(
+            outline.edges[:, 0].tolist()
+        )
+        assert {frozenset(map(frozenset, triangles)) for triangles in solve_by_cuts} == expected
 
 
 def test_convex_polygons_have_catalans_number():
@@ -94,10 +96,10 @@ def test_too_many_triangulations_are_skipped_with_alternative(polygon):
 
 def test_count_stops_at_limit():
     for polygon in (paper_polygon(), convex(12), star(24)):
-        ring = cycle_of(boundary(polygon), "count")
-        full_count = count_of_cycle(ring)
-        assert count_of_cycle(ring, full_count) == full_count
-        assert full_count // 2 < count_of_cycle(ring, full_count // 2) <= full_count
+        ring = make_cycle(boundary(polygon), "count")
+        full_count = count_in_cycle(ring)
+        assert count_in_cycle(ring, full_count) == full_count
+        assert full_count // 2 < count_in_cycle(ring, full_count // 2) <= full_count
 
 
 def test_holes_are_skipped():

@@ -10,20 +10,20 @@ from hypothesis import strategies as st
 
 from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
-from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orient, twice_area
 from triangulators.geometry.unfold import fold_back, grow, unfold
-from triangulators.geometry.visibility import visible_sites
-from triangulators.initial import cycle_of, initial_triangulations
+from triangulators.geometry.visibility import find_visible_sites
+from triangulators.initial import initial_triangulations, make_cycle
 from triangulators.polygon import (
     LEFT,
     MAX_SIMPLE_VERTICES,
     RIGHT,
     UNSURE,
     boundary,
-    boundary_of_rings,
     checked_boundary,
     find_ring_orientation,
+    make_boundary,
     rings_of,
 )
 from triangulators.verify import verify
@@ -87,14 +87,14 @@ def test_visible_pairs_are_the_diagonals():
     rng = np.random.default_rng(8)
     for _ in range(150):
         polygon = random_simple(rng, int(rng.integers(3, 16)), 12)
-        ring = cycle_of(boundary(polygon), "test")
+        ring = make_cycle(boundary(polygon), "test")
         n = len(ring.cycle)
         tails = np.repeat(np.arange(n), np.diff(ring.start))
         pairs = np.sort(ring.cycle[np.column_stack((tails, ring.target))], axis=1)
         assert {tuple(pair) for pair in pairs.tolist()} == diagonals(polygon), polygon.wkt
         outline = boundary(polygon)
         start = initial_triangulations(outline)[0]
-        everywhere = visible_sites(outline.points, start, twins_of(start))
+        everywhere = find_visible_sites(outline.points, start, find_twins(start))
         assert {tuple(pair) for pair in everywhere.tolist()} == diagonals(polygon)
 
 
@@ -103,7 +103,7 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
     polygon = star(60)
     outline = boundary(polygon)
     triangles = np.ascontiguousarray(initial_triangulations(outline)[0])
-    twin = twins_of(triangles)
+    twin = find_twins(triangles)
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
         assert grow(twin, root, 20, depth_first, root % 3, tree, rows) == 20
@@ -112,7 +112,7 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
             map(sorted, triangles[rows].tolist())
         )
         fold_back(triangles, twin, rows, cycle, around, local)
-        assert np.array_equal(twin, twins_of(triangles))
+        assert np.array_equal(twin, find_twins(triangles))
     assert verify(polygon, triangles).conforming
 
 
@@ -135,7 +135,7 @@ def test_simple_ring_boundary_equals_general_boundary(polygon, backwards):
     if not polygon.is_valid:
         return
     polygon = shapely.reverse(polygon) if backwards else polygon
-    quick, general = checked_boundary(polygon), boundary_of_rings(*rings_of(polygon))
+    quick, general = checked_boundary(polygon), make_boundary(*rings_of(polygon))
     for one, other in zip(quick, general, strict=True):
         assert np.array_equal(one, other)
     for one, other in zip(quick[:4], general[:4], strict=True):

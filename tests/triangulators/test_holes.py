@@ -11,8 +11,8 @@ from tests.endurance.brute_force import Small
 from tests.triangulators.cases import shared, touching_polygons, with_hole
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, find, predict
-from triangulators.criteria.cost import cost_of, total_cost
-from triangulators.initial import best_initial
+from triangulators.criteria.cost import make_cost, total_cost
+from triangulators.initial import find_best_initial
 from triangulators.optimum import best_way
 from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import boundary
@@ -33,12 +33,12 @@ def test_one_hole_gives_optimum(name):
 
 def test_local_search_is_close_to_optimum():
     rng = np.random.default_rng(6)
-    cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
+    cost = make_cost(CRITERIA["half-perimeter"], 1.0, 1)
     ratios = []
     for _ in range(40):
         polygon = with_hole(rng, int(rng.integers(6, 26)), int(rng.integers(3, 14)))
         outline = boundary(polygon)
-        start = best_initial(outline, cost)
+        start = find_best_initial(outline, cost)
         improved = search_cuts(outline.points, start, cost)
         assert verify(polygon, improved).conforming
         exact = total_cost(outline.points, triangulate(polygon, "optimal:half-perimeter"), cost)
@@ -61,14 +61,14 @@ def test_local_search_continues_after_gain(monkeypatch):
 
     monkeypatch.setattr(best_way, "Patchwork", Watched)
     rng = np.random.default_rng(6)
-    cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
+    cost = make_cost(CRITERIA["half-perimeter"], 1.0, 1)
     gains = 0
     for _ in range(8):
         totals.clear()
         outline = boundary(with_hole(rng, 20, 9))
         if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
             continue  # rings that touch may leave nothing to cut
-        best_way.search_cuts(outline.points, best_initial(outline, cost), cost)
+        best_way.search_cuts(outline.points, find_best_initial(outline, cost), cost)
         improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
         gains += len(improved)
         last = improved[-1] if len(improved) else 0

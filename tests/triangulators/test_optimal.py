@@ -16,7 +16,7 @@ from tests.triangulators.cases import (
 from triangulators import SkippedError, criteria, names, triangulate, triangulate_with_gap, vertices
 from triangulators.checking.units import has_exact_sums
 from triangulators.criteria import CRITERIA, predict
-from triangulators.criteria.cost import cost_of
+from triangulators.criteria.cost import make_cost
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon import boundary
 from triangulators.registry import find
@@ -116,7 +116,7 @@ def test_gap_is_zero_if_optimal_sum_is_exact():
     x = np.linspace(0.0, 2.0**24, 5)
     top = np.column_stack((x, [3.0, 2.0, 3.0, 2.0, 3.0]))
     polygon = shapely.Polygon([*np.column_stack((x, np.zeros(5))), *top[::-1]])
-    cost = cost_of(criteria.find("overdraw"), polygon.area, 8)
+    cost = make_cost(criteria.find("overdraw"), polygon.area, 8)
     assert not has_exact_sums(boundary(polygon), cost)
     assert triangulate_with_gap(polygon, "optimal:overdraw")[1] == 0.0
 

@@ -12,12 +12,12 @@ from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import proof
-from triangulators.certificate.candidates import _list_triangles, _ring_samples, candidates_of
+from triangulators.certificate.candidates import _list_triangles, _ring_samples, find_candidates
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _candidate_indices, prove
 from triangulators.checking.units import compute_costs, compute_weights, exact_total, find_units
-from triangulators.criteria.cost import cost_of
-from triangulators.initial import best_initial
+from triangulators.criteria.cost import make_cost
+from triangulators.initial import find_best_initial
 from triangulators.polygon import boundary
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
@@ -43,12 +43,12 @@ def ring(monkeypatch, seed: int):
 
     monkeypatch.setattr(proof, "exclude", none)
     outline, cost = posed(annulus(12, seed))
-    return outline, best_initial(outline, cost), cost
+    return outline, find_best_initial(outline, cost), cost
 
 
 def rooms(outline, start) -> int:
     """Return the number of mutually visible triples: the smallest sufficient limit."""
-    c = candidates_of(outline, start, 10**6)
+    c = find_candidates(outline, start, 10**6)
     first = np.searchsorted(c.edges[:, 0], np.arange(len(c.points) + 1))
     return _list_triangles(c.points, first, c.edges, c.side, _ring_samples(outline), 10**6)[0]
 
@@ -87,9 +87,9 @@ def test_too_many_triples_return_none(monkeypatch, seconds, name):
 def test_program_bound_equals_solution(basic):
     polygon = with_holes(np.random.default_rng(3), 16, 2)
     outline = boundary(polygon)
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
-    start = best_initial(outline, cost)
-    c = candidates_of(outline, start, 10**6)
+    cost = make_cost(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
+    start = find_best_initial(outline, cost)
+    c = find_candidates(outline, start, 10**6)
     weights = compute_costs(outline.points, c.triangles, cost)
     program = Program(c, weights, np.ones(len(weights), np.bool_), _candidate_indices(c, start))
     potentials, share = program.solve(60.0, basic=basic)
@@ -104,8 +104,8 @@ def test_program_bound_equals_solution(basic):
 def test_gap_within_rounding_is_zero(monkeypatch, name):
     """Costs that are not multiples of units lose less than one unit per triangle, of seven."""
     outline = boundary(SQUARE)
-    cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
-    start = best_initial(outline, cost)
+    cost = make_cost(criteria.find(name), 1.0, outline.expected_triangles)
+    start = find_best_initial(outline, cost)
     result = prove(outline, start, cost)
     units = find_units(outline, result.triangles, cost)
     weights = compute_weights(outline.points, result.triangles, cost, units)
@@ -127,18 +127,18 @@ def test_coarse_units_prove_nothing(exponent, proven):
     size = 2.0**exponent
     small = affinity.scale(affinity.rotate(SQUARE, 10), size, size, origin=(0, 0))
     outline = boundary(small)
-    cost = cost_of(criteria.find("overdraw"), small.area, outline.expected_triangles)
-    result = prove(outline, best_initial(outline, cost), cost)
+    cost = make_cost(criteria.find("overdraw"), small.area, outline.expected_triangles)
+    result = prove(outline, find_best_initial(outline, cost), cost)
     assert (result.gap == 0.0) == proven
 
 
 def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
     """Includes the candidate with index 0."""
     outline = boundary(shapely.box(0, 0, 9, 9))
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
-    start = best_initial(outline, cost)
+    cost = make_cost(criteria.find("half-perimeter"), 1.0, 2)
+    start = find_best_initial(outline, cost)
     units = find_units(outline, start, cost)
-    candidates = candidates_of(outline, start, 10)
+    candidates = find_candidates(outline, start, 10)
     triangles = candidates.triangles
     diagonals = ({0, 2}, {1, 3})
     common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
@@ -160,9 +160,9 @@ def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
 def test_program_weights_are_scaled_for_solver(size):
     """The initial solution weighs 2^16 to 2^17; the penalty is twice its weight."""
     outline = boundary(SQUARE)
-    cost = cost_of(criteria.find("edge-length"), 1.0, outline.expected_triangles)
-    start = best_initial(outline, cost)
-    c = candidates_of(outline, start, 10**6)
+    cost = make_cost(criteria.find("edge-length"), 1.0, outline.expected_triangles)
+    start = find_best_initial(outline, cost)
+    c = find_candidates(outline, start, 10**6)
     weights, numbers = (
         size * compute_costs(outline.points, c.triangles, cost),
         _candidate_indices(c, start),
@@ -180,7 +180,7 @@ def test_program_weights_are_scaled_for_solver(size):
 def test_candidate_indices_are_independent_of_rotation(monkeypatch):
     """All candidates in all rotations; unknown triangles have index -1."""
     outline, start, _ = ring(monkeypatch, 0)
-    c = candidates_of(outline, start, 10**6)
+    c = find_candidates(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
         assert np.array_equal(_candidate_indices(c, np.roll(c.triangles, turned, axis=1)), numbers)

@@ -10,7 +10,7 @@ from shapely import affinity
 from tests.triangulators.cases import glyphs, shared, smooth, star, touching_polygons, with_holes
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
-from triangulators.certificate.candidates import candidates_of
+from triangulators.certificate.candidates import find_candidates
 from triangulators.certificate.certify import make_certificate
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.proof import prove
@@ -18,23 +18,23 @@ from triangulators.checking import checker
 from triangulators.checking.edges import find_diagonals
 from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import compute_weights, find_units
-from triangulators.criteria.cost import cost_of, with_fields
-from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.visibility import visible_sites
-from triangulators.initial import best_initial
+from triangulators.criteria.cost import make_cost, replace_fields
+from triangulators.geometry.half_edges import find_twins
+from triangulators.geometry.visibility import find_visible_sites
+from triangulators.initial import find_best_initial
 from triangulators.polygon import boundary, boundary_area
 
 
 def posed(polygon, name="half-perimeter"):
     outline = boundary(polygon)
     criterion = criteria.find(name)
-    return outline, cost_of(criterion, boundary_area(outline), outline.expected_triangles)
+    return outline, make_cost(criterion, boundary_area(outline), outline.expected_triangles)
 
 
 def proven(polygon, name="half-perimeter"):
     """Return the cost of the proven optimum, and the proof."""
     outline, cost = posed(polygon, name)
-    solution = prove(outline, best_initial(outline, cost), cost)
+    solution = prove(outline, find_best_initial(outline, cost), cost)
     solution = prove(outline, solution.triangles, cost)  # evidence about what was found
     certificate = make_certificate(outline, solution.triangles, cost, solution.evidence())
     assert certificate.proven, polygon.wkt
@@ -97,7 +97,7 @@ def test_no_triangulation_gives_none(monkeypatch, sign):
         ]
         # Without triangles of the diagonals that make one at a side of the boundary.
         gone = np.isin(candidates.sides, bare[candidates.side[bare] == 0]).any(axis=1)
-        signed = with_fields(cost, weights=sign * cost["weights"])
+        signed = replace_fields(cost, weights=sign * cost["weights"])
         assert real(candidates, alive & ~gone, signed, units) is None
 
 
@@ -156,9 +156,9 @@ def test_exclusion_is_scale_invariant():
     for size in (1.0, 2.0**-20):
         polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
         outline, cost = posed(polygon)
-        start = best_initial(outline, cost)
+        start = find_best_initial(outline, cost)
         units = find_units(outline, start, cost)
-        c = candidates_of(outline, start, proof.MAX_TRIPLES)
+        c = find_candidates(outline, start, proof.MAX_TRIPLES)
         exclusions.append(
             exclude(c, compute_weights(c.points, c.triangles, cost, units), cost, units)[0]
         )
@@ -168,9 +168,9 @@ def test_exclusion_is_scale_invariant():
 
 def test_extension_preserves_lift():
     outline, cost = posed(annulus(14, 3), "overdraw")
-    start = best_initial(outline, cost)
+    start = find_best_initial(outline, cost)
     units = find_units(outline, start, cost)
-    c = candidates_of(outline, start, proof.MAX_TRIPLES)
+    c = find_candidates(outline, start, proof.MAX_TRIPLES)
     weights = compute_weights(c.points, c.triangles, cost, units)
     order, alive = exclude(c, weights, cost, units)
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
@@ -226,8 +226,8 @@ def sites_in_many_boxes():
 
 def edges_of_both(polygon):
     outline, cost = posed(polygon)
-    start = best_initial(outline, cost)
-    seen = set(map(tuple, visible_sites(outline.points, start, twins_of(start)).tolist()))
+    start = find_best_initial(outline, cost)
+    seen = set(map(tuple, find_visible_sites(outline.points, start, find_twins(start)).tolist()))
     sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
     checker_edges = find_diagonals(outline)
     return np.array(sorted(seen - sides)), np.sort(checker_edges, axis=1)
@@ -257,7 +257,7 @@ def test_search_and_checker_agree_for_touching_rings():
 def test_checker_threads_agree(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
-    start = best_initial(outline, cost)
+    start = find_best_initial(outline, cost)
     evidence = proof.prove(outline, start, cost).evidence()
     bound = checker.lower_bound(outline, start, cost, evidence)
     monkeypatch.setattr(checker, "_MAX_SINGLE_THREAD_EDGES", 0)

@@ -13,9 +13,9 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows, grouped
-from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
-from triangulators.geometry.visibility import visible_sites
+from triangulators.geometry.visibility import find_visible_sites
 from triangulators.polygon import Boundary
 
 
@@ -38,14 +38,16 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(outline: Boundary, triangles: np.ndarray, max_triples: int) -> Candidates | None:
+def find_candidates(
+    outline: Boundary, triangles: np.ndarray, max_triples: int
+) -> Candidates | None:
     """Return the candidates of a polygon, or None if there are too many visible triples.
 
     triangles: (m, 3), any triangulation between sites; walked to find what each site sees.
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    pairs = visible_sites(points, triangles, twins_of(triangles))
+    pairs = find_visible_sites(points, triangles, find_twins(triangles))
     edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     side = np.zeros(len(edges), dtype=np.int8)
     keys = edges[:, 0].astype(np.int64) * len(points) + edges[:, 1]

@@ -14,11 +14,11 @@ from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence
 from triangulators.checking.units import Units, exact_total, find_units, has_exact_sums, is_proof
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, cost_of, require_number
+from triangulators.criteria.cost import Cost, make_cost, require_number
 from triangulators.errors import TriangulationError
-from triangulators.geometry.half_edges import twins_of
-from triangulators.geometry.visibility import visible_pairs
-from triangulators.initial import ring_triangulation
+from triangulators.geometry.half_edges import find_twins
+from triangulators.geometry.visibility import find_visible_pairs
+from triangulators.initial import find_ring_triangulation
 from triangulators.optimum.best_way import optimum
 from triangulators.optimum.visible_lists import far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
@@ -92,7 +92,7 @@ def certify(
     sum_criterion = criteria.find(criterion, **parameters)
     site_triangles = _require_conforming(outline, triangles)
     require_number(sum_criterion, outline.points, site_triangles)
-    cost = cost_of(sum_criterion, boundary_area(outline), outline.expected_triangles)
+    cost = make_cost(sum_criterion, boundary_area(outline), outline.expected_triangles)
     if outline.holes == 0 and len(outline.edges) <= MAX_RING_VERTICES:
         units = find_units(outline, site_triangles, cost)
         if not evidence and has_exact_sums(outline, cost):
@@ -118,7 +118,9 @@ def _ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: 
     position = np.empty(len(outline.points), dtype=np.int32)
     position[ring] = np.arange(len(ring), dtype=np.int32)
     local = np.ascontiguousarray(position[triangles])
-    start, target = visible_pairs(outline.points[ring], local, twins_of(local), len(ring) ** 2)
+    start, target = find_visible_pairs(
+        outline.points[ring], local, find_twins(local), len(ring) ** 2
+    )
     costs, _ = far_costs(start, target, outline.points, ring, cost, units)
     a, b = np.repeat(ring, np.diff(start)), ring[target]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
@@ -163,7 +165,7 @@ def _certify_exact_sums(
 ) -> Certificate:
     """Return a certificate from the dynamic program in doubles, whose sums are exact."""
     ring = outline.edges[:, 0]
-    optimal = ring[optimum(outline.points[ring], ring_triangulation(outline, ring), cost)]
+    optimal = ring[optimum(outline.points[ring], find_ring_triangulation(outline, ring), cost)]
     total = exact_total(outline, triangles, cost, units)
     bound = exact_total(outline, optimal, cost, units)
     return Certificate(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from triangulators.certificate.candidates import Candidates, candidates_of
+from triangulators.certificate.candidates import Candidates, find_candidates
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.local_minimality import exclude, extend
 from triangulators.certificate.skeleton import solve_skeleton
@@ -154,7 +154,7 @@ def prove(
     """
     units = find_units(outline, triangles, cost)
     max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
-    candidates = candidates_of(outline, triangles, max_triples)
+    candidates = find_candidates(outline, triangles, max_triples)
     if candidates is None:
         return None
     weights = compute_weights(outline.points, candidates.triangles, cost, units)

@@ -19,7 +19,7 @@ import numpy as np
 from triangulators.certificate.candidates import Candidates
 from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import grouped, join, root_of
+from triangulators.compute.operations import find_root, grouped, join
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import cross, orientation
 from triangulators.optimum.visible_lists import NOTHING, far_costs
@@ -94,7 +94,7 @@ def _connect_rings(
         if not remaining[e] or side[e] != 0:
             continue
         a, b = edges[e, 0], edges[e, 1]
-        is_separate = root_of(parent, a) != root_of(parent, b)
+        is_separate = find_root(parent, a) != find_root(parent, b)
         if is_separate and not _is_crossed(
             points, edges, remaining, order, low_x, position, widest
         ):

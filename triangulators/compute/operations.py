@@ -52,7 +52,7 @@ def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit
-def root_of(parent: np.ndarray, v: int) -> int:
+def find_root(parent: np.ndarray, v: int) -> int:
     """Return the root of v's tree in a union-find forest, and halve the path; parent (n,)."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
@@ -63,7 +63,7 @@ def root_of(parent: np.ndarray, v: int) -> int:
 @njit
 def join(parent: np.ndarray, a: int, b: int) -> bool:
     """Merge the trees of `a` and `b`; return whether they were different."""
-    a, b = root_of(parent, a), root_of(parent, b)
+    a, b = find_root(parent, a), find_root(parent, b)
     parent[a] = b
     return a != b
 

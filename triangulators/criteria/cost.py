@@ -92,10 +92,10 @@ def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
     """Return the cost if it is the same for all polygons, otherwise None; cached."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
-    return cost_of(criterion, 1.0, 1, sign)
+    return make_cost(criterion, 1.0, 1, sign)
 
 
-def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
+def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
     """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
     if criterion.function is not None:
         return _record(custom=True, function=_compiled(criterion.function).address, sign=sign)
@@ -104,7 +104,7 @@ def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: flo
     return _record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
 
 
-def with_fields(cost: Cost, **fields: Any) -> Cost:
+def replace_fields(cost: Cost, **fields: Any) -> Cost:
     """Return a cost with some fields replaced."""
     return _record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 

@@ -66,7 +66,7 @@ def link(corner: np.ndarray) -> np.ndarray:
     return twin
 
 
-def twins_of(triangles: np.ndarray) -> np.ndarray:
+def find_twins(triangles: np.ndarray) -> np.ndarray:
     """Return (m, 3): the twin of the half-edge from vertex e of triangles (m, 3), or -1."""
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
     return np.asarray(link(corner)).reshape(-1, 3)

@@ -219,7 +219,7 @@ def touching(
 
 
 @njit(nogil=True)
-def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
+def bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
     """Return min x, min y, width and height of points (n, 2)."""
     low_x = high_x = points[0, 0]
     low_y = high_y = points[0, 1]
@@ -236,7 +236,7 @@ def grid_unit(points: np.ndarray) -> float:
     0.0 if their span exceeds 2^24 such units. Otherwise float64 determinants are exact: differences
     fit 25 bits and products 50. Frames snapped to 1/256 px always have a grid.
     """
-    _, _, w, h = box_of(points)
+    _, _, w, h = bounding_box(points)
     span = max(w, h)
     if not 1e-290 < span < 1e300:
         return 0.0

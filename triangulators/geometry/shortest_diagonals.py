@@ -10,7 +10,7 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import cross, orientation
 
 
-def shortest_first(points: np.ndarray, edges: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def triangulate_greedily(points: np.ndarray, edges: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Return the greedy triangulation (m, 3) of a polygon's boundary edges (b, 2).
 
     pairs (p, 2): points that see each other; edges of the boundary may be among them.

@@ -9,7 +9,7 @@ vertices, and `fold_back` replaces the tree's triangles by another triangulation
 take time linear in the triangles of the tree; `grow` and `fold_back` also clear one mark for each
 triangle of the triangulation.
 
-Half-edges are numbers as in `half_edges`; twin (m, 3) is what `twins_of` gives.
+Half-edges are numbers as in `half_edges`; twin (m, 3) is what `find_twins` gives.
 """
 
 import numpy as np

@@ -32,7 +32,7 @@ from triangulators.geometry.predicates import orientation
 
 
 @njit(nogil=True)
-def visible_pairs(
+def find_visible_pairs(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, max_pairs: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): vertex i sees `target[start[i]:start[i + 1]]`, ascending, all > i.
@@ -134,7 +134,7 @@ def _look_through(
 
 
 @njit
-def visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
+def find_visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
     """Return the pairs (p, 2) of points, a < b, that see each other in a polygon, also with holes.
 
     points: (n, 2); triangles: (m, 3), with their twins. Edges of triangles are included.

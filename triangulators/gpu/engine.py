@@ -289,7 +289,7 @@ class Engine:
         self._corners.write(rings.corners[vertices])
         self._bases.reserve(bases[vertices].nbytes)
         for kind in range(KINDS):
-            jobs = jobs_of(rings, first, last, kind)
+            jobs = make_jobs(rings, first, last, kind)
             if len(jobs):
                 self._jobs.write(jobs)
                 for buffer in (self._corners, self._jobs, self._bases):
@@ -306,7 +306,7 @@ class Engine:
         self.compute.check("reading rings")
 
 
-def jobs_of(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
+def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     """Return (k, 4) int32 for rings of a kind: first vertex in the chunk, vertices, w + h, 0."""
     indices = first + np.flatnonzero(rings.kind[first:last] == kind)
     begin = rings.vertex_offsets[indices]

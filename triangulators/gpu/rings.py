@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.predicates import box_of, grid_unit
+from triangulators.geometry.predicates import bounding_box, grid_unit
 from triangulators.optimum.full_table import SPAN
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
@@ -81,7 +81,7 @@ def prepare_rings(
         unit = grid_unit(points)
         if unit == 0.0:
             continue
-        low_x, low_y, w, h = box_of(points)
+        low_x, low_y, w, h = bounding_box(points)
         if n * ((w + h) / unit) >= _INT32_LIMIT:
             continue
         is_reversed = not twice_ring_area(points) > 0.0

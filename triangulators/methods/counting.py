@@ -10,7 +10,7 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import SkippedError
-from triangulators.initial import Cycle, cycle_of
+from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, checked_boundary
 
 MAX_VERTICES = 2000  # of a random triangulation, which needs a matrix of all pairs
@@ -19,13 +19,13 @@ MAX_VERTICES = 2000  # of a random triangulation, which needs a matrix of all pa
 def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
-    max_count: stop counting above it, see `count_of_cycle`. Raises `InvalidPolygonError`, and
+    max_count: stop counting above it, see `count_in_cycle`. Raises `InvalidPolygonError`, and
     `SkippedError` for holes.
     """
-    return count_of_cycle(cycle_of(checked_boundary(polygon), "count"), max_count)
+    return count_in_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
 
 
-def count_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
+def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a `Cycle`.
 
     max_count: stop at the first part of the polygon that has more, and return its number, a lower
@@ -54,7 +54,7 @@ def count_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
 def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the logarithm of the number of triangulations of each visible pair's sub-polygon.
 
-    start, target: the `visible_pairs` of a cycle. Logarithms, because the numbers overflow any
+    start, target: the `find_visible_pairs` of a cycle. Logarithms, because the numbers overflow any
     float; sums are relative to the largest term, `top`. Vertex i descends, so that the apexes'
     numbers are available: `row[k]` is that of i..k, `below[j, k]` that of k..j, and minus infinity
     for pairs that do not see each other. n^2 numbers; n^3 / 6 steps at most.
@@ -89,7 +89,7 @@ def _draw(
 ) -> np.ndarray:
     """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1).
 
-    start, target: the `visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
+    start, target: the `find_visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
     triangulations of the pair i-j, W(i, k) W(k, j) have the apex k, so this fraction is subtracted
     from the random number for each k. The first k that makes it negative is the apex, or the last
     possible k if rounding leaves a remainder. A stack of pairs, from 0, n - 1 on; n^2 numbers, and
@@ -130,7 +130,7 @@ def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     """
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(f"random: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
-    ring = cycle_of(outline, "random")
+    ring = make_cycle(outline, "random")
     ways = log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
     return np.asarray(ring.cycle[_draw(ring.start, ring.target, ways, chances)])

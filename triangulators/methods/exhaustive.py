@@ -14,11 +14,11 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import cheapest, cost_of
+from triangulators.criteria.cost import cheapest, make_cost
 from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
-from triangulators.initial import Cycle, cycle_of
-from triangulators.methods.counting import count_of_cycle
+from triangulators.initial import Cycle, make_cycle
+from triangulators.methods.counting import count_in_cycle
 from triangulators.polygon import (
     Boundary,
     boundary_area,
@@ -45,7 +45,7 @@ def enumerate_triangulations(
     for holes and for more than 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
-    ring = cycle_of(outline, "exhaustive")
+    ring = make_cycle(outline, "exhaustive")
     if mode == "conforming":
         return np.asarray(ring.cycle[_list_all(ring)])
     if mode != "paper":
@@ -57,7 +57,7 @@ def enumerate_triangulations(
 
 
 def _check_count(ring: Cycle, max_count: int) -> None:
-    if count_of_cycle(ring, max_count) > max_count:
+    if count_in_cycle(ring, max_count) > max_count:
         raise SkippedError(
             f"exhaustive: more than {max_count} triangulations; use 'optimal', which lists none"
         )
@@ -97,9 +97,9 @@ def triangulate(
     **parameters: object,
 ) -> np.ndarray:
     """Return the best of all triangulations; raises `SkippedError` for holes and for too many."""
-    ring = cycle_of(outline, "exhaustive")
+    ring = make_cycle(outline, "exhaustive")
     resolved = criteria.find(criterion, **parameters)
-    cost = cost_of(resolved, boundary_area(outline), outline.expected_triangles)
+    cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
     listed = _list_all(ring)
     return np.asarray(ring.cycle[listed[cheapest(ring.points, listed, cost)]])
 

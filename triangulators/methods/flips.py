@@ -17,7 +17,7 @@ from triangulators import criteria
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
-from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost, total_cost
+from triangulators.criteria.cost import Cost, cost_at, make_cost, plain_cost, total_cost
 from triangulators.errors import UnknownNameError
 from triangulators.geometry.flips import (
     as_earcut,
@@ -33,12 +33,12 @@ from triangulators.initial import initial_triangulations
 from triangulators.libraries import ear_clipping
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
-from triangulators.verify import rows_of
+from triangulators.verify import check_rows
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first three as in FLIP_TESTS
 
 _SLACK = 1e-12  # relative; a smaller gain may be a rounding error, and flips would not terminate
-NO_COST = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 
 @njit(nogil=True)
@@ -183,7 +183,7 @@ def flip(
         raise ValueError(f"flip: points have shape {points.shape}, expected (n, 2)")
     indices = np.asarray(triangles)
     flat = indices.ndim == 1 and indices.size % 3 == 0
-    rows = rows_of(indices.reshape(-1, 3) if flat else indices, points).copy()
+    rows = check_rows(indices.reshape(-1, 3) if flat else indices, points).copy()
     cost, test = _resolve_cost(points, rows, by, parameters)
     corner = rows.reshape(-1)
     flip_by(points, corner, link(corner), test, cost)
@@ -207,7 +207,7 @@ def _resolve_cost(
     if cost is None:
         sides = points[rows[:, 1:]] - points[rows[:, :1]]
         area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum() / 2.0
-        cost = cost_of(resolved, float(area), len(rows))
+        cost = make_cost(resolved, float(area), len(rows))
     return cost, find_test(cost)
 
 
@@ -236,7 +236,7 @@ def triangulate_refined(
 ) -> np.ndarray:
     """Return a triangulation (m, 3) that no flip improves, never worse than ear clipping."""
     resolved = criteria.find(criterion, **parameters)
-    cost = plain_cost(resolved) or cost_of(
+    cost = plain_cost(resolved) or make_cost(
         resolved, boundary_area(outline), outline.expected_triangles
     )
     points = outline.points

@@ -14,16 +14,16 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.checking.units import EXACT, find_exact_scale
-from triangulators.criteria.cost import cost_of, total_cost, with_fields
+from triangulators.criteria.cost import make_cost, replace_fields, total_cost
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import box_of, grid_unit
-from triangulators.initial import best_initial, ring_triangulation
+from triangulators.geometry.predicates import bounding_box, grid_unit
+from triangulators.initial import find_best_initial, find_ring_triangulation
 from triangulators.optimum.best_way import (
     PIECE,
     optimum,
-    quick_optimum,
     search_cuts,
+    solve_small,
     sweep_windows,
 )
 from triangulators.polygon import Boundary, boundary_area
@@ -97,8 +97,8 @@ def _bound_rounding(
     and for the three that it was computed from.
     """
     points, count = outline.points, outline.expected_triangles
-    cost = cost_of(criterion, boundary_area(outline), count)
-    _, _, width, height = box_of(points)
+    cost = make_cost(criterion, boundary_area(outline), count)
+    _, _, width, height = bounding_box(points)
     unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
     if weights * max(2.0, steps) * steps * count < EXACT:  # fast path
@@ -108,7 +108,7 @@ def _bound_rounding(
         return 0.0
     if cost["box"].min() < 0.0:
         return math.inf
-    total = total_cost(points, triangles, with_fields(cost, weights=np.abs(cost["weights"])))
+    total = total_cost(points, triangles, replace_fields(cost, weights=np.abs(cost["weights"])))
     if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
         return 0.0
     size = abs(total_cost(points, triangles, cost))
@@ -136,7 +136,7 @@ def _optimise(
     """Return the optimum, in walk order; sign: 1 to minimise, -1 to maximise."""
     options, weights = SearchOptions.split(parameters)
     resolved = criteria.find(criterion, **weights)
-    small = quick_optimum(outline, resolved, sign, options.limit)
+    small = solve_small(outline, resolved, sign, options.limit)
     if small is not None:
         return _Result(walk(small, len(outline.points)), 0.0, resolved)
     result = _search(outline, resolved, sign, options)
@@ -152,13 +152,13 @@ def _search(
             f"{criterion.name}: {len(points):,} vertices (more than {MAX_PLACED_VERTICES});"
             " counting pixels of all triangles would take too long"
         )
-    cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
+    cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
-        start = ring_triangulation(outline, cycle)
+        start = find_ring_triangulation(outline, cycle)
         return _Result(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
-        start = best_initial(outline, cost)
+        start = find_best_initial(outline, cost)
         return _Result(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
     proof = None
     if sign > 0.0:
@@ -166,7 +166,7 @@ def _search(
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
         from triangulators.certificate.proof import prove  # most polygons have no holes
 
-        proof = prove(outline, best_initial(outline, cost), cost, seconds)
+        proof = prove(outline, find_best_initial(outline, cost), cost, seconds)
     if proof is None:
-        return _Result(search_cuts(points, best_initial(outline, cost), cost, seed), math.inf)
+        return _Result(search_cuts(points, find_best_initial(outline, cost), cost, seed), math.inf)
     return _Result(proof.triangles, proof.gap)

@@ -13,9 +13,9 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, cost_of, total_cost
+from triangulators.criteria.cost import Cost, make_cost, total_cost
 from triangulators.errors import SkippedError, TriangulationError
-from triangulators.initial import Cycle, cycle_of
+from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
@@ -52,9 +52,9 @@ def pareto_front(
     `TriangulationError` if the front of some sub-polygon has more than 100,000 entries.
     """
     outline = checked_boundary(polygon)
-    ring = cycle_of(outline, "pareto")
+    ring = make_cycle(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
-    pair = [cost_of(criteria.find(criterion), area, count) for criterion in (first, second)]
+    pair = [make_cost(criteria.find(criterion), area, count) for criterion in (first, second)]
     fronts = _fronts(ring, pair[0], pair[1])
     front = fronts[0, len(ring.cycle) - 1]
     triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(front[0]))])

@@ -7,11 +7,11 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import SkippedError
-from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
-from triangulators.geometry.shortest_diagonals import by_length, shortest_first
-from triangulators.geometry.visibility import visible_sites
-from triangulators.initial import cycle_of, initial_triangulations
+from triangulators.geometry.shortest_diagonals import by_length, triangulate_greedily
+from triangulators.geometry.visibility import find_visible_sites
+from triangulators.initial import initial_triangulations, make_cycle
 from triangulators.polygon import Boundary
 
 MAX_GREEDY_VERTICES = 3000
@@ -109,13 +109,13 @@ def greedy(outline: Boundary) -> np.ndarray:
     if not outline.holes:
         return _greedy_cycle(outline)
     start = initial_triangulations(outline)[0]
-    return shortest_first(
-        outline.points, outline.edges, visible_sites(outline.points, start, twins_of(start))
+    return triangulate_greedily(
+        outline.points, outline.edges, find_visible_sites(outline.points, start, find_twins(start))
     )
 
 
 def _greedy_cycle(outline: Boundary) -> np.ndarray:
-    ring = cycle_of(outline, "greedy")
+    ring = make_cycle(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
     pairs = by_length(ring.points, np.column_stack((tails, ring.target)))
@@ -161,7 +161,7 @@ def largest_first(outline: Boundary) -> np.ndarray:
         raise SkippedError(
             f"max-area: {len(outline.edges)} vertices, more than {MAX_LARGEST_VERTICES}"
         )
-    ring = cycle_of(outline, "max-area")
+    ring = make_cycle(outline, "max-area")
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
     sees[np.repeat(np.arange(n), np.diff(ring.start)), ring.target] = True

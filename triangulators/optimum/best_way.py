@@ -17,13 +17,13 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
 from triangulators.errors import TriangulationError
-from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import grid_unit
 from triangulators.geometry.unfold import fold_back, grow, unfold
-from triangulators.geometry.visibility import visible_pairs
-from triangulators.optimum.cut_holes import by_cuts
-from triangulators.optimum.full_table import SMALL, by_full_table
-from triangulators.optimum.visible_lists import by_lists
+from triangulators.geometry.visibility import find_visible_pairs
+from triangulators.optimum.cut_holes import solve_by_cuts
+from triangulators.optimum.full_table import SMALL, solve_ring
+from triangulators.optimum.visible_lists import solve_visible_pairs
 from triangulators.polygon import Boundary
 
 MAX_DENSE_VERTICES = 128  # up to which finding visible pairs takes longer than it saves
@@ -47,7 +47,7 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
         optimal = _solve_dense(points, cost["box"])
         if optimal is not None:
             return optimal
-    start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
+    start, target = find_visible_pairs(points, triangles, find_twins(triangles), n * n)
     if cost["is_box"]:
         is_convex = len(target) == n * (n - 1) // 2
         is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
@@ -55,7 +55,7 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
             optimal = _solve_dense(points, cost["box"])
             if optimal is not None:
                 return optimal
-    optimal = by_lists(points, start, target, cost)
+    optimal = solve_visible_pairs(points, start, target, cost)
     if len(optimal) != n - 2:
         raise TriangulationError(f"no triangulation of {n} vertices found")
     return optimal
@@ -73,7 +73,7 @@ def _count_apexes(n: int, target: np.ndarray) -> float:
     return np.sum(seen_from_above * seen_from_above) / 2.0
 
 
-def quick_optimum(
+def solve_small(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
     """Return the optimum (m, 3) of a small polygon, or None if it is unsupported.
@@ -89,15 +89,15 @@ def quick_optimum(
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
     if outline.holes:
-        is_solved = by_cuts(points, outline.ring_offsets, cost["box"], triangles)
+        is_solved = solve_by_cuts(points, outline.ring_offsets, cost["box"], triangles)
     else:
-        is_solved = by_full_table(points, cost["box"], triangles) < np.inf
+        is_solved = solve_ring(points, cost["box"], triangles) < np.inf
     return triangles if is_solved else None
 
 
 def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
-    return triangles if by_full_table(points, box, triangles) < np.inf else None
+    return triangles if solve_ring(points, box, triangles) < np.inf else None
 
 
 class Patchwork:
@@ -106,7 +106,7 @@ class Patchwork:
     def __init__(self, points: np.ndarray, triangles: np.ndarray, cost: Cost) -> None:
         self.points = points
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int32).copy()
-        self.twin = twins_of(self.triangles)
+        self.twin = find_twins(self.triangles)
         self.cost = cost
         self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
 

@@ -7,7 +7,7 @@ around it, with two more vertices. After one cut per hole a single ring remains,
 dynamic program finds (`full_table`). So the minimum over all choices of cuts is the optimum.
 
 The same holds for the rightmost, highest and lowest vertex, so each step uses the direction with
-the fewest diagonals. They are few for one or two holes; `by_cuts` gives up beyond `_MAX_CUTS`
+the fewest diagonals. They are few for one or two holes; `solve_by_cuts` gives up beyond `_MAX_CUTS`
 rings.
 
 Rejected: sharing the part of the cost table that all cuts of a hole have in common, the pairs of
@@ -19,8 +19,8 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
 from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import FILTER, box_of, grid_unit
-from triangulators.optimum.full_table import SMALL, by_full_table, weight
+from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit
+from triangulators.optimum.full_table import SMALL, solve_ring, weight
 from triangulators.polygon import orient_rings
 
 MAX_HOLES = 3
@@ -29,7 +29,7 @@ _MIN_DISTANCE = 1e-9  # of rings, relative to the span; nearer rings may touch a
 
 
 @njit(nogil=True)
-def by_cuts(
+def solve_by_cuts(
     points: np.ndarray, ring_offsets: np.ndarray, box: np.ndarray, triangles: np.ndarray
 ) -> bool:
     """Triangulate a polygon with holes at minimum cost; return False if it is unsupported.
@@ -43,7 +43,7 @@ def by_cuts(
     ring_size = n + 2 * holes
     if ring_size > SMALL or holes > MAX_HOLES or _do_rings_touch(points, ring_offsets):
         return False
-    _, _, w, h = box_of(points)
+    _, _, w, h = bounding_box(points)
     # The filter's bound is a multiple of two products, each below the span's square.
     doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
     ring = orient_rings(points, ring_offsets)
@@ -82,7 +82,7 @@ def by_cuts(
         cuts += 1
         if cuts > _MAX_CUTS:
             return False
-        cost = by_full_table(points[cycle[holes]], box, local)
+        cost = solve_ring(points[cycle[holes]], box, local)
         for level in range(holes):  # a cut is a side of the ring and a diagonal of the polygon
             a, b = cycle[level + 1, 0], ring[tip[level]]
             cost += weight(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)

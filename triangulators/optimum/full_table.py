@@ -42,7 +42,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, LANES, fmin, push
-from triangulators.geometry.predicates import FILTER, box_of, grid_unit, orient
+from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit, orient
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
@@ -265,7 +265,7 @@ def _trace(
 
 
 @njit(nogil=True)
-def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> float:
+def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> float:
     """Write the minimum-cost triangulation of a ring (n, 2) to `triangles` (n - 2, 3).
 
     box: coefficients of half-perimeter, bounding-box area and edge length, also negative. The ring
@@ -277,7 +277,7 @@ def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) ->
     lanes = (n + LANES - 1) // LANES * LANES
     unit = grid_unit(points)
     area = twice_ring_area(points)
-    low_x, low_y, w, h = box_of(points)
+    low_x, low_y, w, h = bounding_box(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
     if unit > 0.0 and edges_only and max(w, h) < SPAN * unit:
         space = np.empty((_TABLE + n, lanes), dtype=np.int32)
@@ -327,4 +327,4 @@ def triangulate_rings(
             triangles = batch.triangles[
                 batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]
             ]
-            batch.done[index] = by_full_table(points, box, triangles) < np.inf
+            batch.done[index] = solve_ring(points, box, triangles) < np.inf

@@ -53,10 +53,10 @@ from triangulators.criteria.cost import (
     HALF_PERIMETER,
     Cost,
     cost_at,
+    replace_fields,
     triangle_cost,
-    with_fields,
 )
-from triangulators.geometry.predicates import box_of, grid_unit
+from triangulators.geometry.predicates import bounding_box, grid_unit
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
 FLOAT = 1e300
@@ -343,7 +343,7 @@ def _length_of_pairs(
     return weights
 
 
-def weights_of_pairs(
+def weigh_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, box: np.ndarray
 ) -> np.ndarray:
     """Return the cost of each visible pair as a diagonal, >= 0, in int32, int64 or float64.
@@ -352,7 +352,7 @@ def weights_of_pairs(
     """
     unit = grid_unit(points) if box[2] == 0.0 else 0.0
     if unit > 0.0:
-        _, _, w, h = box_of(points)
+        _, _, w, h = bounding_box(points)
         kind: Any = np.int32 if len(points) * ((w + h) / unit) < INT32_LIMIT else np.int64
         lengths = _length_of_pairs(points, 1.0 / unit, 0.0, start, target).astype(kind)
         return lengths if box[0] >= 0.0 else kind((w + h) / unit) - lengths
@@ -361,20 +361,22 @@ def weights_of_pairs(
     return weights if lowest >= 0.0 else weights - lowest
 
 
-def by_lists(points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost) -> np.ndarray:
+def solve_visible_pairs(
+    points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost
+) -> np.ndarray:
     """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2); no rows if none.
 
-    start, target: its `visible_pairs`, all of them.
+    start, target: its `find_visible_pairs`, all of them.
     """
     if not cost["is_box"]:
         triangles: np.ndarray = _by_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
-        weights = weights_of_pairs(points, start, target, cost["box"])
+        weights = weigh_pairs(points, start, target, cost["box"])
         triangles = _by_edges(start, target, weights, _NONE[weights.dtype])
     else:
         # `_least_of_boxes` counts edges with the pairs, and constants of the ring are omitted.
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
-        in_boxes = with_fields(cost, weights=boxes)
+        in_boxes = replace_fields(cost, weights=boxes)
         triangles = _by_boxes(start, target, points, cost["box"], in_boxes)
     return triangles
