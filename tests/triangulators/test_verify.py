@@ -8,7 +8,7 @@ from scenes import load
 from triangulators import triangulate
 from triangulators.polygon import boundary
 from triangulators.polygon_arrays import PolygonArray
-from triangulators.verify import find_unconfirmed, insert_dropped_vertices, check_rows, verify
+from triangulators.verify import check_rows, find_unconfirmed, insert_dropped_vertices, verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
 
