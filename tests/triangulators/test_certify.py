@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 from harness.export import check_evidence
-from tests.endurance.brute_force import Small
+from tests.endurance.brute_force import SmallPolygon
 from tests.triangulators.cases import (
     glyphs,
     random_simple,
@@ -97,7 +97,7 @@ def test_proven_optimum_is_minimum_over_all_triangulations(name):
     for _ in range(40):
         polygon = with_holes(rng, int(rng.integers(4, 7)), int(rng.integers(1, 4)))
         rings = [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-        minimum = float(Small(rings).optimum(cost)[0])
+        minimum = float(SmallPolygon(rings).optimum(cost)[0])
         best, certificate = solve(polygon, name)
         assert verify(polygon, best).conforming
         assert certificate.proven, polygon.wkt

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.endurance.brute_force import Small
+from tests.endurance.brute_force import SmallPolygon
 from tests.triangulators.cases import shared, touching_polygons, with_hole
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, find, predict
@@ -28,7 +28,7 @@ def test_one_hole_gives_optimum(name):
         assert verify(polygon, triangles).conforming
         total = criteria.find(name).total(vertices(polygon), triangles)
         rings = [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-        assert total == float(Small(rings).optimum(name)[0]), polygon.wkt
+        assert total == float(SmallPolygon(rings).optimum(name)[0]), polygon.wkt
 
 
 def test_local_search_is_close_to_optimum():
