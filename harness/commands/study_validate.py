@@ -56,6 +56,7 @@ def study_validate(
     best costs little more than the best there is: its regret.
     """
     from harness.commands.outcome import finish_study
+    from harness.report import matrix
     from harness.study import correlations, regret
 
     validation = measure_validation(
@@ -76,6 +77,8 @@ def study_validate(
     )
     correlations.print_matrix(validation.ranks, Screen())
     regret.print_regret(validation.regrets, Screen())
+    if conclusion := matrix.answer_of_study(matrix.from_study(validation.run.path)):
+        Screen().print(conclusion, markup=False, soft_wrap=True)
     finish_study(validation.run)
 
 
@@ -146,5 +149,6 @@ def measure_validation(
             ranks = correlations.write(table, folder)
             correlations.plot_study(ranks, table, folder)
             regrets = regret.write(run.records, folder)
+            regret.write_paper_table(ranks, regrets, folder)
         write_report(run)
     return Validation(run, ranks, regrets)

@@ -12,6 +12,7 @@ another part. So a regret of a time has two ends, between which the truth is on 
 """
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from harness.metrics.per_polygon import Column
 from harness.metrics.registry import list_costs, list_predictions
 from harness.results.record import Record, Time
 from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
-from harness.study.correlations import TIME, by_criterion
+from harness.study.correlations import TIME, by_criterion, column, label
 from harness.study.subjects import LEAST
 from harness.style import family_of
 
@@ -172,6 +173,54 @@ def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
     table.to_csv(folder / "regret_by_polygon.csv", index=False, float_format="%.6g")
     summary.to_csv(folder / "regret.csv", index=False, float_format="%.6g")
     return summary
+
+
+PAPER_TABLE = "criteria"
+"""Stem of the files of the table for a paper."""
+
+
+def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder: Path) -> None:
+    """Write criteria.md and criteria.tex (booktabs): a row for each measure and criterion.
+
+    Cells are the median rank correlation within polygons and, at each resolution, the mean regret,
+    both with their 95 % intervals; criteria are sorted by rank correlation.
+    """
+    ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
+    ranks = ranks[ranks["criterion"].map(column).isin(predictions())]
+    chosen = regrets[regrets["kind"] == "criterion"]
+    cells = {
+        (row["rasteriser"], row["device"], row["measure"], row["name"], row["resolution"]): written(
+            row
+        )
+        for row in chosen.to_dict("records")
+    }
+    sizes = sorted({key[-1] for key in cells})
+    heading = ["device", "measure", "criterion", "rank correlation (95 % CI)"]
+    heading += [f"mean regret at {size} px (95 % CI)" for size in sizes]
+    rows = []
+    for (rasteriser, device), part in ranks.groupby(["rasteriser", "device"], sort=False):
+        for measure in main_measures(part["measure"]):
+            of_measure = part[part["measure"] == measure].sort_values("value", ascending=False)
+            for row in of_measure.to_dict("records"):
+                ends = f" ({row['ci_low']:.2f} to {row['ci_high']:.2f})"
+                rank = f"{row['value']:.2f}" + ("" if np.isnan(row["ci_low"]) else ends)
+                key = (rasteriser, device, measure, row["criterion"])
+                regret = [cells.get((*key, size), "") for size in sizes]
+                where = f"{rasteriser} on {device}"
+                rows.append([where, label(measure), row["criterion"], rank, *regret])
+    lines = [heading, ["---"] * 3 + ["--:"] * (len(heading) - 3), *rows]
+    markdown = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    first, *body = (" & ".join(map(_escape_latex, line)) + " \\\\\n" for line in (heading, *rows))
+    columns = "lll" + "r" * (len(heading) - 3)
+    latex = f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{first}\\midrule\n{''.join(body)}"
+    latex += "\\bottomrule\n\\end{tabular}\n"
+    for suffix, text in (("md", markdown), ("tex", latex)):
+        (folder / f"{PAPER_TABLE}.{suffix}").write_text(text, encoding="utf-8")
+
+
+def _escape_latex(text: str) -> str:
+    """Return `text` with the special characters of LaTeX escaped."""
+    return re.sub(r"([%_#&$])", r"\\\1", text)
 
 
 def main_measures(measured: Iterable[str]) -> list[str]:

@@ -219,6 +219,7 @@ def test_two_criteria_differ_by_their_ranks():
 def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
     rows = ranked()
     rows["edge_length"] = rows["half_perimeter"] * np.linspace(1, 1.2, len(rows))  # a third one
+    rows["exact_quads"] = rows["helper_lanes"]  # the count itself: no criterion
     table = pd.concat([rows, rows.assign(rasteriser="cuda")], ignore_index=True)
     correlations = write(table, tmp_path)
     assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
@@ -233,6 +234,7 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
 
     def scatter(panel, rows, criterion, measure, _key):
         drawn[panel] = (*rows["rasteriser"].unique(), criterion, measure)
+        return np.array([0.9, 1.0, 1.1]), np.array([1.18, 1.2, 1.22])
 
     monkeypatch.setattr("harness.study.correlations.scatter_over_medians", scatter)
     files = plot_study(correlations, table, tmp_path)
@@ -250,6 +252,9 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
     for panel, (_, criterion, measure) in drawn.items():
         value = told["spearman_within", criterion.replace("_", "-"), measure].iloc[0]
         assert panel.get_title() == f"rank correlation {value:.3f}"
+        (line,) = panel.lines
+        assert line.get_slope() == pytest.approx(0.2)
+        assert line.get_xy1() == pytest.approx((1, 1.2))
 
 
 def test_what_failed_or_has_t_junctions_is_in_no_table():

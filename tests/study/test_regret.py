@@ -19,6 +19,7 @@ from harness.study.regret import (
     regret_interval,
     summarise,
     write,
+    write_paper_table,
     written,
 )
 from tests.records import make_record
@@ -286,6 +287,29 @@ def test_what_is_written_has_the_columns_that_are_told(tmp_path):
     write([make_record(**fields) for fields in records_of("a")], tmp_path)
     for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
         assert tuple(pd.read_csv(tmp_path / name)) == columns
+
+
+def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_path):
+    regrets = in_two_views()
+    fields = dict(regrets.loc[0, ["rasteriser", "device"]], statistic="spearman_within")
+    values = {"overdraw": 0.5, "half-perimeter": 0.75, "exact-quads": 1.0, "aspect-ratio": np.nan}
+    ranks = pd.DataFrame(
+        {**fields, "criterion": name, "measure": "helper_lanes", "value": value}
+        | {"ci_low": 0.25 if name == "overdraw" else np.nan, "ci_high": 0.625}
+        for name, value in values.items()
+    )
+    write_paper_table(ranks, regrets, tmp_path)
+    heading, _, *rows = (tmp_path / "criteria.md").read_text().splitlines()
+    assert heading.endswith("| mean regret at 64 px (95 % CI) | mean regret at 128 px (95 % CI) |")
+    assert [row.split(" | ")[2:4] for row in rows] == [
+        ["half-perimeter", "0.75"],
+        ["overdraw", "0.50 (0.25 to 0.62)"],
+    ]
+    assert "3.00%" in rows[0]
+    latex = (tmp_path / "criteria.tex").read_text()
+    assert latex.startswith("\\begin{tabular}{lllrrr}\n\\toprule\ndevice & measure & criterion")
+    assert latex.count("\\\\\n") == 3
+    assert "3.00\\%" in latex
 
 
 def test_two_triangulations_are_a_choice_and_one_is_none():

@@ -85,6 +85,9 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     disturbed = RunState(DISTURBED, ("a loop ran beside it",))
     monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
     out, _ = require_ok(harness(*arguments, "--resume", "stopped"))
+    assert ("predicts the helper lanes of reference on cpu best (rank" in out) == (
+        command == "validate"
+    )
     assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
 
 
@@ -148,6 +151,7 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
     assert len({record["scene"] for record in lines_of(stored)}) == 6
     plots = {path.name for path in (study / "plots").iterdir()}
     assert "predicted-vs-measured-reference-cpu.svg" in plots
+    assert (study / "criteria.md").read_text().count("| half-perimeter |") == 3
 
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
