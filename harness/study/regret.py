@@ -186,7 +186,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     both with their 95 % intervals; criteria are sorted by rank correlation.
     """
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
-    ranks = ranks[ranks["criterion"].map(column).isin(predictions())]
+    ranks = ranks[ranks["criterion"].map(column).isin(list_predictions())]
     chosen = regrets[regrets["kind"] == "criterion"]
     cells = {
         (row["rasteriser"], row["device"], row["measure"], row["name"], row["resolution"]): written(

@@ -151,7 +151,7 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
     assert len({record["scene"] for record in lines_of(stored)}) == 6
     plots = {path.name for path in (study / "plots").iterdir()}
     assert "predicted-vs-measured-reference-cpu.svg" in plots
-    assert (study / "criteria.md").read_text().count("| half-perimeter |") == 3
+    assert (study / "criteria.md").read_text().count("| half-perimeter |") == 4
 
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
