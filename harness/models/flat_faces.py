@@ -8,8 +8,8 @@ attributes agree. Four points of a plane have one affine dependency: weights w_a
 with w_a a + w_b b + w_c c + w_d d = 0. Scale the weights so that their absolute values sum to 2.
 Then the same combination of an attribute is the difference between the two diagonals at their
 intersection, where it is largest (Radon's partition; in a non-convex quadrilateral, at the vertex
-within the other three). This visible difference must be small. A joined face is then tested as a
-whole against one plane and one affine map by least squares, so that small bends do not add up to a
+within the other three). This visible difference must be small. A joined face is then tested
+against one plane and one affine map by least squares, so that small bends do not add up to a
 curved face.
 """
 
@@ -77,7 +77,7 @@ class ModelPart:
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
-def tolerance_of(values: NDArray[np.float64]) -> float:
+def single_precision_tolerance(values: NDArray[np.float64]) -> float:
     """Return the rounding error of single precision in the units of the values (n, k)."""
     finite = np.abs(values[np.isfinite(values)])
     return STEPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
@@ -100,7 +100,7 @@ UNIT = 0.25
 THIN = 16.0
 """Lower bound of a triangle's height, in grid steps, for a defined orientation."""
 
-_AT_A_TIME = 1 << 17
+BATCH_EDGES = 1 << 17
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -130,7 +130,7 @@ class Faces(NamedTuple):
 
 def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     """Return the flat faces, and the numbers of other triangles by reason."""
-    pairs, left = _neighbours(mesh)
+    pairs, skipped = _neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
     _, group = connected_components(graph, directed=False)
@@ -138,8 +138,8 @@ def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     slots = np.flatnonzero(size[group] > 1)
     slots = slots[np.argsort(group[slots], kind="stable")]
     face = np.unique(group[slots], return_inverse=True)[1]
-    faces, told = _tested(mesh, slots, face)
-    return faces, left + told
+    faces, rejected = _check_faces(mesh, slots, face)
+    return faces, skipped + rejected
 
 
 def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
@@ -154,13 +154,13 @@ def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
 def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
     """Return pairs of triangles (e, 2) of one face, and numbers of edges without one by reason.
 
-    A triangle with a corner twice, as strips are joined by, is no neighbour of any.
+    Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
     """
     a, b, c = mesh.triangles.T
-    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-    if len(whole) < len(mesh.triangles):
-        pairs, left = _neighbours(replace(mesh, triangles=mesh.triangles[whole]))
-        return whole[pairs], left
+    proper = np.flatnonzero((a != b) & (b != c) & (c != a))
+    if len(proper) < len(mesh.triangles):
+        pairs, skipped = _neighbours(replace(mesh, triangles=mesh.triangles[proper]))
+        return proper[pairs], skipped
     thick = _thick(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
     twin = np.asarray(link(corner), dtype=np.int64)
@@ -170,21 +170,21 @@ def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
     ordered = np.sort(sides)
     crowded = np.unique(ordered[2:][ordered[2:] == ordered[:-2]])
     edges = edges[~np.isin(sides[edges], crowded)]
-    kept = [
-        part[_together(mesh, part, twin[part])]
-        for part in np.split(edges, range(_AT_A_TIME, len(edges), _AT_A_TIME))
+    inner = [
+        part[_belong_together(mesh, part, twin[part])]
+        for part in np.split(edges, range(BATCH_EDGES, len(edges), BATCH_EDGES))
     ]
-    chosen = np.concatenate(kept)
-    left = Counter(
+    inner_edges = np.concatenate(inner)
+    skipped = Counter(
         {
-            "triangles too thin, or with a place that is no number": int((~thick).sum()),
+            "triangles too thin, or with invalid coordinates": int((~thick).sum()),
             "edges with more than two triangles": len(crowded),
         }
     )
-    return np.stack([chosen // 3, twin[chosen] // 3], axis=1), +left
+    return np.stack([inner_edges // 3, twin[inner_edges] // 3], axis=1), +skipped
 
 
-def _together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
+def _belong_together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
     """Return whether the triangles on both sides of each half-edge belong to one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
@@ -202,14 +202,14 @@ def _together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
     weights = np.stack([area(1, 2, 3), -area(0, 2, 3), area(0, 1, 3), -area(0, 1, 2)], axis=1)
     weights *= 2.0 / np.abs(weights).sum(axis=1, keepdims=True)
     bend = np.linalg.norm((weights[:, :, None] * points).sum(axis=1), axis=1)
-    carried = mesh.affine[quads]
-    off = np.abs((weights[:, :, None] * carried).sum(axis=1)).max(axis=1, initial=0.0)
+    attributes = mesh.affine[quads]
+    off = np.abs((weights[:, :, None] * attributes).sum(axis=1)).max(axis=1, initial=0.0)
     fixed = mesh.fixed[quads]
     same = (fixed == fixed[:, :1]).all(axis=(1, 2))
     return np.asarray(alike & (bend <= mesh.tolerance) & (off <= 1.0) & same)
 
 
-def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
+def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
     """Return the groups of triangles that are flat faces; slots, face : (t,), sorted by group."""
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(
@@ -218,37 +218,43 @@ def _tested(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[st
     owner, vertices = np.divmod(keys, max(len(mesh.positions), 1))
     triangles = triangles.reshape(-1, 3)
     normal = _sums(mesh.normals[slots], face, count)
-    points, bend = _in_planes(mesh.positions[vertices], owner, normal)
-    whole = np.rint(points / (UNIT * mesh.tolerance))
-    a, b, c = np.moveaxis(whole[triangles], 1, 0)
-    turned = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
-    off = _off_affine(mesh.affine[vertices], points, owner, count)
-    twice = _twice(triangles, len(keys))
-    own = np.bincount(triangles.reshape(-1), minlength=len(keys))
-    shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > own
+    points, bend = _project_to_planes(mesh.positions[vertices], owner, normal)
+    rounded = np.rint(points / (UNIT * mesh.tolerance))
+    a, b, c = np.moveaxis(rounded[triangles], 1, 0)
+    oriented = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
+    off = _affine_residuals(mesh.affine[vertices], points, owner, count)
+    repeated = _has_repeated_side(triangles, len(keys))
+    uses_in_face = np.bincount(triangles.reshape(-1), minlength=len(keys))
+    shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > uses_in_face
     reasons = {
         "bent beyond the tolerance": _any(bend > mesh.tolerance, owner, count)
-        | _any(~turned, face, count),
+        | _any(~oriented, face, count),
         "texture coordinates, normals or the like differ": _any(off > 1.0, owner, count),
-        "triangles on the same side of an edge": _any(twice, face, count),
+        "triangles on the same side of an edge": _any(repeated, face, count),
         "smooth, without normals in the file": _any(shaded, owner, count),
     }
     bad = np.zeros(count, dtype=np.bool_)
-    told: Counter[str] = Counter()
-    for reason, found in reasons.items():
-        told[reason] = int((found & ~bad).sum())
-        bad |= found
-    kept, held = ~bad[face], ~bad[owner]
-    renumbered = np.cumsum(held) - 1
+    rejected: Counter[str] = Counter()
+    for reason, flags in reasons.items():
+        rejected[reason] = int((flags & ~bad).sum())
+        bad |= flags
+    good_triangle, good_vertex = ~bad[face], ~bad[owner]
+    renumbered = np.cumsum(good_vertex) - 1
     offsets = offsets_of(np.bincount(face, minlength=count)[~bad])
-    faces = Faces(whole[held], vertices[held], renumbered[triangles[kept]], slots[kept], offsets)
-    return faces, +told
+    faces = Faces(
+        rounded[good_vertex],
+        vertices[good_vertex],
+        renumbered[triangles[good_triangle]],
+        slots[good_triangle],
+        offsets,
+    )
+    return faces, +rejected
 
 
-def _in_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
+def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
     """Return positions (p, 2) in the faces' planes, from the centre, and distances (p,) to these.
 
-    The axes are right-handed with the normal; the first is level, where z is up.
+    The axes are right-handed with the normal; the first is horizontal if z is up.
     """
     count = len(normal)
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -261,21 +267,21 @@ def _in_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, 
     return np.stack(flat, axis=1), np.abs((local * unit[owner]).sum(axis=1))
 
 
-def _off_affine(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
+def _affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
     """Return the largest residual (p,) of values (p, k) from affine functions of the points."""
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
-    rest = values - _means(values, owner, count)[owner]
+    centred = values - _means(values, owner, count)[owner]
     xx, xy, yy = (_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
-    xa, ya = (_sums(u[:, None] * rest, owner, count) for u in (x, y))
+    xa, ya = (_sums(u[:, None] * centred, owner, count) for u in (x, y))
     across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
-    found = across[owner] * x[:, None] + up[owner] * y[:, None]
-    off = np.abs(rest - found).max(axis=1)
+    fitted = across[owner] * x[:, None] + up[owner] * y[:, None]
+    off = np.abs(centred - fitted).max(axis=1)
     return np.where(np.isnan(off), np.inf, off)
 
 
-def _twice(triangles: Ints, count: int) -> NDArray[np.bool_]:
+def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
     """Return flags (t,) of triangles with a half-edge of another triangle."""
     keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
     _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
@@ -292,5 +298,5 @@ def _means(values: Floats, owner: Ints, count: int) -> Floats:
     return _sums(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
 
 
-def _any(found: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
-    return np.bincount(owner[found], minlength=count) > 0
+def _any(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
+    return np.bincount(owner[flags], minlength=count) > 0

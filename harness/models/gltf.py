@@ -1,4 +1,4 @@
-"""The meshes of a glTF file, as they are drawn, and their new indices."""
+"""The drawn meshes of a glTF file, and replacement of their indices."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,19 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.flat_faces import ModelMesh, ModelPart, tolerance_of
+from harness.models.flat_faces import ModelMesh, ModelPart, single_precision_tolerance
 from harness.models.gltf_file import GltfEditor
 from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, index
 
 _VARIANTS = "KHR_materials_variants"
 HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
-"""Extensions of a mesh or primitive that say nothing of its triangles' order."""
+"""Extensions of a mesh or primitive that do not depend on the order of triangles."""
 
-_LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, "POSITION": 0.0}
-"""By how much an attribute may be off an affine function on a face, at least: nobody sees that."""
+_MIN_TOLERANCES = {
+    "NORMAL": 1e-4,
+    "TANGENT": 1e-4,
+    "COLOR": 1e-4,
+    "TEXCOORD": 2.0**-18,
+    "POSITION": 0.0,
+}
+"""Minimum tolerance for the deviation of an attribute from an affine function: it is invisible."""
 
-_WHOLE = 1e-4
-"""Of a mesh's extent: what a step of whole coordinates counts for, at most."""
+_MAX_INTEGER_STEP = 1e-4
+"""Upper bound of the tolerance for integer coordinates, as a share of the mesh's extent."""
 
 
 class GltfModel(GltfEditor):
@@ -36,35 +42,35 @@ class GltfModel(GltfEditor):
         meshes = self.json.get("meshes", [])
         alike: dict[str, list[dict[str, Any]]] = {}
         places: dict[str, tuple[NDArray[np.float64], ...]] = {}
-        left: dict[str, str] = {}
+        reasons: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self.placements(), strict=True):
             for primitive in mesh["primitives"]:
                 key = _key(primitive)
                 alike.setdefault(key, []).append(primitive)
                 places[key] = places.get(key, ()) + matrices
-                left[key] = left.get(key) or self._why_left(mesh, primitive)
+                reasons[key] = reasons.get(key) or self._reason_unchanged(mesh, primitive)
         for mesh in meshes:
-            keys = [_key(each) for each in mesh["primitives"]]
+            keys = [_key(primitive) for primitive in mesh["primitives"]]
             fresh = [key for key in dict.fromkeys(keys) if key not in seen]
             seen.update(fresh)
-            parts = [self._part(alike[key], places[key], left[key]) for key in fresh]
+            parts = [self._part(alike[key], places[key], reasons[key]) for key in fresh]
             yield [part for part in parts if part is not None]
 
     def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
-        """Give a part other triangles (m, 3)."""
+        """Replace the triangles of a part by (m, 3) `triangles`."""
         self.refer(part.source, triangles.reshape(-1))
 
-    def _why_left(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
-        """Return why a primitive's triangles stay as they are, "" if they need not."""
-        own = primitive.get("extensions", {})
-        strange = [name for name in (*mesh.get("extensions", {}), *own) if name not in HARMLESS]
-        if strange:
-            return f"extension {strange[0]}"
+    def _reason_unchanged(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
+        """Return the reason why a primitive's triangles must not change, or ""."""
+        extensions = primitive.get("extensions", {})
+        for name in (*mesh.get("extensions", {}), *extensions):
+            if name not in HARMLESS:
+                return f"extension {name}"
         materials = self.json.get("materials", [])
-        for each in (primitive, *own.get(_VARIANTS, {}).get("mappings", [])):
+        for user in (primitive, *extensions.get(_VARIANTS, {}).get("mappings", [])):
             if (
-                "material" in each
-                and materials[index(each["material"])].get("alphaMode") == "BLEND"
+                "material" in user
+                and materials[index(user["material"])].get("alphaMode") == "BLEND"
             ):
                 return "a blended material shows in which order triangles are drawn"
         return ""
@@ -75,54 +81,53 @@ class GltfModel(GltfEditor):
         placements: tuple[NDArray[np.float64], ...],
         left: str,
     ) -> ModelPart | None:
-        """Return what primitives draw; None for lines, points and what has no positions."""
+        """Return the part that primitives draw, or None for lines, points and missing positions."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
-        attributes = primitive["attributes"]
-        if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
+        if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
             return None
         positions, placements = self.positions(primitive, placements)
         triangles = self.triangles(primitive, len(positions))
-        at = np.unique(triangles)
-        carried = self._carried(primitive, len(positions), at)
+        used_vertices = np.unique(triangles)
+        attributes = self._vertex_attributes(primitive, len(positions), used_vertices)
         exact = positions.astype(np.float64)
-        used = exact[at]
+        used = exact[used_vertices]
         if positions.dtype.kind == "f" or len(used) == 0:
-            tolerance = tolerance_of(used)
+            tolerance = single_precision_tolerance(used)
         else:
-            tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
-        mesh = ModelMesh(exact, triangles, *carried, tolerance)
+            tolerance = min(1.0, _MAX_INTEGER_STEP * float(np.ptp(used, axis=0).max()))
+        mesh = ModelMesh(exact, triangles, *attributes, tolerance)
         return ModelPart(mesh, primitives, left, placements)
 
-    def _carried(
+    def _vertex_attributes(
         self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What `count` vertices carry beside positions; used : those that triangles use.
+        """Return the attributes of `count` vertices except positions; used : used vertices.
 
-        Returns (n, k) what has to be affine, in units of what may be off, and (n, j) what has to be
-        fixed: joints, weights and what is nobody's standard. A skinned vertex moves by products of
-        weights and position, which are not affine.
+        Returns (n, k) attributes that must be affine, in units of their tolerance, and (n, j) that
+        must be constant: joints, weights and non-standard attributes. A skinned vertex moves by
+        products of weights and position, which are not affine.
         """
         affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
-        named = sorted(each for each in primitive["attributes"].items() if each[0] != "POSITION")
+        named = sorted(item for item in primitive["attributes"].items() if item[0] != "POSITION")
         for target in primitive.get("targets", []):
             named += sorted(target.items())
         for name, accessor in named:
             values, normalized = self.values(accessor)
-            given = values.astype(np.float64)
-            if len(given) != count:
-                raise ValueError(f"{name} has {len(given):,} of {count:,} values")
-            least = _LEAST.get(name.partition("_")[0])
-            if least is None:
-                fixed.append(given)
+            column = values.astype(np.float64)
+            if len(column) != count:
+                raise ValueError(f"{name} has {len(column):,} of {count:,} values")
+            tolerance = _MIN_TOLERANCES.get(name.partition("_")[0])
+            if tolerance is None:
+                fixed.append(column)
                 continue
             if normalized:
-                given = given / FULL_SCALE[values.dtype.str[1:]]
-            affine.append(given / max(least, tolerance_of(given[used])))
+                column = column / FULL_SCALE[values.dtype.str[1:]]
+            affine.append(column / max(tolerance, single_precision_tolerance(column[used])))
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
 
 def _key(primitive: dict[str, Any]) -> str:
-    """What makes primitives draw the same triangles."""
+    """Return a key that is equal for primitives that draw the same triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])

@@ -100,16 +100,16 @@ def retriangulate(
     changes.left += model.left
     drawn: list[Drawn] = []
     for parts in groups:
-        made = []
+        results = []
         for part in parts:
-            made.append(_retriangulate_part(part, criterion, changes))
-            tick(len(drawn) + len(made))
-        _revert_shared(parts, made, changes)
-        for part, found in zip(parts, made, strict=True):
-            drawn.append(Drawn(part.mesh, found.triangles, part.placements))
-            if (found.triangles != part.mesh.triangles).any():
+            results.append(_retriangulate_part(part, criterion, changes))
+            tick(len(drawn) + len(results))
+        _revert_shared(parts, results, changes)
+        for part, result in zip(parts, results, strict=True):
+            drawn.append(Drawn(part.mesh, result.triangles, part.placements))
+            if (result.triangles != part.mesh.triangles).any():
                 with guard.clear_errors(str(source), _KIND):
-                    model.replace(part, found.triangles)
+                    model.replace(part, result.triangles)
     if out is None:
         changes.seen = look(drawn, sizes, tick) if changes.changed else []
     else:

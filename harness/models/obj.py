@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError
-from harness.models.flat_faces import ModelMesh, ModelPart, tolerance_of
+from harness.models.flat_faces import ModelMesh, ModelPart, single_precision_tolerance
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (
@@ -199,4 +199,4 @@ def _tolerance(positions: NDArray[np.float64], step: float) -> float:
     known = positions[np.isfinite(positions).all(axis=1)]
     local = known - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else known
     largest = float(np.abs(local).max(initial=0.0))
-    return max(tolerance_of(local), min(step, MAX_DECIMAL_STEP * largest))
+    return max(single_precision_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))

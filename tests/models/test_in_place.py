@@ -8,7 +8,7 @@ import trimesh
 
 from harness.errors import HarnessError, UsageError
 from harness.models.diagonals import choose
-from harness.models.flat_faces import ModelMesh, flat_faces, tolerance_of
+from harness.models.flat_faces import ModelMesh, flat_faces, single_precision_tolerance
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -131,7 +131,7 @@ def test_what_skins_has_to_be_the_same_though_it_is_affine(out):
 @pytest.mark.parametrize(("steps", "wanted"), [(2, CUT_SHORT), (40, CUT_LONG)])
 def test_how_far_a_face_may_be_bent(out, steps, wanted):
     bent = KITE.copy()
-    bent[2, 2] = steps * tolerance_of(KITE) / 4
+    bent[2, 2] = steps * single_precision_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
     assert triangles_after(builder, out) == [wanted]
 
@@ -269,7 +269,9 @@ def test_no_triangle_gets_thin():
     points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
     none = np.empty((5, 0))
-    faces, _ = flat_faces(ModelMesh(points, triangles, none, none, tolerance_of(points)))
+    faces, _ = flat_faces(
+        ModelMesh(points, triangles, none, none, single_precision_tolerance(points))
+    )
     made = choose(faces, "edge-length").triangles
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
 

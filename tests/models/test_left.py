@@ -98,7 +98,7 @@ def test_what_is_left_is_counted(tmp_path):
     triangles = [*LONG, *fins, (2, 1, 4), (3, 2, 5), (0, 0, 3)]
     builder = Builder(points.astype("<f4"), triangles)
     assert of_gltf(builder, tmp_path).left == {
-        "triangles too thin, or with a place that is no number": 2,
+        "triangles too thin, or with invalid coordinates": 2,
         "edges with more than two triangles": 1,
     }
     faces = "f 1 2 3 4\nf 1 2 \\\n5\nf 1 3 4\n"
