@@ -1,4 +1,4 @@
-"""Turns a pile of runs into one series for each case and metric, and draws them.
+"""Plot each metric of each case over many runs, and detect its changes.
 
 An exact figure changes wherever it differs from the run before. A noisy one is cut into stretches
 of constant median by the pruned exact linear time search of Killick, Fearnhead & Eckley (2012);

@@ -1,4 +1,4 @@
-"""Puts a comparison together: matches cases, judges counters and times, reaches a verdict."""
+"""Compare two runs: match cases, compare counters and times, decide the verdict."""
 
 import math
 from collections import Counter, defaultdict

@@ -1,4 +1,4 @@
-"""Finds for each case of one run the same case of the other, by what it means.
+"""Match the cases of two runs by their identity.
 
 A case's key will not do: it covers the scene's content, and changed content is to be reported. What
 HEAD lacks of its plan is lost; all else was not asked for. What else differs between two runs, of

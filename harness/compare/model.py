@@ -1,4 +1,4 @@
-"""What a comparison says: plain data that every output is written from."""
+"""Result of a comparison: plain data, from which all outputs are written."""
 
 import re
 import tomllib
@@ -13,10 +13,10 @@ from harness.metrics.registry import find_metric, list_metrics
 from harness.results.record import CaseGroup, CaseId
 
 Exact = Literal["equal", "better", "worse", "changed"]
-"""What an exact figure did; `changed` where neither direction is better."""
+"""Change of an exact figure; `changed` if neither direction is better."""
 
 Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
-"""What a time did; `inconclusive` is too noisy to say, and never means good."""
+"""Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
 """How a time was freed of the machine's drift; `same-triangles`: both versions are one drawing."""
@@ -49,10 +49,10 @@ STATUS_TEXT: dict[Status, str] = {
     "more-polygons": "with more polygons in HEAD",
     "not-measured": "measured in neither run",
 }
-"""What is said of a case, and of several that are counted."""
+"""Description of a status, for one case and for counts of cases."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
-"""What BASE did and HEAD was to do and did not: a regression, whatever the gates."""
+"""Measured in BASE, planned and not completed in HEAD: a regression, whatever the gates."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -69,8 +69,8 @@ EXIT_CODES: dict[Verdict, int] = {
 class CounterChange:
     """An exact figure of a case in both runs.
 
-    change : relative, None where BASE has 0
-    threshold : relative growth that is let pass; None where the figure is not gated
+    change : relative, or None if BASE has 0
+    threshold : tolerated relative increase, or None if the figure is not gated
     """
 
     metric: str
@@ -86,16 +86,16 @@ class CounterChange:
 class TimeChange:
     """Times of a case in both runs.
 
-    ratio, low, high : HEAD over BASE without what the machine did, with its confidence interval;
-        None where not computable
-    raw_ratio : the same as it was timed
-    against : what tells the machine's part: nothing need where both were timed in the same
-        `rounds`; else `peers`, the `reference` draw, or `none`
-    threshold : relative growth that is let pass; None where nothing could be judged
+    ratio, low, high : HEAD over BASE without machine drift, with its confidence interval, or None
+        if not computable
+    raw_ratio : HEAD over BASE as timed
+    against : estimate of the machine drift: none is needed in common `rounds`; otherwise `peers`,
+        the `reference` draw, or `none`
+    threshold : tolerated relative increase, or None if the times were not compared
     p_value : Mann-Whitney's, or of the rounds' signs
     q_value : of the same rounds the p-value, else the larger of it and the interval's; corrected
         for the number of cases
-    reason : why it is inconclusive, else ""
+    reason : why the change is inconclusive, or ""
     """
 
     outcome: Outcome
@@ -116,12 +116,12 @@ class TimeChange:
 
 @dataclass(frozen=True)
 class Drift:
-    """What all cases that were timed together did together, between BASE and HEAD.
+    """Common change of all cases that were timed together, between BASE and HEAD.
 
     ratio, low, high : median HEAD over BASE of the cases, with an interval that spans it as timed
         and over the reference draw's
-    reference : HEAD over BASE of the reference draw, None where a run has none
-    gated : whether `regressed` makes the gate fail: only where both were timed in the same rounds
+    reference : HEAD over BASE of the reference draw, or None if a run has none
+    gated : True if `regressed` makes the gate fail: only if both were timed in the same rounds
     """
 
     group: CaseGroup
@@ -139,7 +139,7 @@ class Drift:
 class CaseChange:
     """One case of either run or of both.
 
-    lost : gated counters that BASE has and HEAD has not
+    lost : gated counters of BASE that are missing from HEAD
     """
 
     id: CaseId
@@ -174,7 +174,7 @@ class Total:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """Where a run comes from; "" for what it does not say.
+    """Origin of a run; "" if unknown.
 
     commit : of the user's repository
     harness, harness_commit : version and commit of raster-harness
@@ -191,11 +191,11 @@ class RunFacts:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Everything that a comparison of two runs found.
+    """Result of a comparison of two runs.
 
     machines_differ : the runs are of different processors or GPUs
     drifts : of each group of cases that were timed together
-    notes : what the reader should know: devices, normalisation, problems of reading
+    notes : devices, normalisation, problems of reading
     changes : what differs between the runs' plans and environments, one line each
     """
 
@@ -218,7 +218,7 @@ class Comparison:
         return EXIT_CODES[self.verdict]
 
     def compared(self) -> list[CaseChange]:
-        """Return the cases whose figures can be set against each other."""
+        """Return the cases measured in both runs."""
         return [case for case in self.cases if case.status == "compared"]
 
     def regressed(self) -> list[CaseChange]:
@@ -226,7 +226,7 @@ class Comparison:
         return [case for case in self.cases if self.is_regressed(case)]
 
     def drifted(self) -> list[Drift]:
-        """Return the groups that regressed as a whole, where times decide."""
+        """Return the groups whose drift regressed, if times are gated."""
         if not self.settings.gates_time:
             return []
         return [drift for drift in self.drifts if drift.gated and drift.outcome == "regressed"]
@@ -243,13 +243,13 @@ GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
 TABLE = "raster-harness"
 KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
-"""Where a project has its settings, and what it may set."""
+"""Table of a project's settings in pyproject.toml, and its keys."""
 
 TIME_THRESHOLD = 0.05
-"""Growth of a time that is let pass unless told otherwise; see docs/how-to/ci.md."""
+"""Tolerated relative increase of a time by default; see docs/how-to/ci.md."""
 
 PAIRED_TIME_THRESHOLD = 0.015
-"""The same where BASE and HEAD were timed in the same rounds."""
+"""Tolerated relative increase by default if both were timed in the same rounds."""
 
 
 @dataclass(frozen=True)
@@ -257,13 +257,13 @@ class Settings:
     """How two runs are compared.
 
     gates : which kinds of verdict decide the exit code, of `GATES`
-    thresholds : relative growth let pass, by "time", "counters" or a counter's name
+    thresholds : tolerated relative increase, by "time", "counters" or a counter's name
     confidence : of the intervals, and 1 - the false discovery rate over all cases
-    normalise : what takes the machine out of times: "auto" is a case's peers where there are
-        enough, else the reference draw; "reference" is that draw; "none" takes nothing out
+    normalise : estimate of the machine drift: "auto" is a case's peers if there are enough,
+        otherwise the reference draw; "reference" is that draw; "none" assumes no drift
     across_devices : compare runs of different devices, which are refused otherwise
-    require_all : what HEAD skipped or lacks is a regression
-    allow_inconclusive : exit with 0 where times are too noisy to say
+    require_all : a case skipped by or missing from HEAD is a regression
+    allow_inconclusive : exit with 0 if times are too noisy for a conclusion
     """
 
     gates: tuple[str, ...] = GATES
@@ -280,12 +280,12 @@ class Settings:
         return "time" in self.gates
 
     def time_threshold_of(self, *, paired: bool) -> float:
-        """Relative growth of a time that is let pass; `paired` if timed in the same rounds."""
+        """Return the tolerated increase of a time; `paired`: timed in the same rounds."""
         usual = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
         return self.thresholds.get("time", usual)
 
     def threshold(self, counter: str) -> float | None:
-        """Relative growth of a counter that is let pass; None where it is not gated."""
+        """Return the tolerated increase of a counter, or None if the counter is not gated."""
         figure = find_metric(counter)
         # A counter that every triangulation shares is gated in both directions.
         gated = figure.is_cost or (counter in self.thresholds and figure.has_direction)

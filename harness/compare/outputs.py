@@ -1,4 +1,4 @@
-"""A comparison as it is written: for a terminal, as Markdown, JUnit XML, JSON and HTML."""
+"""Format a comparison for a terminal and as Markdown, JUnit XML, JSON and HTML."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SCHEMA_VERSION = 2
 
 
 def to_json(comparison: Comparison) -> dict[str, Any]:
-    """Return all that `comparison` found; docs/ci/compare.schema.json describes it."""
+    """Return the content of the JSON report; docs/ci/compare.schema.json is its schema."""
     found = asdict(comparison)
     for case, told in zip(comparison.cases, found["cases"], strict=True):
         told["name"] = _name_to_json(case.id)

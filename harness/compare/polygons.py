@@ -1,4 +1,4 @@
-"""Where a case costs more than before: the polygons that grew most, and pictures of them."""
+"""Polygons whose cost grew most between two runs, with heatmaps."""
 
 import base64
 import io

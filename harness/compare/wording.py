@@ -1,4 +1,4 @@
-"""The sentences of a comparison and the cells of its tables, the same in every output."""
+"""Sentences and table cells of a comparison, the same in every output."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def headline(comparison: Comparison) -> str:
 
 
 def _regression(comparison: Comparison) -> str:
-    """Say of the case that grew most what regressed and by how much; of no case, what all did."""
+    """Describe the regression that grew most, or the common drift if no case regressed."""
     regressed = sorted(comparison.regressed(), key=_severity, reverse=True)
     if not regressed:
         drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
@@ -76,7 +76,7 @@ def _severity(case: CaseChange) -> tuple[bool, float]:
 
 
 def _calm(comparison: Comparison) -> str:
-    """Say what was found where nothing regressed."""
+    """Summarise a comparison without a regression."""
     compared, settings = comparison.compared(), comparison.settings
     start = "Inconclusive" if comparison.verdict == "inconclusive" else "No regression"
     devices = ", ".join(sorted({printable(case.id.device_name) for case in compared}))
@@ -133,7 +133,7 @@ def time_text(change: TimeChange | Drift) -> str:
 
 
 def drift_text(comparison: Comparison, drift: Drift) -> str:
-    """Say what all cases of a group did together, and what the reference draw did."""
+    """Describe the drift of a group and of the reference draw."""
     if drift.gated:
         words = drift.outcome if comparison.settings.gates_time else NOT_GATED
         return f"all cases together: time {time_text(drift)}, in the same rounds: {words}"
