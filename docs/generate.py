@@ -19,8 +19,8 @@ from docs.figures import ROOT, render, without_comments
 from harness import rasterisers
 from harness.commands.index import COMMANDS, load
 from harness.metrics.registry import list_metrics
+from harness.page.device_summaries import format_table as summaries
 from harness.page.device_summaries import plain_cell
-from harness.page.device_summaries import table as summaries
 from harness.profile.report import devices_table
 from scenes.registry import ENTRIES
 from triangulators.criteria import CRITERIA

@@ -232,7 +232,7 @@ def _list_every(
     """List every triangulation of a polygon with its criteria."""
     from harness import atomic
     from harness.commands.outcome import folder_for
-    from harness.study.enumeration import triangulation_table
+    from harness.study.pareto import triangulation_table
     from harness.style import plain_table
     from triangulators import TriangulationError
 

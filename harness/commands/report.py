@@ -58,8 +58,8 @@ def page(
     from harness.page.page_data import (
         PageContent,
         ProfileContent,
-        content_of,
-        content_of_profile,
+        make_page_content,
+        make_profile_content,
         write_page,
     )
     from harness.results.run_folder import read_latest
@@ -70,9 +70,9 @@ def page(
     content: PageContent | ProfileContent
     if run is None:
         with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
-            content = content_of_profile(pool)
+            content = make_profile_content(pool)
     else:
-        content = content_of(read_latest(run, Reporter().warn))
+        content = make_page_content(read_latest(run, Reporter().warn))
     write_page(content, out)
     message = f"page: {os.path.relpath(out)}; open it in a browser with WebGPU"
     typer.echo(message, err=is_stream(out))

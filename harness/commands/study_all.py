@@ -83,7 +83,7 @@ def study_all(
                 inconclusive += isinstance(error, InconclusiveError)
                 refusals += [error] if isinstance(error, REFUSALS) else []
                 console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
-        evidence_of[name] = replication.read(out / name)
+        evidence_of[name] = replication.read_evidence(out / name)
     if len(refusals) == parts:
         raise refusals[-1]
     file = out / "findings.md"
@@ -91,10 +91,12 @@ def study_all(
     conditions = (
         f"Rasterisers: {','.join(settings.rasterisers)}; device: {device or 'the best one here'}."
     )
-    atomic.write(file, replication.page([*evidence_of.items()], conditions).encode())
+    atomic.write(file, replication.format_page([*evidence_of.items()], conditions).encode())
     judged = 0
     for name, evidence in evidence_of.items():
-        figures = [figure for _, figure in replication.judge(evidence) if figure is not None]
+        figures = [
+            figure for _, figure in replication.evaluate_claims(evidence) if figure is not None
+        ]
         judged += len(figures)
         decided = [figure for figure in figures if not figure.few]
         holds = sum(figure.holds for figure in decided)

@@ -78,7 +78,7 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     from harness.metrics.processors import mark_processors
     from harness.results.record import CaseId
     from harness.stats.run_quality import state_of
-    from harness.study.gains import by_order, gain_table, plot
+    from harness.study.gains import by_order, gain_table, plot_gains
 
     def mark(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
@@ -91,7 +91,7 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
         raise NothingMeasuredError("no two triangulators were timed together on the same polygons")
     orders = [rows.assign(base=name) for name in bases if len(rows := by_order(table, name))]
     with atomic.create_folder(out, merge=True) as folder:
-        files = plot(table, folder / "plots")
+        files = plot_gains(table, folder / "plots")
         table.to_csv(folder / "gains.csv", index=False, float_format="%.5g")
         if orders:
             pd.concat(orders).to_csv(folder / "orders.csv", index=False, float_format="%.4g")
@@ -103,14 +103,14 @@ def _print_faster_views(table: pd.DataFrame, base: str) -> None:
     from harness.frame import View
     from harness.rasterisers.base import Options
     from harness.results.record import CaseGroup
-    from harness.study.gains import best
+    from harness.study.gains import list_faster
 
-    views = best(table, base)
+    views = list_faster(table, base)
     if views.empty:
         return
     faster = views[views["faster"] != ""]
     kept = len(views) - len(faster)
-    typer.echo(f"{base}: no other was shown to be faster in {kept} of {len(views)} views")
+    typer.echo(f"{base}: no other is significantly faster in {kept} of {len(views)} views")
     for row in faster.head(MAX_VIEWS_NAMED).to_dict("records"):
         view = View(int(row["resolution"]), float(row["rotation"]), row["fit"])
         options = Options(int(row["samples"]), int(row["work"]), row["order"])

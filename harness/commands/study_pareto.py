@@ -53,7 +53,7 @@ def study_pareto(
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=parse_all((*pareto.SWEEP, pareto.WITH_C, *pareto.named())),
+        triangulators=parse_all((*pareto.SWEEP, pareto.WITH_C, *pareto.list_compared())),
         rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         views=(view,),
@@ -63,7 +63,7 @@ def study_pareto(
     fronts: dict[str, pd.DataFrame] = {}
 
     def take_apart(label: str, whole: Scene) -> list[Part]:
-        parts, part_fronts = pareto.take_apart(label, whole, polygons, view)
+        parts, part_fronts = pareto.make_parts(label, whole, polygons, view)
         fronts.update(part_fronts)
         return parts
 

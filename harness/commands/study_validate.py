@@ -144,11 +144,11 @@ def measure_validation(
 
     run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
     with reporter.stage("correlating", 1):
-        table = correlations.measure_table(run.records)
+        table = correlations.make_measure_table(run.records)
         with atomic.create_folder(run.path, merge=True) as folder:
-            ranks = correlations.write(table, folder)
+            ranks = correlations.write_correlations(table, folder)
             correlations.plot_study(ranks, table, folder)
-            regrets = regret.write(run.records, folder)
+            regrets = regret.write_regret(run.records, folder)
             regret.write_paper_table(ranks, regrets, folder)
         write_report(run)
     return Validation(run, ranks, regrets)

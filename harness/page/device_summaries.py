@@ -1,4 +1,4 @@
-"""Small summaries of what devices measured: `results/devices/*.json`, and the page made of them."""
+"""Summaries of devices' measurements (`results/devices/*.json`), and a table of them."""
 
 import json
 import re
@@ -22,13 +22,13 @@ FORMAT = "raster-harness device"
 VERSION = 1
 
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
-"""Criteria that are set against what a device measures: A, H and Q."""
+"""Criteria whose rank correlation with a device's times is reported: A, H and Q."""
 
 SHOWN = (
     *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
     *("optimal:overdraw", "delaunay"),
 )
-"""Triangulators that the table has a column for."""
+"""Triangulators with a column in the table."""
 
 BROWSERS = {
     "edge": r"Edg/(\d+)?",
@@ -36,32 +36,32 @@ BROWSERS = {
     "chrome": r"Chrome/(\d+)?",
     "safari": r"(?:Version/(\d+).*)?Safari/",
 }
-"""How browsers call themselves, with their version."""
+"""Patterns of browsers' user agents, with the version."""
 
 Summary = dict[str, Any]
 
 
-def summarise(run: Run) -> Summary:
-    """Return what a run says of its device, JSON-ready.
+def summarise_device(run: Run) -> Summary:
+    """Return the summary of a run's device, JSON-ready.
 
-    Each view has the base, each triangulation's time and quads against the base's, and how well
-    criteria rank the times of those that did all polygons.
+    Each view has the base, times and quads relative to it, and the rank correlation of criteria
+    with the times of complete triangulations.
 
     Raises
     ------
     InputError
-        if it timed nothing, or on more than one device
+        if the run has no times, or times of several devices
     """
     timed = [record for record in run.records if record.is_ok and record.time]
-    where = dict.fromkeys((each.id.rasteriser, each.id.device_name) for each in timed)
-    if len(where) != 1:
+    devices = dict.fromkeys((record.id.rasteriser, record.id.device_name) for record in timed)
+    if len(devices) != 1:
         raise InputError(
-            f"{run.path}: a device's summary is of one rasteriser on one device that was timed, "
-            f"not of {len(where)}"
+            f"{run.path}: a summary needs times of exactly one rasteriser and device "
+            f"(there are {len(devices)})"
         )
-    ((rasteriser, device),) = where
-    known = (run.facts.get("devices") or {}).get(f"{rasteriser} on {device}") or {}
-    details = known.get("details") or {}
+    ((rasteriser, device),) = devices
+    facts = (run.facts.get("devices") or {}).get(f"{rasteriser} on {device}") or {}
+    details = facts.get("details") or {}
     environment = run.facts.get("environment") or {}
     return {
         "format": FORMAT,
@@ -72,14 +72,14 @@ def summarise(run: Run) -> Summary:
         "cpu": read_processor(run.facts) if is_drawn_by_processor(run, timed[0]) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
-        "timer": (known.get("timer") or {}).get("timer"),
+        "timer": (facts.get("timer") or {}).get("timer"),
         "created": str(run.facts.get("created") or ""),
         "harness": str(environment.get("harness") or ""),
-        "views": [_view(group) for group in group_run(replace(run, records=timed))],
+        "views": [_summarise_view(group) for group in group_run(replace(run, records=timed))],
     }
 
 
-def _view(group: RecordGroup) -> Summary:
+def _summarise_view(group: RecordGroup) -> Summary:
     base, case = group.base, group.id
     assert base is not None
     ratios: dict[str, Any] = {}
@@ -88,14 +88,14 @@ def _view(group: RecordGroup) -> Summary:
         ratio = None if record is base else group.compare(record, base)
         if ratio is None:
             continue
-        quads, under = (each.counters.get("quads") for each in (record, base))
+        quads, base_quads = record.counters.get("quads"), base.counters.get("quads")
         ratios[record.name] = {
             "time": [float(f"{value:.5g}") for value in (ratio.value, ratio.low, ratio.high)],
-            "quads": float(f"{quads / under:.5g}") if quads and under else None,
+            "quads": float(f"{quads / base_quads:.5g}") if quads and base_quads else None,
         }
         rows.append([ratio.value, *(record.predicted.get(name, np.nan) for name in CRITERIA)])
     times, *predicted = np.array(rows).reshape(-1, 1 + len(CRITERIA)).T
-    ranks = [rank_correlation(each, times) for each in predicted]
+    ranks = [rank_correlation(column, times) for column in predicted]
     return {
         "scene": case.scene,
         "resolution": case.view.resolution,
@@ -110,52 +110,51 @@ def _view(group: RecordGroup) -> Summary:
 
 
 def write_summary(run: Run, file: Path) -> Path:
-    """Write the summary of a run; views of other scenes of the same device stay in the file.
+    """Write the summary of a run; the file's other views of the same device are retained.
 
     Raises
     ------
     IncompatibleRunsError
-        as `summarise` does, or if the file is another device's, or of another processor where that
-        draws
+        if the file is of another device or, for a software device, of another processor
     """
-    summary = summarise(run)
+    summary = summarise_device(run)
     if file.exists():
-        before = _read(file)
-        if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
+        stored = _read_summary(file)
+        if (stored["rasteriser"], stored["device"]) != (summary["rasteriser"], summary["device"]):
             raise IncompatibleRunsError(
-                f"{file} is of {before['rasteriser']} on {before['device']}"
+                f"{file} is of {stored['rasteriser']} on {stored['device']}"
             )
-        cpus = [str(each.get("cpu") or "") for each in (before, summary)]
+        cpus = [str(part.get("cpu") or "") for part in (stored, summary)]
         if not may_be_same(*cpus):
             raise IncompatibleRunsError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
-        new = {_name(view) for view in summary["views"]}
-        kept = [view for view in before["views"] if _name(view) not in new]
-        summary["views"] = [*kept, *summary["views"]]
+        new = {_identify_view(view) for view in summary["views"]}
+        retained = [view for view in stored["views"] if _identify_view(view) not in new]
+        summary["views"] = [*retained, *summary["views"]]
     write_atomically(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
     return file
 
 
-def _read(file: Path) -> Summary:
+def _read_summary(file: Path) -> Summary:
     try:
-        found = json.loads(atomic.read(file))
+        summary = json.loads(atomic.read(file))
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: cannot be read: {error}") from error
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise InputError(f"{file} is no summary of a device")
-    return found
+    if not isinstance(summary, dict) or summary.get("format") != FORMAT:
+        raise InputError(f"{file}: not a summary of a device")
+    return summary
 
 
-def _name(view: Summary) -> tuple[Any, ...]:
+def _identify_view(view: Summary) -> tuple[Any, ...]:
     return view["scene"], view["resolution"], view["rotation"]
 
 
-def table(folder: Path) -> str:
-    """Return the Markdown table of all summaries in a folder, a row for each view."""
+def format_table(folder: Path) -> str:
+    """Return a Markdown table of all summaries in a folder, one row per view."""
     titles = (list_predictions()[name].title for name in CRITERIA)
-    head = ["device", "driver", "scene", *SHOWN, *titles]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    headings = ["device", "driver", "scene", *SHOWN, *titles]
+    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     for file in sorted(folder.glob("*.json")):
-        summary = _read(file)
+        summary = _read_summary(file)
         for view in summary["views"]:
             where = (
                 f"`{device_model(summary['device'], summary)}`",
@@ -164,9 +163,9 @@ def table(folder: Path) -> str:
             )
             cells = [
                 ", ".join(filter(None, where)),
-                _short(summary["driver"]),
+                _shorten_driver(summary["driver"]),
                 f"{view['scene']}, {view['resolution']} px",
-                *(_ratio(view["triangulators"].get(name)) for name in SHOWN),
+                *(_format_ratio(view["triangulators"].get(name)) for name in SHOWN),
                 *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
             ]
             lines.append("| " + " | ".join(map(plain_cell, cells)) + " |")
@@ -174,35 +173,32 @@ def table(folder: Path) -> str:
 
 
 def plain_cell(text: str) -> str:
-    """Return the cell of a Markdown table: what anybody contributed is text in one line.
+    """Return untrusted text as one line of a Markdown cell, without HTML, links or attributes."""
+    escapes = {"<": "&lt;", "[": "&#91;", "{": "&#123;", "|": "\\|"}
+    return "".join(escapes.get(letter, letter) for letter in " ".join(text.split()))
 
-    It is no HTML, no link and no list of attributes, which would be the cell's.
+
+def identify_browser(agent: str) -> tuple[str, str]:
+    """Return the name and version of the browser with a user agent, "" if unknown.
+
+    User agents name compatible browsers, too: Edge names Chrome, and Chrome Safari.
     """
-    plain = {"<": "&lt;", "[": "&#91;", "{": "&#123;", "|": "\\|"}
-    return "".join(plain.get(letter, letter) for letter in " ".join(text.split()))
-
-
-def browser(agent: str) -> tuple[str, str]:
-    """Return the name and the version of a browser that calls itself `agent`, "" if not told.
-
-    It calls itself by all those that it is like: Edge names Chrome, too, and Chrome Safari.
-    """
-    for name, called in BROWSERS.items():
-        if found := re.search(called, agent):
-            return name, found[1] or ""
+    for name, pattern in BROWSERS.items():
+        if match := re.search(pattern, agent):
+            return name, match[1] or ""
     return "browser", ""
 
 
-def _short(driver: str) -> str:
-    """Name a browser as people do."""
-    begin = "WebGPU in "
-    if not driver.startswith(begin):
+def _shorten_driver(driver: str) -> str:
+    """Replace a user agent by the browser's name and version."""
+    prefix = "WebGPU in "
+    if not driver.startswith(prefix):
         return driver
-    name, version = browser(driver)
-    return f"{begin}{name.capitalize()} {version}" if version else driver
+    name, version = identify_browser(driver)
+    return f"{prefix}{name.capitalize()} {version}" if version else driver
 
 
-def _ratio(entry: Summary | None) -> str:
+def _format_ratio(entry: Summary | None) -> str:
     if entry is None:
         return ""
     value, low, high = entry["time"]

@@ -1,6 +1,6 @@
-"""A page that measures: what whatever browser opens it draws, counts and times.
+"""Pages that draw, count and time in a browser: their content and HTML.
 
-It holds a run's frames and triangulations, or a device's draws, and what is known of them.
+The content is a run's frames and triangulations, or the draws of a profile, with exact counters.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import DEFAULT_BASE
 from harness.metrics.registry import list_predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
-from harness.page.result import KEPT, counted_exactly
+from harness.page.result import RECORD_FIELDS, count_exactly
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
 from harness.profile.counted import PX_TERMS, TERMS, counters
@@ -130,28 +130,30 @@ def write_page(content: PageContent | ProfileContent, file: Path) -> None:
         version=__version__,
         scene=content.get("scene"),
         charts="" if profiling else static(REPORT, CHARTS),
-        style="".join([static(REPORT, STYLE), *(static(PACKAGE, each) for each in styles)]),
-        script="\n".join([*shared, *(static(PACKAGE, each) for each in scripts)]),
+        style="".join([static(REPORT, STYLE), *(static(PACKAGE, name) for name in styles)]),
+        script="\n".join([*shared, *(static(PACKAGE, name) for name in scripts)]),
         data=packed({**content, "shaders": shaders}),
     )
     write_atomically(file, text)
 
 
-def content_of(run: Run) -> PageContent:
-    """Return everything the page of `run` holds, JSON-ready.
+def make_page_content(run: Run) -> PageContent:
+    """Return the content of the page of `run`, JSON-ready.
 
     Raises
     ------
     InputError
-        if the run kept nothing that can be drawn
+        if the run has no drawable frame
     """
     for fit, name in OWN_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
-            raise InputError(f"{run.path} is of {name}, which a page cannot cut: give another run")
+            raise InputError(
+                f"{run.path} is of {name}, which pages do not support; use another run"
+            )
     if not (views := list(_views(run))):
         raise InputError(
-            f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
-            "draw; run `raster-harness run` with this version, and two --triangulators"
+            f"{run.path} has no stored frame with two or more triangulations; "
+            "measure again with this version and several --triangulators"
         )
     names = list(dict.fromkeys(name for view in views for name in view["cases"]))
     return {
@@ -168,58 +170,58 @@ def content_of(run: Run) -> PageContent:
 
 
 def _views(run: Run) -> Iterator[ViewContent]:
-    """Yield each view of which two triangulations or more can be drawn again.
+    """Yield each view with two or more drawable triangulations.
 
-    One sample a pixel, no work and the triangulator's own order, on whichever device; of each
-    triangulator the first.
+    Used are one sample per pixel and the native order, on any device, and the first record of each
+    triangulator.
     """
-    found: dict[View, dict[str, Record]] = {}
+    by_view: dict[View, dict[str, Record]] = {}
     for record in run.records:
         options = record.id.options
         if record.is_ok and options.samples == 1 and options.order == "native":
-            found.setdefault(record.id.view, {}).setdefault(record.name, record)
-    for view, records in found.items():
-        kept = drawings.read(run, view)
-        if kept is None or len(drawn := [n for n in records if n in kept.triangles]) < 2:
+            by_view.setdefault(record.id.view, {}).setdefault(record.name, record)
+    for view, records in by_view.items():
+        geometry = drawings.read(run, view)
+        if geometry is None or len(drawn := [n for n in records if n in geometry.triangles]) < 2:
             continue
         yield {
             "resolution": view.resolution,
             "rotation": view.rotation,
             "fit": view.fit,
             "scene": records[drawn[0]].id.scene,
-            "points": encoded(kept.points.astype("<i4")),
-            "sizes": kept.grid.vertex_counts.tolist(),
-            "cases": {name: _case(records[name], kept) for name in drawn},
+            "points": encoded(geometry.points.astype("<i4")),
+            "sizes": geometry.grid.vertex_counts.tolist(),
+            "cases": {name: _make_case(records[name], geometry) for name in drawn},
         }
 
 
-def _case(record: Record, kept: Geometry) -> CaseContent:
-    """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
-    rows = kept.triangles[record.name]
+def _make_case(record: Record, geometry: Geometry) -> CaseContent:
+    """Return one triangulation: base64 of uint32 rows, and exact counters of each polygon."""
+    rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial = (
-        encoded(each.astype("<u4")) for each in counted_exactly(kept, rows)
+        encoded(counts.astype("<u4")) for counts in count_exactly(geometry, rows)
     )
     return {
         "rows": encoded(rows.astype("<u4")),
         "fragments": fragments,
         "quads": quads,
         "partial_quads": partial,
-        "record": {name: fields[name] for name in KEPT if name in fields},
+        "record": {name: fields[name] for name in RECORD_FIELDS if name in fields},
     }
 
 
 SEED = 0
 
-ABOUT = ("kind", "name", "group", "work", "aspect", "area")
-"""What is told of each draw."""
+DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
+"""Properties of each draw in the page."""
 
 STEPS = (1, 2, 4, 8, 16)
 """Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
 
 
-def content_of_profile(pool: MeasuringPool) -> ProfileContent:
-    """Return everything that the page holds, JSON-ready; it makes the draws itself."""
+def make_profile_content(pool: MeasuringPool) -> ProfileContent:
+    """Return the content of the profiling page, JSON-ready; the page makes the draws itself."""
     made = make_draws(SEED)
     fitted, plain = select_fitted(made)
     sums = {name: predict_terms(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
@@ -229,8 +231,8 @@ def content_of_profile(pool: MeasuringPool) -> ProfileContent:
         "harness": __version__,
         "design": DESIGN,
         "seed": SEED,
-        "draws": [{name: getattr(draw, name) for name in ABOUT} for draw in made],
-        "grids": {step: grid_of([snap(draw, step) for draw in made]) for step in STEPS},
+        "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in made],
+        "grids": {step: make_grid([snap(draw, step) for draw in made]) for step in STEPS},
         "fitted": _groups(made, fitted),
         "plain": _groups(made, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
@@ -243,26 +245,26 @@ def content_of_profile(pool: MeasuringPool) -> ProfileContent:
         "base": BASE,
         "criteria": CRITERIA,
         "scenes": {
-            name: {each: _short(rows) for each, rows in found.items()}
+            name: {each: _round_rows(rows) for each, rows in found.items()}
             for name, found in sums.items()
             if found is not None
         },
     }
 
 
-def grid_of(made: Sequence[Draw]) -> GridContent:
-    """Return the checksum and the exact counters of each draw, and a criterion's terms of it."""
+def make_grid(made: Sequence[Draw]) -> GridContent:
+    """Return checksums, exact counters, and the terms of criteria, of each draw."""
     counted = [counters(draw) for draw in made]
     predicted = cost_rows([(draw.frame, draw.triangles) for draw in made])
     return {
         "checksums": [draw.checksum for draw in made],
         "counters": {name: [each[name] for each in counted] for name in counted[0]},
-        "predicted": _short(predicted),
+        "predicted": _round_rows(predicted),
     }
 
 
 def _groups(made: Sequence[Draw], places: list[int]) -> GroupsContent:
-    """Return places among the draws, with the number of the group and of the fold of each."""
+    """Return positions of draws, with the number of the group and of the fold of each."""
     labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
     folds = law.assign_folds(labels, SEED).tolist()
     reach = [
@@ -272,6 +274,6 @@ def _groups(made: Sequence[Draw], places: list[int]) -> GroupsContent:
     return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
 
 
-def _short(rows: Any) -> list[list[float]]:
-    """Return rows of numbers with digits enough for any fit."""
+def _round_rows(rows: Any) -> list[list[float]]:
+    """Return rows of numbers with 9 significant digits, enough for any fit."""
     return [[float(f"{value:.9g}") for value in row] for row in rows.tolist()]

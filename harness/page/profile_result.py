@@ -1,7 +1,6 @@
-"""Reads what a profiling page saved, and computes anew what the page computed.
+"""Import of a profiling page's result: draws, counters and the law are computed again.
 
-Its draws are made again, and their counters counted again; the law is fitted to the samples that
-it saved. So nothing of it is believed but the times, and what contradicts them is refused.
+Only the saved times are used; a result whose draws, counters or law contradict them is rejected.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +26,9 @@ from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"
 
-LIKE = 0.02
-"""By which what the page's law says of a draw and what ours says may differ: both fit until no
-time changes by 1e-4."""
+LAW_TOLERANCE = 0.02
+"""Tolerated relative difference of a draw's time by the page's law and by ours. Both fits end when
+no time changes by 1e-4."""
 
 Counted = Mapping[str, int]
 
@@ -53,7 +52,7 @@ class _Law(Part):
 
 
 class Result(saved.Measured):
-    """What a page saved that profiled its device."""
+    """Result of a page that profiled its device."""
 
     format: Literal["raster-harness device profile"]
     page: _Page
@@ -65,51 +64,49 @@ class Result(saved.Measured):
     law: _Law | None
 
     @validator(mode="after")
-    def _agrees(self) -> Self:
-        """Whether all were timed in the same rounds."""
-        if any(not each.fragments / 4 <= each.quads <= each.fragments for each in self.draws):
+    def _check_consistency(self) -> Self:
+        """Raise ValueError for impossible counters, or times of different rounds."""
+        if any(not draw.fragments / 4 <= draw.quads <= draw.fragments for draw in self.draws):
             raise ValueError("quads of fewer than one pixel, or more than four")
         check_rounds(self.times or {}, self.epochs)
         return self
 
 
 def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any], str, list[str]]:
-    """Return the profile that a page's result tells, computed anew, but for its advice.
+    """Return the profile of a page's result without advice, a problem of its times, and warnings.
 
-    And why its times cannot be trusted, or "", and warnings.
-
-    name : of the device
+    name : name of the device
+    The problem is "" if there is none.
 
     Raises
     ------
     IncompatibleRunsError, InputError
-        if the result contradicts itself, or tells too little
+        if the result contradicts itself, or is incomplete
     """
     page = result.page
     if page.design != DESIGN:
         raise IncompatibleRunsError(
-            f"{file}: its draws are of design {page.design}, and here it is {DESIGN}: make the "
-            "page anew"
+            f"{file}: draws of design {page.design}, expected {DESIGN}; create the page again"
         )
     step = result.device.step or 1
     draws = [design.snap(draw, step) for draw in design.make_draws(page.seed)]
     exact = [counters(draw) for draw in draws]
-    _refuse_other_draws(file, result, draws, exact)
+    _check_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
     if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
         raise InputError(
             f"{file}: the page was ended after {len(epochs)} of at least {FEWEST_EPOCHS} epochs, "
-            "which tell no law; measure again"
+            "too few for a fit; measure again"
         )
     if set(result.times) != {*names, EMPTY, CONTROL}:
-        raise InputError(f"{file}: not all of its {len(draws)} draws were timed, or others were")
+        raise InputError(f"{file}: the timed draws are not the {len(draws)} draws of the design")
     times = {
         each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
     }
-    found = measured.normalise_times(times, names)
-    _refuse_other_law(file, result, draws, exact, found)
-    content = profile(draws, exact, found, _facts(result, name), page.seed)
+    measurement = measured.normalise_times(times, names)
+    _check_law(file, result, draws, exact, measurement)
+    content = profile(draws, exact, measurement, _facts(result, name), page.seed)
     try:
         if not content["refused"]:
             check_profile(content)
@@ -117,57 +114,55 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
         raise InputError(f"{file}: {error}") from error
     warnings = []
     if result.limited:
-        warnings.append("the device is slow: the page's time limit left epochs out")
+        warnings.append("the device is slow: epochs were skipped at the page's time limit")
     if result.differing:
         warnings.append(f"counters differ from the exact reference in {result.differing} draws")
-    return content, found.trouble, saved.warnings_of(result, warnings, "draws")
+    return content, measurement.trouble, saved.list_warnings(result, warnings, "draws")
 
 
-def _refuse_other_draws(
-    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]
-) -> None:
-    """What was drawn and counted must be the design's, and differ from it as the page says."""
-    told = [each.checksum for each in result.draws]
-    own = [draw.checksum for draw in draws]
-    if told != own[: len(told)] or (result.times and len(told) != len(own)):
+def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]) -> None:
+    """Raise InputError unless draws and counters are those of the design, as far as stated."""
+    actual = [draw.checksum for draw in result.draws]
+    expected = [draw.checksum for draw in draws]
+    if actual != expected[: len(actual)] or (result.times and len(actual) != len(expected)):
         raise InputError(f"{file}: its draws are not those of seed {result.page.seed}")
     differing = sum(
-        (each.fragments, each.quads) != (known["fragments"], known["quads"])
-        for each, known in zip(result.draws, exact[: len(told)], strict=True)
+        (draw.fragments, draw.quads) != (counted["fragments"], counted["quads"])
+        for draw, counted in zip(result.draws, exact[: len(actual)], strict=True)
     )
     if differing != result.differing:
         raise InputError(
-            f"{file}: its counters differ from the exact reference in {differing} draws, not in "
-            f"{result.differing}, as it says"
+            f"{file}: counters differ from the exact reference in {differing} draws, not in "
+            f"{result.differing}, as the file states"
         )
 
 
-def _refuse_other_law(
-    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], found: Measured
+def _check_law(
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], measurement: Measured
 ) -> None:
-    """The law that the page showed must say the same of each draw as the one of its times."""
+    """Raise InputError unless the page's law and a fit to its times agree for each draw."""
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS):
-        raise InputError(f"{file}: its law has other terms")
+        raise InputError(f"{file}: the law has different terms")
     rows = design_of(exact)
     fitted, _ = select_fitted(draws)
-    seconds = solve(rows[fitted], found.times[fitted], [draws[n].group for n in fitted])
+    seconds = solve(rows[fitted], measurement.times[fitted], [draws[n].group for n in fitted])
     shown = rows @ np.array(list(result.law.seconds.values()))
-    if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
-        raise InputError(f"{file}: the law that it shows is not that of its times")
+    if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LAW_TOLERANCE).any():
+        raise InputError(f"{file}: the law does not follow from the times")
 
 
 def _facts(result: Result, name: str) -> dict[str, Any]:
-    told = result.device
+    device = result.device
     assert result.timer is not None
     return {
         "rasteriser": "webgpu",
         "name": name,
-        "software": told.fallback or is_software(f"{told.architecture} {told.description}"),
+        "software": device.fallback or is_software(f"{device.architecture} {device.description}"),
         "cpu": "",
         "browser": result.browser,
         "created": result.started,
-        "details": told.model_dump(),
+        "details": device.model_dump(),
         "timer": result.timer.model_dump(),
     }

@@ -1,7 +1,6 @@
-"""Reads what a measuring page saved, and makes a run folder of it.
+"""Import of a measuring page's result as a run folder.
 
-The file comes from anywhere, so nothing in it is believed before it is checked: its digest, which
-tells damage; its shape, sizes and ranges; and that its parts agree with each other.
+The file is untrusted, so its digest, structure, sizes, ranges and consistency are checked.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,9 +28,9 @@ from harness.page.saved import (
     Text,
     Whole,
     check_rounds,
-    warnings_of,
+    list_warnings,
 )
-from harness.page.saved import Times as Told
+from harness.page.saved import Times as SavedTimes
 from harness.rasterisers.reference import SHADED, predict
 from harness.results import drawings
 from harness.results.drawings import Geometry
@@ -42,8 +41,8 @@ from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"
-BESIDE = (EMPTY, REFERENCE, "(the base again)")
-"""What is timed beside the cases; the last is compared with itself."""
+CONTROLS = (EMPTY, REFERENCE, "(the base again)")
+"""Drawings that are timed in addition to the cases; the last one is a control: the base."""
 
 
 class _Page(Part):
@@ -53,7 +52,7 @@ class _Page(Part):
 
 
 class _Record(Part):
-    """Fields of a record that hold on any device."""
+    """Fields of a record that do not depend on the device."""
 
     scene: Name
     scene_hash: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -77,22 +76,22 @@ class _Record(Part):
 
 
 class _Counters(Part):
-    """What the page counts of each polygon."""
+    """Counters of each polygon."""
 
     fragments: list[Whole]
     quads: list[Whole]
     partial_quads: list[Whole]
 
 
-KEPT, TOLD = tuple(_Record.model_fields), tuple(_Counters.model_fields)
+RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fields)
 
 
-def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return what the page counts of each polygon, as the CPU reference counts (m, 3) `rows`."""
-    predicted = predict(kept.points, rows)
-    owner = np.searchsorted(kept.grid.vertex_offsets, rows[:, 0], side="right") - 1
-    size = len(kept.grid)
-    return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
+def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
+    """Return the page's counters of each polygon for triangles (m, 3), by the CPU reference."""
+    predicted = predict(geometry.points, rows)
+    owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
+    size = len(geometry.grid)
+    return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in COUNTERS)
 
 
 class _Case(Part):
@@ -101,8 +100,8 @@ class _Case(Part):
     differing: Whole
 
     @validator(mode="after")
-    def _possible(self) -> Self:
-        """Whether it can be true, whatever the polygons are."""
+    def _check_counters(self) -> Self:
+        """Raise ValueError if the counters are impossible for any polygons."""
         record = self.record
         polygons = record.polygons + record.polygons_skipped + record.polygons_failed
         for _, values in self.counters:
@@ -129,61 +128,61 @@ class _View(Part):
     fit: Literal["box", "circle"]
     scene: Name
     cases: dict[Name, _Case]
-    times: dict[Name, Told] | None
+    times: dict[Name, SavedTimes] | None
     epochs: list[Annotated[int, Field(ge=0)]]
 
     @validator(mode="after")
-    def _agrees(self) -> Self:
-        """Whether its cases are of one frame and its times of the same rounds."""
+    def _check_consistency(self) -> Self:
+        """Raise ValueError unless cases have the same frame and times the same rounds."""
         for name, case in self.cases.items():
-            told = case.record
-            if name != told.triangulator or _place(told) != _place(self):
-                raise ValueError(f"the record of {name} is of another case")
+            record = case.record
+            if name != record.triangulator or _identify_view(record) != _identify_view(self):
+                raise ValueError(f"the record of {name} is of a different case")
         cases = self.cases.values()
         if len({(case.record.scene_hash, len(case.counters.quads)) for case in cases}) > 1:
-            raise ValueError("its cases are of different scenes or numbers of polygons")
+            raise ValueError("cases have different scenes or numbers of polygons")
         times = self.times or {}
-        if not set(times) <= {*self.cases, *BESIDE}:
-            raise ValueError("something was timed that was not counted")
+        if not set(times) <= {*self.cases, *CONTROLS}:
+            raise ValueError("a timed case was not counted")
         check_rounds(times, self.epochs)
         return self
 
 
-def _place(of: _Record | _View) -> tuple[Any, ...]:
-    return of.scene, of.resolution, of.rotation, of.fit
+def _identify_view(part: _Record | _View) -> tuple[Any, ...]:
+    return part.scene, part.resolution, part.rotation, part.fit
 
 
 class Result(Measured):
-    """What a page saved that measured a run's triangulations."""
+    """Result of a page that measured a run's triangulations."""
 
     format: Literal["raster-harness device result"]
     page: _Page
     views: Annotated[list[_View], Field(min_length=1, max_length=1000)]
 
     @validator(mode="after")
-    def _once(self) -> Self:
-        """Whether each view is there once."""
-        if len(set(map(_place, self.views))) < len(self.views):
-            raise ValueError("one view is there twice")
+    def _check_views(self) -> Self:
+        """Raise ValueError if views are equal."""
+        if len(set(map(_identify_view, self.views))) < len(self.views):
+            raise ValueError("a view occurs twice")
         return self
 
 
 def import_result(result: Result, folder: Path, device: str, run: Run | None = None) -> Path:
-    """Make a run folder of a page's result; returns it.
+    """Write a page's result as a run folder; return the folder.
 
-    device : the name that the device gets
-    run : the run that the page was made of, if it is at hand; the imported one then keeps its
-        frames and each polygon's predictions, too
+    device : name for the device
+    run : the run from which the page was made, if available; the imported run then also has its
+        frames and the predictions of each polygon
 
     Raises
     ------
     UsageError
-        if the folder holds a run already, or `run` is of other polygons or says otherwise of them
+        if the folder already holds a run, or `run` has different polygons or contradicts the result
     """
     for case in (case for view in result.views for case in view.cases.values()):
         if run is not None:
-            _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
-    again = f"remove {folder} and give the same command again"
+            _raise_if_contradicting(run, case, exact_grid=result.device.step == 1)
+    again = f"remove {folder} and run the same command again"
     with RunFolder.create(folder, again) as writer:
         writer.write_facts(_facts(result, device))
         for view in result.views:
@@ -198,7 +197,8 @@ def _facts(result: Result, device: str) -> RunFacts:
     cases = [case for view in result.views for case in view.cases.values()]
     names = dict.fromkeys(case.record.triangulator for case in cases)
     differing = sum(case.differing for case in cases)
-    more = [f"counters differ from the run's in {differing} polygons"] if differing else []
+    warning = f"counters differ from those of the run in {differing} polygons"
+    warnings = [warning] * bool(differing)
     step = result.device.step
     details = {
         **result.device.model_dump(),
@@ -216,7 +216,7 @@ def _facts(result: Result, device: str) -> RunFacts:
             "polygons": cases[0].record.polygons if cases else 0,
         },
         "environment": {"harness": result.page.harness, "browser": result.browser},
-        "warnings": warnings_of(result, more, "polygons"),
+        "warnings": list_warnings(result, warnings, "polygons"),
         "frames": [],
         "devices": {
             f"{RASTERISER} on {device}": {
@@ -230,7 +230,7 @@ def _facts(result: Result, device: str) -> RunFacts:
 def _records(
     view: _View, device: str, result: Result
 ) -> Iterator[tuple[Record, Mapping[str, np.ndarray]]]:
-    """Yield the record of each case of a view, with its counters by polygon."""
+    """Yield the record of each case of a view, with its counters of each polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
         fragments, quads, partial = (np.array(values, np.int64) for _, values in case.counters)
@@ -245,7 +245,7 @@ def _records(
             "rasteriser": RASTERISER,
             "device": device,
             "status": "ok",
-            "counters": {each: int(sums.sum()) for each, sums in counters.items()},
+            "counters": {counter: int(sums.sum()) for counter, sums in counters.items()},
             "coverage_error": error,
         }
         record = parse_record(values_of_record)
@@ -253,7 +253,7 @@ def _records(
 
 
 def _time(view: _View, name: str, result: Result) -> Time | None:
-    """Return a record's `time`, None where the case was not timed to the end of a round."""
+    """Return a record's `time`, or None if the case was timed in fewer than two rounds."""
     times = view.times or {}
     rounds = sum(view.epochs)
     if result.timer is None or rounds < 2 or not {name, EMPTY, REFERENCE} <= set(times):
@@ -261,62 +261,63 @@ def _time(view: _View, name: str, result: Result) -> Time | None:
     settings = TimingSettings(budget_s=result.budget_s)
     group = {}
     epochs = [count for count in view.epochs if count]
-    for each in (name, EMPTY, REFERENCE):
-        group[each] = Times(times[each].repeats, times[each].samples_s, epochs)
-        group[each].precision_reached = group[each].is_precise(settings.precision)
+    for draw in (name, EMPTY, REFERENCE):
+        group[draw] = Times(times[draw].repeats, times[draw].samples_s, epochs)
+        group[draw].precision_reached = group[draw].is_precise(settings.precision)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))
     return records.make_time(group, name, test, settings)
 
 
-def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
-    """What the run's polygons and triangles say of a case, the page's file must say, too.
+def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
+    """Raise an error if a case contradicts the run's polygons or triangles.
 
-    exact_grid : the device draws polygons where they are, so that the reference counts the same
+    exact_grid : whether the device's grid is that of the reference, so that counters are equal
     """
-    own = case.record
-    view = View(own.resolution, float(own.rotation), own.fit)
-    known = _find_record(run, own.triangulator, own.scene_hash, view)
-    if known is None:
+    saved = case.record
+    name = saved.triangulator
+    view = View(saved.resolution, float(saved.rotation), saved.fit)
+    stored = _find_record(run, name, saved.scene_hash, view)
+    if stored is None:
         raise IncompatibleRunsError(
-            f"{run.path} has no {own.triangulator} of the page's polygons at {own.resolution} px"
+            f"{run.path} has no {name} of the page's polygons at {saved.resolution} px"
         )
-    stored, told = record_to_json(known), own.model_dump(exclude_unset=True)
-    both = {name for name in KEPT if name in stored and name in told} - {"triangulator"}
-    wrong = [name for name in KEPT if name in both and stored[name] != told[name]]
+    expected, actual = record_to_json(stored), saved.model_dump(exclude_unset=True)
+    common = [field for field in RECORD_FIELDS if field in expected and field in actual]
+    wrong = [f for f in common if f != "triangulator" and expected[f] != actual[f]]
     if wrong:
-        raise IncompatibleRunsError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
-    kept = drawings.read(run, view)
-    if not exact_grid or kept is None or own.triangulator not in kept.triangles:
+        raise IncompatibleRunsError(f"{name}: {', '.join(wrong)} contradict {run.path}")
+    geometry = drawings.read(run, view)
+    if not exact_grid or geometry is None or name not in geometry.triangles:
         return
     counted = np.array([values for _, values in case.counters])
-    exact = np.array(counted_exactly(kept, kept.triangles[own.triangulator]))
+    exact = np.array(count_exactly(geometry, geometry.triangles[name]))
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise InputError(
-            f"{own.triangulator}: its counters do not differ from the exact reference in "
-            f"{case.differing} polygons, as the file says"
+            f"{name}: counters do not differ from the exact reference in {case.differing} "
+            "polygons, as the file states"
         )
 
 
 def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | None:
     """Return the run's record of these polygons, triangulator and view, or None."""
-    wanted = (name, scene_hash, view)
-    measured = (record for record in run.records if record.is_ok)
-    return next(
-        (each for each in measured if (each.name, each.id.scene_hash, each.id.view) == wanted), None
-    )
+    for record in run.records:
+        case = record.id
+        if record.is_ok and (case.name, case.scene_hash, case.view) == (name, scene_hash, view):
+            return record
+    return None
 
 
 def _add_polygons(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
-    """Keep the frame, and the predictions of each polygon beside what was counted of it."""
+    """Store the frame, and the predictions and counters of each polygon."""
     name = drawings.view_name(record.id.view)
     if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)
         if arrays is not None:
             writer.write_arrays(name, arrays, drawings.FOLDER)
-    known = _find_record(run, record.name, record.id.scene_hash, record.id.view)
-    columns = (known and read_arrays(run, known.key)) or {}
-    predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
-    if {len(kept) for kept in predicted.values()} == {len(counters["quads"])}:
+    stored = _find_record(run, record.name, record.id.scene_hash, record.id.view)
+    columns = (stored and read_arrays(run, stored.key)) or {}
+    predicted = {name: column for name, column in columns.items() if name.startswith(PREDICTED)}
+    if {len(column) for column in predicted.values()} == {len(counters["quads"])}:
         writer.write_arrays(record.key, {**predicted, **counters})

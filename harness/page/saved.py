@@ -1,6 +1,6 @@
-"""What measuring pages save, as far as it is the same: the digest, the device, timers and times.
+"""Files saved by measuring pages: digest, device, timer and times, which all pages share.
 
-The files come from anywhere, so nothing in them is believed before it is checked.
+The files are untrusted, so that everything is validated.
 """
 
 import hashlib
@@ -13,30 +13,34 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from harness.errors import InputError
 from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
-from harness.page.device_summaries import browser
-from harness.results.parsing import MAX_NUMBER as MOST
+from harness.page.device_summaries import identify_browser
+from harness.results.parsing import MAX_NUMBER
 from harness.results.run_folder import file_stem
 
 VERSION = 1
-MOST_BYTES = 256 * 2**20
+MAX_BYTES = 256 * 2**20
 
 Text = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Long = Annotated[str, StringConstraints(max_length=10_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
 Whole = Annotated[int, Field(ge=0, le=2**53)]
 Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
-Finite = Annotated[float, Field(gt=-MOST, lt=MOST, allow_inf_nan=False)]
+Finite = Annotated[float, Field(gt=-MAX_NUMBER, lt=MAX_NUMBER, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 
 
 class Part(BaseModel):
-    """A part of a result, of which no field may lack or be another."""
+    """A part of a result; missing and unknown fields are invalid."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
 class Device(Part):
-    """What a browser tells of its GPU; step : of its grid, in 1/256 px; limits : by their names."""
+    """GPU as reported by a browser.
+
+    step : step of its grid, in 1/256 px
+    limits : limits by name
+    """
 
     vendor: Text
     architecture: Text
@@ -49,7 +53,7 @@ class Device(Part):
 
 
 class Timer(Part):
-    """What the self-test of `timing.js` found."""
+    """Result of the self-test of `timing.js`."""
 
     timer: Literal["gpu", "wall"]
     asking_s: Share
@@ -60,22 +64,22 @@ class Timer(Part):
 
 
 class Times(Part):
-    """Seconds of one draw, one a round."""
+    """Seconds of one draw in each round."""
 
     repeats: Annotated[int, Field(ge=1, le=2**20)]
     samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError unless all were timed in the same rounds, and each draw took some time."""
-    if {len(each.samples_s) for each in times.values()} - {sum(epochs)}:
+    """Raise ValueError unless all were timed in the same rounds, and every draw took time."""
+    if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("its times are not of the same rounds")
-    if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
+    if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):
         raise ValueError("a draw took no time")
 
 
 class Measured(Part):
-    """What all results have."""
+    """Fields of all results."""
 
     version: Literal[1]
     started: Text
@@ -90,7 +94,7 @@ class Measured(Part):
 
 
 class _File(BaseModel):
-    """What a page saves: a result as text, and the digest of that."""
+    """File of a page: a result as text, and its digest."""
 
     format: str
     version: int
@@ -102,60 +106,66 @@ Result = TypeVar("Result", bound=Measured)
 
 
 def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
-    """Return the result in a file that a page saved; kinds : what it is, by the file's format.
+    """Return the result in a file that a page saved.
+
+    kinds : class of the result by the file's format
 
     Raises
     ------
     InputError
-        if it cannot be read, is damaged, or is not what a page saves
+        if it cannot be read, is damaged, or was not saved by a page
     """
     try:
         if file.exists() and not file.is_file():
-            raise InputError(f"{file}: a folder, pipe or device, not a file that a page saved")
-        if file.stat().st_size > MOST_BYTES:
-            raise InputError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
+            raise InputError(f"{file}: not a regular file")
+        if file.stat().st_size > MAX_BYTES:
+            raise InputError(
+                f"{file}: larger than {MAX_BYTES >> 20} MiB, the limit of a saved page"
+            )
         outer = _File.model_validate_json(file.read_bytes())
         kind = kinds[outer.format]
     except OSError as error:
         raise InputError(f"{file}: {error.strerror}") from error
     except (ValueError, KeyError) as error:
-        raise InputError(f"{file}: not a file that a measuring page saved") from error
+        raise InputError(f"{file}: not a file saved by a measuring page") from error
     if outer.version != VERSION:
         raise InputError(f"{file}: saved by another version of the page; update raster-harness")
     content = outer.result.encode()
     if hashlib.sha256(content).hexdigest() != outer.sha256:
-        raise InputError(f"{file}: damaged since the page saved it; save or copy it again")
+        raise InputError(
+            f"{file}: damaged after it was saved (checksum mismatch); save or copy it again"
+        )
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{file}: {where or 'result'}: {what}") from error
+        field = ".".join(map(str, first["loc"])) or "result"
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{file}: {field}: {problem}") from error
 
 
 def device_name(result: Measured) -> str:
-    """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
-    told = result.device
-    words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
-    name = file_stem(words.lower()).strip("-._") or "unnamed-gpu"
-    return f"{name}-{browser(result.browser)[0]}"
+    """Return a name for the device, such as apple-metal-3-safari."""
+    device = result.device
+    text = device.description or " ".join(filter(None, [device.vendor, device.architecture]))
+    name = file_stem(text.lower()).strip("-._") or "unnamed-gpu"
+    return f"{name}-{identify_browser(result.browser)[0]}"
 
 
-def warnings_of(result: Measured, more: Iterable[str], moved: str) -> list[str]:
-    """Return what went wrong on the page, `more`, and what is unlike ours in how its device draws.
+def list_warnings(result: Measured, warnings: Iterable[str], moved: str) -> list[str]:
+    """Return problems of the page, `warnings`, and differences of the device's rasterisation.
 
-    moved : what is drawn elsewhere where the device's grid is coarser
+    moved : noun for what a coarser grid moves
     """
     problem = " ".join((result.problem or "").split())
     step = result.device.step
     grid = step or 1
-    told = {
-        f"the page told of a problem: {problem}": problem != "",
-        "the page was stopped before it had measured everything": not result.complete,
-        "the page was hidden for a while, in which browsers slow it down": result.hidden,
-        **dict.fromkeys(more, True),
-        "the device rasterises by another rule than ours, on any grid": step is None,
-        f"the device snaps to 1/{SUBPIXEL // grid} px: {moved} were moved there": grid > 1,
+    conditions = {
+        f"the page reported a problem: {problem}": problem != "",
+        "the page was stopped before all measurements were done": not result.complete,
+        "the page was hidden for some time, in which browsers throttle it": result.hidden,
+        **dict.fromkeys(warnings, True),
+        "the device's coverage rule differs from the reference on every grid": step is None,
+        f"the device snaps to 1/{SUBPIXEL // grid} px: {moved} were moved to its grid": grid > 1,
     }
-    return [words for words, so in told.items() if so]
+    return [warning for warning, applies in conditions.items() if applies]

@@ -13,7 +13,7 @@ from harness.profile.design import AREAS, ASPECTS, Draw
 from harness.profile.law import COSTS, Law
 from harness.profile.measured import Measured
 from harness.stats.intervals import mean_interval, student_interval
-from harness.study.subjects import evenly
+from harness.study.subjects import sample_evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
 
@@ -106,7 +106,7 @@ def predict_terms(
     sizes = frame.grid.vertex_counts
     # A triangle has only one triangulation.
     candidates = [n for n in np.argsort(sizes, kind="stable").tolist() if sizes[n] > 3]
-    sample = frame.polygons.take(evenly(candidates, SCENE_POLYGONS))
+    sample = frame.polygons.take(sample_evenly(candidates, SCENE_POLYGONS))
     sums, complete = {}, np.ones(len(sample), np.bool_)
     for name in triangulators:
         result = pool.triangulate(parse(name, seed=seed, calibration=coefficients), sample)

@@ -23,11 +23,11 @@ from harness.study.correlations import (
     PAPER,
     TIME,
     Estimate,
-    column,
-    label,
-    median_estimate,
-    predictors,
-    ranks_within,
+    correlate_within,
+    estimate_median,
+    get_label,
+    list_predictors,
+    to_column,
 )
 from harness.study.subjects import MEASURES, count_triangulations
 from harness.workers.worker import Worker
@@ -99,11 +99,11 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
         "rows": [
-            {"name": name, "title": predictors().get(column(name), name.replace("_", " "))}
+            {"name": name, "title": list_predictors().get(to_column(name), name.replace("_", " "))}
             for name in rows
         ],
         "columns": [
-            {**dict(zip(TARGET, target, strict=True)), "title": label(target[2])}
+            {**dict(zip(TARGET, target, strict=True)), "title": get_label(target[2])}
             for target in columns
         ],
         "cells": [[table.get((target, name)) for target in columns] for name in rows],
@@ -111,8 +111,8 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
 
 
 def _sort_key(criterion: str) -> tuple[int, str]:
-    names = [*predictors(), column(criterion)]
-    return names.index(column(criterion)), criterion
+    names = [*list_predictors(), to_column(criterion)]
+    return names.index(to_column(criterion)), criterion
 
 
 Correlations = Mapping[str, Mapping[str, float | None]]
@@ -165,7 +165,7 @@ def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     rows = {
         row["title"]: cells[index]
         for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
-        if column(row["name"]) in list_predictions()
+        if to_column(row["name"]) in list_predictions()
         and cells[index]
         and cells[index][0] is not None
     }
@@ -221,7 +221,7 @@ def read_spread(run: Run, view: View) -> pd.DataFrame | None:
 def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
     """Return the rank correlation within polygons of each criterion, if it is defined."""
     estimates = {
-        name: median_estimate(ranks_within(table, name, measure))
+        name: estimate_median(correlate_within(table, name, measure))
         for name in list_predictions()
         if name in table
     }

@@ -1,9 +1,9 @@
-"""How well each criterion predicts each measurement: from a study's records to correlations.
+"""Rank correlations of criteria and measurements, from a study's records.
 
 Within a polygon, every triangulation has the same area and, without T-junctions, the same number
 of triangles. So only the choice of diagonals makes a difference. Pooled over polygons, any two
-columns agree, because large polygons have large values in both; this says nothing about a
-criterion. The pooled figure is given to show this.
+columns agree, because large polygons have large values in both; the pooled coefficient is only
+reported to show this.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ EXACT = {
     "exact_tiles_32": ("binning", "tiles_32"),
     "exact_tiles_64": ("binning", "tiles_64"),
 }
-"""What the CPU counts exactly before anything is drawn, as predictions: rasteriser and counter."""
+"""Exact counts by the CPU, used as predictions: rasteriser and counter."""
 
 TIME = "time_work_"
-"""Prefix of the columns of times, by the work a fragment does."""
+"""Prefix of the columns of times; the work per fragment follows."""
 
 VIEW = ("resolution", "rotation", "samples")
 KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")
 
 ENDS = ("ci_low", "ci_high", "polygons")
 
-FEWEST = 5
-"""Different triangulations a polygon must have for a correlation within it."""
+MIN_TRIANGULATIONS = 5
+"""Minimum number of different triangulations for a correlation within a polygon."""
 
 
 class Estimate(NamedTuple):
     """A statistic with its 95 % interval over polygons.
 
-    low, high : NaN where there are too few polygons to tell
-    polygons : how many it was estimated from; with 0 the value is NaN
+    low, high : NaN if there are too few polygons
+    polygons : number of polygons; the value is NaN if it is 0
     """
 
     value: float
@@ -65,7 +65,7 @@ class Estimate(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Of a difference: above or below 0, not shown, or too few polygons."""
+        """Verdict about a difference from 0."""
         if np.isnan(self.low):
             return TOO_FEW
         return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SIGNIFICANT
@@ -74,99 +74,97 @@ class Estimate(NamedTuple):
 ABOVE, BELOW, NOT_SIGNIFICANT, TOO_FEW = "better", "worse", "not significant", "too few"
 
 
-def median_estimate(values: ArrayLike) -> Estimate:
-    """Return the median of one value per polygon, of those that are finite, with its interval."""
-    known = np.asarray(values, np.float64)
-    known = known[np.isfinite(known)]
-    value = float(np.median(known)) if len(known) else float("nan")
-    return Estimate(value, *median_over(known), len(known))
+def estimate_median(values: ArrayLike) -> Estimate:
+    """Return the median of the finite values, one per polygon, with its interval."""
+    finite = np.asarray(values, np.float64)
+    finite = finite[np.isfinite(finite)]
+    value = float(np.median(finite)) if len(finite) else float("nan")
+    return Estimate(value, *median_over(finite), len(finite))
 
 
-def ranks_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
-    """Return by polygon how well a criterion ranks a measure, both columns of `table`.
+def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
+    """Return the rank correlation of two columns of `table` within each polygon.
 
-    A polygon that was seen in several views counts once, with the mean over these; it is NaN where
-    a view has no rank correlation.
+    A polygon with several views has their mean, or NaN if a view has no rank correlation.
     """
     views = ["polygon", *(name for name in VIEW if name in table)]
     values: dict[str, list[float]] = {}
     for (polygon, *_), rows in table.dropna(subset=[criterion, measure]).groupby(views):
         x, y = (rows[name].to_numpy(float) for name in (criterion, measure))
-        found = spearman(x, y) if len(rows) >= FEWEST else float("nan")
-        values.setdefault(str(polygon), []).append(found)
-    return pd.Series({polygon: np.mean(each) for polygon, each in values.items()}, dtype=float)
+        coefficient = spearman(x, y) if len(rows) >= MIN_TRIANGULATIONS else float("nan")
+        values.setdefault(str(polygon), []).append(coefficient)
+    return pd.Series({polygon: np.mean(views) for polygon, views in values.items()}, dtype=float)
 
 
-def predictors() -> dict[str, str]:
-    """Return what predicts, column -> title: the criteria, and what the CPU counts exactly."""
+def list_predictors() -> dict[str, str]:
+    """Return column -> title of all predictions: criteria, and exact counts by the CPU."""
     exact = {name: f"{find_metric(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
-    return {name: figure.title for name, figure in list_predictions().items()} | exact
+    return {name: metric.title for name, metric in list_predictions().items()} | exact
 
 
-def written(predictor: str) -> str:
-    """Return a predictor's name as on the command line, which is how files have it."""
+def to_name(predictor: str) -> str:
+    """Return the name of a predictor on the command line and in files."""
     return predictor.replace("_", "-")
 
 
-def column(criterion: str) -> str:
-    """Return the column of a predictor as files have it, or had it: with underscores."""
+def to_column(criterion: str) -> str:
+    """Return the column of a predictor, which has underscores."""
     return criterion.replace("-", "_")
 
 
-def label(measure: str) -> str:
+def get_label(measure: str) -> str:
     """Return the title of a measure: a counter's name or a time's column."""
     if measure.startswith(TIME):
         return f"draw time, work {measure.removeprefix(TIME)}"
     return find_metric(measure).label
 
 
-def measure_table(records: Sequence[Record]) -> pd.DataFrame:
+def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
-    Triangulators that give a polygon the same triangulation, as their criteria show, stand for
-    one row: a triangulation must not count twice for having two names. Those with T-junctions
-    are left out: they have fewer triangles and cover other pixels.
+    Equal triangulations of several triangulators, recognised by their criteria, are one row.
+    Triangulations with T-junctions are skipped: they have fewer triangles and cover other pixels.
     """
     rows = []
-    for record in (each for each in records if each.is_ok and each.polygons and each.conforming):
+    for record in (r for r in records if r.is_ok and r.polygons and r.conforming):
         case, predicted, counted = record.id, record.predicted, record.counters
         view = (case.view.resolution, case.view.rotation, case.options.samples)
         values = (case.scene, *view, case.rasteriser, case.device_name, record.name)
         row: dict[str, Any] = dict(zip(KEYS, values, strict=True))
-        row |= {n: predicted[n] for n in (*predictors(), *AUXILIARY_FEATURES) if n in predicted}
+        row |= {
+            n: predicted[n] for n in (*list_predictors(), *AUXILIARY_FEATURES) if n in predicted
+        }
         row |= {name: counted[name] for name in list_costs(counted)}
         if record.time is not None:
             row[f"{TIME}{case.options.work}"] = record.time.median_s
         rows.append(row)
     if not rows:
         return pd.DataFrame()
-    # Drawings that differ in their work alone are one row, with a time for each.
+    # Drawings that only differ in their work are one row, with a time for each.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
-    same = [name for name in KEYS if name != "triangulator"]
-    twins = pd.concat([table[same], table[list(IDENTIFYING)].round(6)], axis=1).duplicated()
-    return _with_exact(table[~twins])
+    shared = [name for name in KEYS if name != "triangulator"]
+    criteria = table[list(IDENTIFYING)].round(6)
+    is_duplicate = pd.concat([table[shared], criteria], axis=1).duplicated()
+    return _add_exact_counts(table[~is_duplicate])
 
 
-def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
-    """Add what the CPU predicts exactly, from the rows of the rasterisers that count it."""
-    where = ["polygon", "resolution", "rotation", "triangulator"]
+def _add_exact_counts(table: pd.DataFrame) -> pd.DataFrame:
+    """Add the exact counts by the CPU, from the rows of the rasterisers that count them."""
+    keys = ["polygon", "resolution", "rotation", "triangulator"]
     for name, (rasteriser, counter) in EXACT.items():
         if counter not in table.columns:
             continue
         source = table[(table["rasteriser"] == rasteriser) & (table["samples"] == 1)]
-        values = source[[*where, counter]].rename(columns={counter: name})
-        table = table.merge(values.drop_duplicates(where), on=where, how="left")
+        values = source[[*keys, counter]].rename(columns={counter: name})
+        table = table.merge(values.drop_duplicates(keys), on=keys, how="left")
     return table
 
 
-def _each_measure(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame, str]]:
-    """Yield (rasteriser and device, their rows, measure that was taken).
-
-    Counters come before times, the main one first.
-    """
+def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame, str]]:
+    """Yield ((rasteriser, device), rows, measure): the main counter, other counters, times."""
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
-    others = {*KEYS, *times, *predictors(), *AUXILIARY_FEATURES}
+    others = {*KEYS, *times, *list_predictors(), *AUXILIARY_FEATURES}
     counted = list_costs(name for name in columns if name not in others)
     for where, part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in counted + times:
@@ -175,55 +173,58 @@ def _each_measure(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.Dat
 
 
 def correlate(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the contents of correlations.csv: every criterion against every measure."""
+    """Return the content of correlations.csv: every criterion and every measure."""
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
     rows: list[tuple[Any, ...]] = []
-    for where, part, measure in _each_measure(table):
-        for criterion in [name for name in predictors() if name in table]:
-            known = part.dropna(subset=[criterion, measure])
-            x, y = (known[name].to_numpy(float) for name in (criterion, measure))
-            views = known.groupby(["polygon", *VIEW]).ngroups
-            within = median_estimate(ranks_within(known, criterion, measure))
-            of = (*where, written(criterion), measure)
-            rows.append((*of, "spearman_within", *within))
-            rows.append((*of, "spearman_pooled", spearman(x, y), *UNKNOWN, views))
+    for where, part, measure in _iterate_measures(table):
+        for criterion in [name for name in list_predictors() if name in table]:
+            complete = part.dropna(subset=[criterion, measure])
+            x, y = (complete[name].to_numpy(float) for name in (criterion, measure))
+            views = complete.groupby(["polygon", *VIEW]).ngroups
+            within = estimate_median(correlate_within(complete, criterion, measure))
+            key = (*where, to_name(criterion), measure)
+            rows.append((*key, "spearman_within", *within))
+            rows.append((*key, "spearman_pooled", spearman(x, y), *UNKNOWN, views))
     return pd.DataFrame(rows, columns=[*names, *ENDS])
 
 
-def compare_all(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the contents of criteria_compared.csv: each two criteria, by paired differences.
+def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the content of criteria_compared.csv: paired differences of every two criteria.
 
-    Both are judged on the same polygons, so their difference is known better than either of them.
+    Both use the same polygons, so their difference has a smaller error than either coefficient.
     """
     names = ["rasteriser", "device", "measure", "criterion", "other", "difference"]
     rows = []
-    for where, part, measure in _each_measure(table):
-        known = [name for name in list_predictions() if name in table]
-        ranked = {name: ranks_within(part, name, measure) for name in known}
-        for one, other in combinations(ranked, 2):
-            found = median_estimate(ranked[one] - ranked[other])
-            if found.polygons:
-                of = (*where, measure, written(one), written(other))
-                rows.append((*of, *found, found.verdict))
+    for where, part, measure in _iterate_measures(table):
+        criteria = [name for name in list_predictions() if name in table]
+        correlations = {name: correlate_within(part, name, measure) for name in criteria}
+        for first, second in combinations(correlations, 2):
+            estimate = estimate_median(correlations[first] - correlations[second])
+            if estimate.polygons:
+                key = (*where, measure, to_name(first), to_name(second))
+                rows.append((*key, *estimate, estimate.verdict))
     return pd.DataFrame(rows, columns=[*names, *ENDS, "verdict"])
 
 
-def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `correlate` of each resolution by itself, with the resolution; empty for one alone."""
+def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
+    """Return `correlate` for each resolution, with the resolution; empty if there is only one."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
     parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
     return pd.concat(parts, ignore_index=True)
 
 
-def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Write what `measure_table` gave, and what is made of it; returns the correlations."""
+def write_correlations(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Write the tables of a study into `folder`; return the correlations.
+
+    table : result of `make_measure_table`
+    """
     tables = {
         "measured": table,
         "correlations": correlate(table),
-        "criteria_compared": compare_all(table),
+        "criteria_compared": compare_criteria(table),
     }
-    if len(by_size := by_resolution(table)):
+    if len(by_size := correlate_by_resolution(table)):
         tables["correlations_by_resolution"] = by_size
     for name, content in tables.items():
         content.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
@@ -235,34 +236,36 @@ PAPER = "overdraw"
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
-    for (rasteriser, device), part in _within(correlations):
-        told = zip(part["criterion"], part["measure"], part["value"], strict=True)
-        cells = {(name, of): "-" if np.isnan(value) else f"{value:.3f}" for name, of, value in told}
+    for (rasteriser, device), part in _group_within(correlations):
+        columns = zip(part["criterion"], part["measure"], part["value"], strict=True)
+        cells = {(c, m): "-" if np.isnan(value) else f"{value:.3f}" for c, m, value in columns}
         title = f"rank correlation within polygons: {rasteriser} on {device}"
-        console.print(by_criterion(title, cells, list(dict.fromkeys(part["measure"]))))
+        console.print(make_criterion_table(title, cells, list(dict.fromkeys(part["measure"]))))
 
 
-def by_criterion(title: str, cells: Mapping[tuple[str, str], str], shown: Sequence[str]) -> Table:
-    """Return a table of (criterion, measure) -> cell, a column for each measure that is shown."""
-    table = plain_table(title, "criterion", *(f">{label(measure)}" for measure in shown))
+def make_criterion_table(
+    title: str, cells: Mapping[tuple[str, str], str], measures: Sequence[str]
+) -> Table:
+    """Return a table of (criterion, measure) -> cell with a column for each of `measures`."""
+    table = plain_table(title, "criterion", *(f">{get_label(measure)}" for measure in measures))
     for name in dict.fromkeys(name for name, _ in cells):
-        table.add_row(name, *(cells.get((name, measure), "-") for measure in shown))
+        table.add_row(name, *(cells.get((name, measure), "-") for measure in measures))
     return table
 
 
 def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw predicted against measured into `folder`/plots, one figure a device."""
+    """Draw predictions against measurements into `folder`/plots, one figure per device."""
     files = []
-    for (rasteriser, device), part in _within(correlations):
+    for (rasteriser, device), part in _group_within(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
         files += draw(folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}")
     return files
 
 
-def _within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
-    wanted = correlations[correlations["statistic"] == "spearman_within"]
-    return wanted.groupby(["rasteriser", "device"], sort=False)
+def _group_within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
+    within = correlations[correlations["statistic"] == "spearman_within"]
+    return within.groupby(["rasteriser", "device"], sort=False)
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
@@ -271,7 +274,7 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     For the main counter and the time of the least work, a panel for the paper's criterion and one
     for the criterion that ranks best; exact counts are not criteria.
     """
-    values = part.set_index([part["criterion"].map(column), "measure"])["value"]
+    values = part.set_index([part["criterion"].map(to_column), "measure"])["value"]
     measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
     chosen = []
@@ -294,7 +297,7 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
             panel.axline((1, height), slope=slope, color="black", linewidth=0.8, linestyle="--")
         found = values.get((criterion, measure), np.nan)
         panel.set_title(f"rank correlation {found:.3f}", fontsize=8)
-        panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
-        panel.set_ylabel(f"measured {label(measure)},\nover median")
+        panel.set_xlabel(f"predicted by {list_predictors()[criterion]}, over median")
+        panel.set_ylabel(f"measured {get_label(measure)},\nover median")
     legend_below(figure, places, columns=4)
     return figure

@@ -1,7 +1,7 @@
-"""Our findings, each as a claim that is checked on other data: holds, does not hold, or not told.
+"""Replication of the findings on other data: each holds, does not hold, or is undecided.
 
-A claim is a sentence of docs/findings.md with the figure that was measured there. `judge` looks in
-the tables of one data set's studies for the same figure, with its interval.
+A claim is a sentence of docs/findings.md with its result there. `evaluate_claims` computes the same
+result, with its interval, from the tables of one data set's studies.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ ONCE = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
 """Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
 
 RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape")
-"""Criteria that differ between the triangulations of a polygon, and that findings.md compares."""
+"""Criteria that findings.md compares, and that differ between triangulations of a polygon."""
 
-BOX_WALKER = "bounding-box"
+BOX_RASTERISER = "bounding-box"
 
-# Figures of docs/findings.md for each claim, on our own scenes; tests/docs/test_figures.py compares
-# them with the files under results/reference.
+# Results of docs/findings.md for each claim; tests/docs/test_figures.py compares them with
+# results/reference.
 Q_RANKS_LANES = "0.996 (0.993 to 0.998)"
 H_BEFORE_A_BY_LANES = "0.983 (0.961 to 0.993), A 0.869 (0.770 to 0.928)"
 H_BEFORE_A_BY_TIME = "0.970 (0.925 to 0.985), A 0.901 (0.800 to 0.918)"
@@ -45,7 +45,7 @@ A_TURNED = "0.99 at the worst angle (city, 512 px)"
 
 
 Evidence = dict[str, pd.DataFrame]
-"""Tables of one data set's studies, by their names in `TABLES`; left out where there is none."""
+"""Available tables of one data set's studies, by their names in `TABLES`."""
 
 TABLES = {
     "correlations": "validate/correlations.csv",
@@ -55,15 +55,15 @@ TABLES = {
     "walked": "walked/gains.csv",
     "turned": "turned/gains.csv",
 }
-"""Where a study keeps them: `gains` of triangles as they are given, in walk order, and turned."""
+"""Files of a study: `gains` of triangles in native order, in walk order, and rotated."""
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A figure with its interval, and whether it bears the claim out.
+class Finding:
+    """A result with its interval, and whether it supports the claim.
 
-    beside : what it is set against, in words
-    few : whether it is of too few polygons to judge a claim by
+    comparison : text about the compared value
+    few : whether it covers too few polygons to decide
     """
 
     value: float
@@ -71,219 +71,221 @@ class Figure:
     high: float
     holds: bool = True
     percent: bool = False
-    beside: str = ""
+    comparison: str = ""
     few: bool = False
 
     @property
     def verdict(self) -> str:
-        """What it says of the claim."""
+        """Whether the claim holds, or too few polygons."""
         return TOO_FEW if self.few else "holds" if self.holds else "does not hold"
 
     @property
-    def written(self) -> str:
-        """The figure and its interval."""
+    def text(self) -> str:
+        """The result and its interval."""
         form = "{:.2%}" if self.percent else "{:.3f}"
-        value, low, high = (form.format(each) for each in (self.value, self.low, self.high))
-        point = np.isnan(self.low) or self.low == self.high
-        return (value if point else f"{value} ({low} to {high})") + self.beside
+        value, low, high = map(form.format, (self.value, self.low, self.high))
+        is_point = np.isnan(self.low) or self.low == self.high
+        return (value if is_point else f"{value} ({low} to {high})") + self.comparison
 
 
 class Claim(NamedTuple):
-    """One sentence of our findings.
+    """One sentence of docs/findings.md.
 
-    ours : the figure that docs/findings.md gives; check : evidence -> the same figure here, and
-        whether it bears the claim out; None where the studies do not tell
+    reference : its result in docs/findings.md
+    check : evidence -> the same result on other data, or None if it is not available
     """
 
     sentence: str
-    ours: str
-    check: Callable[[Evidence], Figure | None]
+    reference: str
+    check: Callable[[Evidence], Finding | None]
 
 
-def _row(
-    table: pd.DataFrame | None, *, walker: bool = False, **where: str
+def _find_row(
+    table: pd.DataFrame | None, *, boxes: bool = False, **values: str
 ) -> pd.Series[Any] | None:
-    """Return the row with these values, of the largest view, on OpenGL or the walker of boxes.
+    """Return the row with these values, of the largest view, or None.
 
-    The CPU reference counts what OpenGL counts, and stands in where there is none.
+    boxes : of the rasteriser that scans bounding boxes; otherwise of OpenGL, or of the CPU
+        reference, which has the same counters
     """
     if table is None:
         return None
-    for name, value in where.items():
+    for name, value in values.items():
         table = table[table[name] == value]
-    rows = table[(table["rasteriser"] == BOX_WALKER) == walker]
+    rows = table[(table["rasteriser"] == BOX_RASTERISER) == boxes]
     if "resolution" in rows:
         rows = rows[rows["resolution"] == rows["resolution"].max()]
     rows = rows.sort_values("rasteriser", key=lambda n: n == "reference", kind="stable")
     return None if rows.empty else rows.iloc[0]
 
 
-def _figure(row: pd.Series[Any] | None, *names: str, **more: Any) -> Figure | None:
-    """Return a row's figure: value, low and high are its columns `names`."""
+def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Finding | None:
+    """Return the finding of a row: value, low and high are its columns `names`."""
     if row is None:
         return None
     few = row.get("polygons", FEWEST) < FEWEST
     value, low, high = (float(row[name]) for name in names)
-    return Figure(value, low, high, few=bool(few), **more)
+    return Finding(value, low, high, few=bool(few), **fields)
 
 
-def _correlation(
-    evidence: Evidence, criterion: str, measure: str, least: float = -1.0, *, walker: bool = False
-) -> Figure | None:
-    """Check that a rank correlation within polygons is no less than `least`."""
+def _check_correlation(
+    evidence: Evidence, criterion: str, measure: str, minimum: float = -1.0, *, boxes: bool = False
+) -> Finding | None:
+    """Check that a rank correlation within polygons is at least `minimum`."""
     table = evidence.get("correlations")
     if table is not None:
         table = table[(table["statistic"] == "spearman_within") & table["value"].notna()]
-    row = _row(table, walker=walker, criterion=criterion, measure=measure)
-    found = _figure(row, "value", "ci_low", "ci_high")
-    return found and replace(found, holds=found.value >= least)
+    row = _find_row(table, boxes=boxes, criterion=criterion, measure=measure)
+    finding = _make_finding(row, "value", "ci_low", "ci_high")
+    return finding and replace(finding, holds=finding.value >= minimum)
 
 
-def _h_ahead(evidence: Evidence, measure: str) -> Figure | None:
-    """Check that H ranks better than A, by differences within each polygon."""
+def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
+    """Check that H has a higher rank correlation than A, by differences within each polygon."""
     h, a = "half-perimeter", "overdraw"
-    one, two = (_correlation(evidence, name, measure) for name in (h, a))
-    if one is None or two is None:
+    of_h, of_a = (_check_correlation(evidence, name, measure) for name in (h, a))
+    if of_h is None or of_a is None:
         return None
-    beside = f", A {two.written}"
-    # The table has what A is better by.
-    row = _row(evidence.get("compared"), measure=measure, criterion=a, other=h)
-    found = _figure(row, "difference", "ci_high", "ci_low")
-    if found is None:
-        return replace(one, beside=beside, few=True)
-    found = replace(found, value=-found.value, low=-found.low, high=-found.high)
-    beside += f", difference {found.written}"
-    return replace(one, holds=found.low > 0, few=found.few, beside=beside)
+    comparison = f", A {of_a.text}"
+    # The table has the difference of A and H.
+    row = _find_row(evidence.get("compared"), measure=measure, criterion=a, other=h)
+    gap = _make_finding(row, "difference", "ci_high", "ci_low")
+    if gap is None:
+        return replace(of_h, comparison=comparison, few=True)
+    gap = replace(gap, value=-gap.value, low=-gap.low, high=-gap.high)
+    comparison += f", difference {gap.text}"
+    return replace(of_h, holds=gap.low > 0, few=gap.few, comparison=comparison)
 
 
-def _shape_is_last(evidence: Evidence) -> Figure | None:
-    told = (_correlation(evidence, name, "helper_lanes") for name in RANKED)
-    found = [each for each in told if each is not None]
-    if len(found) < len(RANKED):
+def _check_shape_is_last(evidence: Evidence) -> Finding | None:
+    checks = (_check_correlation(evidence, name, "helper_lanes") for name in RANKED)
+    findings = [finding for finding in checks if finding is not None]
+    if len(findings) < len(RANKED):
         return None
-    *others, shape = found
-    return replace(shape, holds=shape.value < min(each.value for each in others))
+    *others, shape = findings
+    return replace(shape, holds=shape.value < min(finding.value for finding in others))
 
 
-def _faster(table: pd.DataFrame | None, base: str) -> Figure | None:
-    """Check that the best for H takes less time than `base`, in the largest view."""
-    row = _row(table, triangulator=BEST, base=base)
-    found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
-    return found and replace(found, holds=found.high < 1)
+def _check_faster(table: pd.DataFrame | None, base: str) -> Finding | None:
+    """Check that H-optimal triangulations take less time than `base`, in the largest view."""
+    row = _find_row(table, triangulator=BEST, base=base)
+    finding = _make_finding(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
+    return finding and replace(finding, holds=finding.high < 1)
 
 
-def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Figure | None:
-    """Check that trusting a criterion costs at most a share `most`, in the largest view."""
-    row = _row(evidence.get("regret"), kind="criterion", name=criterion, measure=measure)
+def _check_regret(evidence: Evidence, criterion: str, measure: str, limit: float) -> Finding | None:
+    """Check that a criterion's regret is at most `limit`, in the largest view."""
+    row = _find_row(evidence.get("regret"), kind="criterion", name=criterion, measure=measure)
     if row is None:
         return None
-    found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
-    # Where all lose the same, the most that any lost has to do.
-    known = row["worst"] if np.isnan(row["ci_high"]) else row["ci_high"]
-    return found and replace(found, holds=bool(known <= most))
+    finding = _make_finding(row, "mean", "ci_low", "ci_high", percent=True)
+    # Without an interval, as when all regrets are equal, the maximum is used.
+    upper = row["worst"] if np.isnan(row["ci_high"]) else row["ci_high"]
+    return finding and replace(finding, holds=bool(upper <= limit))
 
 
-def _kept(evidence: Evidence, triangulator: str, *, keeps: bool) -> Figure | None:
-    """Check whether what is turned keeps helper lanes at 0.95 of ear clipping's at the worst."""
+def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Finding | None:
+    """Check whether rotated triangles have at most 0.95 of the base's helper lanes, worst angle."""
     table = evidence.get("turned")
     if table is None:
         return None
     rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
-    rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
+    rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_RASTERISER)]
     ratio = "helper_lanes_ratio"
     worst = rows.nlargest(1, ratio)
-    found = None if worst.empty else _figure(worst.iloc[0], ratio, ratio, ratio)
-    return found and replace(found, holds=(found.value <= 0.95) == keeps)
+    finding = None if worst.empty else _make_finding(worst.iloc[0], ratio, ratio, ratio)
+    return finding and replace(finding, holds=(finding.value <= 0.95) == below)
 
 
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
         Q_RANKS_LANES,
-        lambda e: _correlation(e, "expected-quads", "helper_lanes", 0.95),
+        lambda e: _check_correlation(e, "expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
         H_BEFORE_A_BY_LANES,
-        lambda e: _h_ahead(e, "helper_lanes"),
+        lambda e: _check_h_against_a(e, "helper_lanes"),
     ),
     Claim(
         "H predicts the draw time better than the paper's A, polygon by polygon",
         H_BEFORE_A_BY_TIME,
-        lambda e: _h_ahead(e, f"{TIME}0"),
+        lambda e: _check_h_against_a(e, f"{TIME}0"),
     ),
     Claim(
-        "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
+        "A predicts the tests of a rasteriser that scans bounding boxes: rank correlation >= 0.999",
         A_RANKS_TESTS,
-        lambda e: _correlation(e, "overdraw", "bbox_tests", 0.999, walker=True),
+        lambda e: _check_correlation(e, "overdraw", "bbox_tests", 0.999, boxes=True),
     ),
     Claim(
-        "D, the shape, predicts helper lanes worst of the criteria that can rank",
+        "Of the criteria, D (shape) predicts helper lanes worst",
         D_IS_LAST,
-        _shape_is_last,
+        _check_shape_is_last,
     ),
     Claim(
-        "The best for H is drawn faster than ear clipping's triangles",
+        "H-optimal triangulations are drawn faster than ear clipping",
         H_AGAINST_EAR_CLIPPING,
-        lambda e: _faster(e.get("choice"), USUAL),
+        lambda e: _check_faster(e.get("choice"), USUAL),
     ),
     Claim(
-        "The best for H is drawn faster than Delaunay's triangles",
+        "H-optimal triangulations are drawn faster than Delaunay",
         H_AGAINST_DELAUNAY,
-        lambda e: _faster(e.get("choice"), DELAUNAY),
+        lambda e: _check_faster(e.get("choice"), DELAUNAY),
     ),
     Claim(
-        "It is so in the same order of triangles, too: the gain is one of diagonals",
+        "They are also faster in the same order of triangles: the gain is that of the diagonals",
         H_AGAINST_DELAUNAY_WALKED,
-        lambda e: _faster(e.get("walked"), DELAUNAY),
+        lambda e: _check_faster(e.get("walked"), DELAUNAY),
     ),
     Claim(
-        "Trusting Q costs at most 1 % more quads than the fewest there are",
+        "The regret of Q is at most 1 % of the quads",
         REGRET_OF_Q,
-        lambda e: _regret(e, "expected-quads", "quads", 0.01),
+        lambda e: _check_regret(e, "expected-quads", "quads", 0.01),
     ),
     Claim(
-        "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
-        " or less",
+        "Rotated after triangulation, H-optimal triangulations have at most 0.95 of ear clipping's"
+        " helper lanes",
         H_TURNED,
-        lambda e: _kept(e, BEST, keeps=True),
+        lambda e: _check_rotation(e, BEST, below=True),
     ),
     Claim(
-        "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
+        "Rotated after triangulation, A-optimal ones lose their advantage: 0.95 or more",
         A_TURNED,
-        lambda e: _kept(e, "optimal:overdraw", keeps=False),
+        lambda e: _check_rotation(e, "optimal:overdraw", below=False),
     ),
 )
 
 
-def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:
-    """Return each claim with what the evidence says of it."""
+def evaluate_claims(evidence: Evidence) -> list[tuple[Claim, Finding | None]]:
+    """Return each claim with its finding in the evidence."""
     return [(claim, claim.check(evidence)) for claim in CLAIMS]
 
 
-def read(folder: Path) -> Evidence:
-    """Return the tables that a study left in its folder."""
+def read_evidence(folder: Path) -> Evidence:
+    """Return the tables of a study's folder."""
     files = {name: folder / file for name, file in TABLES.items()}
     return {name: pd.read_csv(file) for name, file in files.items() if file.is_file()}
 
 
-def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
-    """Return a page of findings in Markdown, in the shape of docs/findings.md.
+def format_page(data_sets: Sequence[tuple[str, Evidence]], conditions: str) -> str:
+    """Return a page of findings in Markdown.
 
-    named : (name of the data set, its evidence); where : the machine and device, in words
+    data_sets : (name, evidence)
+    conditions : text about the machine and device
     """
-    lines = ["# Findings on other data", "", where, ""]
-    lines += ["| data | hold | do not hold | too few or not told |", "|---|---|---|---|"]
-    judged = [(name, judge(evidence)) for name, evidence in named]
-    for name, found in judged:
-        told = [figure for _, figure in found if figure is not None and not figure.few]
-        hold = sum(figure.holds for figure in told)
-        lines.append(f"| {name} | {hold} | {len(told) - hold} | {len(found) - len(told)} |")
-    for name, found in judged:
-        lines += ["", f"## {name}", "", "| finding | ours | here | |", "|---|---|---|---|"]
-        for claim, figure in found:
-            here = "" if figure is None else figure.written
-            verdict = "not told" if figure is None else figure.verdict
-            lines.append(f"| {claim.sentence} | {claim.ours} | {here} | {verdict} |")
+    lines = ["# Findings on other data", "", conditions, ""]
+    lines += ["| data | hold | do not hold | undecided |", "|---|---|---|---|"]
+    results = [(name, evaluate_claims(evidence)) for name, evidence in data_sets]
+    for name, pairs in results:
+        decided = [finding for _, finding in pairs if finding is not None and not finding.few]
+        hold = sum(finding.holds for finding in decided)
+        lines.append(f"| {name} | {hold} | {len(decided) - hold} | {len(pairs) - len(decided)} |")
+    for name, pairs in results:
+        lines += ["", f"## {name}", "", "| finding | reference | here | |", "|---|---|---|---|"]
+        for claim, finding in pairs:
+            here = "" if finding is None else finding.text
+            verdict = "not measured" if finding is None else finding.verdict
+            lines.append(f"| {claim.sentence} | {claim.reference} | {here} | {verdict} |")
     letters = ", ".join(f"{find_metric(name).symbol}: {find_metric(name).label}" for name in RANKED)
     return "\n".join([*lines, "", f"{letters}.", ""])

@@ -1,13 +1,12 @@
-"""Which polygons and which triangulations a validation study measures.
+"""Polygons and triangulations of a validation study.
 
-A criterion is judged within a polygon, so each polygon is a scene of its own that fills the
-viewport. Each is triangulated in many ways: as programs do it, with the least and the most of each
-criterion, and at random, uniformly over all of its triangulations.
+A criterion is evaluated within a polygon, so each polygon is a separate scene that fills the
+viewport. It is triangulated in many ways: by common methods, with the minimum and the maximum of
+each criterion, and at random, uniformly over all triangulations.
 
-A run draws each polygon as a handful of triangulators do it, which differ little. To judge a
-criterion within polygons more is needed. So some polygons of the run's first view are triangulated
-in some 25 more ways, and what each costs is counted on the exact CPU reference, where they lie in
-the frame. Nothing of it is timed.
+The few triangulations of a run differ too little for that. So some polygons of the run's first view
+are triangulated in about 25 more ways, whose costs are counted by the exact CPU reference at their
+positions in the frame, and not timed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,24 +30,24 @@ from scenes import Scene
 from triangulators import criteria, registry, triangulate, vertices
 from triangulators.errors import TriangulationError
 
-NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
-"""Triangulators that are not methods a program would choose by name."""
+NOT_METHODS = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
+"""Triangulators that are not methods for use in programs."""
 
-FEWEST_VERTICES = 8
-"""A smaller polygon has too few triangulations (at most 42 at seven) to rank."""
+MIN_VERTICES = 8
+"""Smaller polygons have too few triangulations to rank (at most 42 with seven vertices)."""
 
-STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
-"""Criteria whose optimal and worst triangulations are measured."""
+OPTIMISED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
+"""Criteria whose best and worst triangulations are measured."""
 
-LEAST = "optimal:exact-quads"
-"""What regret is measured against: no triangulation shades fewer quads. Large ones are skipped."""
+MIN_QUADS = "optimal:exact-quads"
+"""Triangulator with the minimum number of quads, for regret; it skips large polygons."""
 
 
 def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
-    """Return (number in the scene, scene of that polygon alone), from few to many vertices.
+    """Return (number in the scene, scene of that polygon only), from few to many vertices.
 
-    Simple polygons only: the optimum is exact, and random triangulations are uniform, where
-    there are no holes. They are taken at equal steps through all sizes.
+    Polygons have no holes, so that optima are exact and random triangulations uniform. They are
+    sampled evenly by size.
 
     Raises
     ------
@@ -57,79 +56,78 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
     """
     sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
     simple = np.array([not polygon.interiors for polygon in scene.polygons])
-    fit = _fit(sizes, simple, design.most_vertices)
-    if not fit:
+    suitable = _select_by_size(sizes, simple, design.most_vertices)
+    if not suitable:
         raise InputError(
-            f"{scene.name} has no polygon without holes of {FEWEST_VERTICES} to "
-            f"{design.most_vertices} vertices; a study needs some with many triangulations: "
-            "give another scene or file"
+            f"{scene.name} has no polygon without holes of {MIN_VERTICES} to "
+            f"{design.most_vertices} vertices, as a study needs; use another scene"
         )
-    whole = replace(scene, tiling=None, dropped=[], repaired=[], attributes=None)
+    template = replace(scene, tiling=None, dropped=[], repaired=[], attributes=None)
     return [
-        (number, replace(whole, polygons=[scene.polygons[number]]))
-        for number in evenly(fit, design.polygons)
+        (number, replace(template, polygons=[scene.polygons[number]]))
+        for number in sample_evenly(suitable, design.polygons)
     ]
 
 
-def _fit(sizes: NDArray[Any], simple: NDArray[np.bool_], most: int) -> list[int]:
-    """Return which (p,) polygons without holes are not too small or large, by their vertices."""
-    fit = np.flatnonzero(simple & (sizes >= FEWEST_VERTICES) & (sizes <= most))
-    return [int(number) for number in fit[np.argsort(sizes[fit], kind="stable")]]
+def _select_by_size(sizes: NDArray[Any], simple: NDArray[np.bool_], limit: int) -> list[int]:
+    """Return numbers of simple polygons with at most `limit` vertices; sizes, simple : (p,)."""
+    numbers = np.flatnonzero(simple & (sizes >= MIN_VERTICES) & (sizes <= limit))
+    return [int(number) for number in numbers[np.argsort(sizes[numbers], kind="stable")]]
 
 
-def evenly(numbers: Sequence[int], most: int) -> list[int]:
-    """Return at most so many of the numbers, at equal steps from the first to the last."""
-    steps = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
+def sample_evenly(numbers: Sequence[int], limit: int) -> list[int]:
+    """Return at most `limit` numbers, evenly spaced from the first to the last."""
+    steps = np.linspace(0, len(numbers) - 1, min(limit, len(numbers)))
     return list(dict.fromkeys(numbers[round(step)] for step in steps.tolist()))
 
 
 def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:
-    """Return all triangulations to measure of a polygon without holes."""
+    """Return the triangulations to measure for a polygon without holes."""
     from triangulators.methods.counting import count_triangulations
     from triangulators.methods.exhaustive import enumerate_triangulations
 
-    named = [
+    methods = [
         name
         for name, entry in registry.BUILTIN.items()
-        if name not in NOT_NAMED and entry.available() is None
+        if name not in NOT_METHODS and entry.available() is None
     ]
-    steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
-    # Beside the flips that `flips` alone stands for, the rule of the most used program, Blender.
-    steered += ["flips:beauty", LEAST]
+    optimised = [f"{end}:{name}" for name in OPTIMISED for end in ("optimal", "worst")]
+    # Blender's flips, in addition to the default ones of `flips`.
+    optimised += ["flips:beauty", MIN_QUADS]
     if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
-        return parse_all([*named, *steered, *(f"listed#{k}" for k in range(count))])
-    return parse_all([*named, *steered, *(f"random#{seed}" for seed in range(design.random))])
+        return parse_all([*methods, *optimised, *(f"listed#{k}" for k in range(count))])
+    return parse_all([*methods, *optimised, *(f"random#{seed}" for seed in range(design.random))])
 
 
 POLYGONS = 24
 RANDOM = 20
-MOST_VERTICES = 60
-"""Of larger polygons random triangulations take long."""
+MAX_VERTICES = 60
+"""Limit for random triangulations, which are slow for larger polygons."""
 
-NAMED = (
+COUNTED = (
     "ear-clipping",
     "delaunay",
     *(f"{end}:{name}" for name in ("half-perimeter", "overdraw") for end in ("optimal", "worst")),
 )
 
 MEASURES = Reference.counters
-"""What can be judged: what the reference counts."""
+"""Counters of the reference, which criteria can be compared with."""
 
 
-def count_triangulations(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
-    """Return each triangulation's criteria and counts, of polygons at steps through all sizes."""
-    sizes = kept.grid.vertex_counts
-    simple = kept.grid.ring_counts == 1
+def count_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
+    """Return criteria and counters of many triangulations of polygons, sampled evenly by size."""
+    sizes = geometry.grid.vertex_counts
+    simple = geometry.grid.ring_counts == 1
     rows = []
-    for k in evenly(_fit(sizes, simple, MOST_VERTICES), POLYGONS):
-        points, _ = kept.grid.rings_of(k)
-        for name, triangles in _triangulations(Polygon(points / SUBPIXEL)):
+    for k in sample_evenly(_select_by_size(sizes, simple, MAX_VERTICES), POLYGONS):
+        points, _ = geometry.grid.rings_of(k)
+        for name, triangles in _triangulate_variously(Polygon(points / SUBPIXEL)):
             counts = predict(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)
             rows.append(
                 {
-                    "polygon": int(kept.source[k]),
+                    "polygon": int(geometry.source[k]),
                     "resolution": view.resolution,
                     "rotation": view.rotation,
                     "fit": view.fit,
@@ -143,9 +141,9 @@ def count_triangulations(kept: drawings.Geometry, view: View) -> list[dict[str, 
     return rows
 
 
-def _triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
-    """Yield (name, triangles) of each way that does the polygon without leaving a vertex out."""
-    for name in (*NAMED, *(f"random#{seed}" for seed in range(RANDOM))):
+def _triangulate_variously(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
+    """Yield (name, triangles) of each triangulator that uses all vertices of the polygon."""
+    for name in (*COUNTED, *(f"random#{seed}" for seed in range(RANDOM))):
         triangulator, _, seed = name.partition("#")
         parameters: dict[str, Any] = {"seed": int(seed)} if seed else {}
         try:

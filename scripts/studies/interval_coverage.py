@@ -42,8 +42,8 @@ from harness.stats.intervals import (
     paired_ratio,
     ratio_interval,
 )
-from harness.study.correlations import median_estimate
-from harness.study.regret import regret_ends, regret_interval
+from harness.study.correlations import estimate_median
+from harness.study.regret import compute_regret_interval, estimate_regret
 from scripts.studies.machines import EPOCHS, MACHINES, Machine, quiet, simulate_run
 
 REGRETS = Path("results/reference/cpu/regret-city/regret_by_polygon.csv")
@@ -259,15 +259,15 @@ def _simulate_time_regret(polygons: int, spread: float, rng: np.random.Generator
         longer[0] = rng.exponential(spread / 2) if spread else 0.0
         longer[1] = 0.0
         seconds = np.exp(longer[:, None] + 0.004 * rng.standard_normal((40, 6)))
-        ends.append(regret_ends(seconds, 0))
+        ends.append(estimate_regret(seconds, 0))
     truth = 1 / (1 - spread / 2) - 1
     below, above = np.array(ends).T
-    return Trial(regret_interval(below, above), _percentile_interval(below, rng), truth)
+    return Trial(compute_regret_interval(below, above), _percentile_interval(below, rng), truth)
 
 
 def _simulate_correlation(polygons: int, rng: np.random.Generator) -> Trial:
     levels = 1 - rng.exponential(0.1, polygons)
-    estimate = median_estimate(levels)
+    estimate = estimate_median(levels)
     simpler = _percentile_interval(levels, rng, np.median)
     return Trial((estimate.low, estimate.high), simpler, 1 - 0.1 * np.log(2))
 
@@ -282,7 +282,7 @@ def _simulate_criteria(polygons: int, rng: np.random.Generator) -> Trial:
         for column in columns:
             column.append((true_values + noise * rng.standard_normal(20), true_values))
     first, second = (np.array([spearman(*pair) for pair in column]) for column in columns)
-    estimate = median_estimate(first - second)
+    estimate = estimate_median(first - second)
     return Trial(
         (estimate.low, estimate.high), _percentile_interval(first - second, rng, np.median), 0.0
     )

@@ -52,7 +52,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.settings import StudySize, TimingSettings
 from harness.stats.intervals import Ratio, mean_interval, paired_ratio
-from harness.study.regret import regret_ends, regret_interval
+from harness.study.regret import compute_regret_interval, estimate_regret
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
 from harness.workers.worker import Worker
@@ -167,12 +167,12 @@ def judge_scene(profile: dict[str, Any], scene: str, options: argparse.Namespace
     rivals = table[~table["triangulator"].str.startswith("random")].groupby("polygon")
     for name in JUDGED:
         ends = [
-            regret_ends(rows[HALVES].to_numpy(), rows["triangulator"].tolist().index(name))
+            estimate_regret(rows[HALVES].to_numpy(), rows["triangulator"].tolist().index(name))
             for _, rows in rivals
             if name in rows["triangulator"].tolist()
         ]
         below, above = np.array(ends).T
-        low, high = regret_interval(below, above)
+        low, high = compute_regret_interval(below, above)
         mean = max(0.0, float((below + above).mean() / 2))
         differences = (logs[name] - logs[best]).to_numpy()
         # The interval of a triangulator compared with itself has no width.

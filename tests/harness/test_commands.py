@@ -176,7 +176,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     for base in ("optimal:overdraw", "ear-clipping"):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
-        assert f"{base}: no other was shown to be faster in {2 - beaten} of 2 views" in out
+        assert f"{base}: no other is significantly faster in {2 - beaten} of 2 views" in out
     assert_refused(
         harness("study", "gains", "run", "--out", "gains", "--bases", "nothing"),
         "unknown triangulator",
@@ -194,7 +194,7 @@ def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch
         (folder / "half.png").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("harness.study.gains.plot", cut_off)
+    monkeypatch.setattr("harness.study.gains.plot_gains", cut_off)
     assert harness("study", "gains", "run", "--out", "gains", "--bases", "delaunay")[0] == 130
     after = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
     assert after == before

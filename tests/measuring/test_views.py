@@ -14,7 +14,7 @@ from harness.measuring.plan import Plan
 from harness.metrics.groups import group_run
 from harness.metrics.per_view import compare_views, describe_views
 from harness.models.seen import read
-from harness.page.page_data import content_of
+from harness.page.page_data import make_page_content
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, count_outline_quads, count_quads
 from harness.results.parsing import FieldError, parse_record
@@ -205,8 +205,8 @@ def test_a_run_goes_on_in_views_of_its_own_which_a_page_cannot_cut(model, tmp_pa
     assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
     again = measure(stored, out, resume=True)
     assert [each["key"] for each in lines_of(again)] == [each["key"] for each in lines_of(first)]
-    with pytest.raises(InputError, match=f"is of {what}, which a page cannot cut"):
-        content_of(read_run(out))
+    with pytest.raises(InputError, match=f"is of {what}, which pages do not support"):
+        make_page_content(read_run(out))
 
 
 def test_the_same_faces_turned_in_space_are_another_scene(model, tmp_path):

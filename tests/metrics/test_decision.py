@@ -78,7 +78,7 @@ EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
         (["a", "b", "c"], "different from a, b and c"),
     ],
 )
-def test_those_that_draw_alike_are_listed(alike, ending):
+def test_advice_names_triangulators_that_are_not_significantly_slower(alike, ending):
     quick = [made(name, "faster") for name in ("delaunay", *alike)]
     assert format_advice(decide([base(), *quick])).endswith(f"; not significantly {ending}.")
 
@@ -136,7 +136,7 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
         assert "criteri" not in sentence
 
 
-def test_the_choice_is_what_is_shown_and_not_what_ranks_first():
+def test_choice_is_significantly_faster_even_if_ranked_second():
     wild = made("delaunay", "faster")
     samples = np.array(wild["time"]["samples_s"]) * np.array([0.5, 1.6] * 4)
     wild["time"] |= {"samples_s": samples.tolist(), "median_s": 0.08}
@@ -147,14 +147,14 @@ def test_the_choice_is_what_is_shown_and_not_what_ranks_first():
     assert decision.choice.name == "greedy"
 
 
-def test_what_is_not_told_apart_from_the_choice_is_named():
+def test_decision_lists_triangulators_not_slower_than_the_choice():
     twins = [made("delaunay", "faster"), made("greedy", "faster")]
     assert decide([base(), *twins]).not_slower == (decide([base(), *twins]).standings[1].name,)
     apart = [made("delaunay", "faster"), made("greedy", "slower")]
     assert decide([base(), *apart]).not_slower == ()
 
 
-def test_what_left_polygons_out_is_not_taken():
+def test_incomplete_triangulator_is_not_recommended():
     part = made("delaunay", "faster", polygons=400)
     decision = decide([base(), part])
     assert decision.choice.name == "ear-clipping"
@@ -162,7 +162,7 @@ def test_what_left_polygons_out_is_not_taken():
     assert not decision.standings[-1].complete
 
 
-def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
+def test_no_recommendation_if_every_triangulator_skipped_polygons():
     """A fan that drew 229 of 500 polygons, beside others that left some out, too."""
     drawn = {"fan": 229, "strip": 100, "delaunay": 499}
     records = [
@@ -181,7 +181,7 @@ def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
 
 
 @pytest.mark.parametrize(("covered", "advised"), [(0, False), (1, False), (63, False), (64, True)])
-def test_too_few_pixels_say_nothing(covered, advised):
+def test_no_recommendation_below_the_minimum_of_pixels(covered, advised):
     records = [base(), made("delaunay", "faster")]
     for each in records:
         each["counters"] |= {"fragments": covered}
@@ -192,7 +192,7 @@ def test_too_few_pixels_say_nothing(covered, advised):
     assert sentence.endswith(ending) is not advised
 
 
-def test_where_pixels_are_few_the_first_stands_for_a_base_that_left_polygons_out():
+def test_few_pixels_choose_the_first_complete_one_if_the_base_is_incomplete():
     part = base() | {"polygons": 400, "polygons_skipped": 100}
     records = [part, made("greedy", "slower"), made("delaunay", "faster")]
     for each in records:
@@ -204,7 +204,7 @@ def test_where_pixels_are_few_the_first_stands_for_a_base_that_left_polygons_out
 @pytest.mark.parametrize(
     ("draws", "faster"), [("level", False), ("untimed", False), ("faster", True)]
 )
-def test_equal_counters_and_times_speak_for_no_change(draws, faster):
+def test_base_is_kept_if_counters_and_times_are_equal(draws, faster):
     first, other = base(), made("delaunay", draws)
     if draws == "untimed":
         del first["time"]
@@ -226,7 +226,7 @@ def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, reas
     assert (decision.reason, decision.choice.name == "delaunay") == (reason, reason == "counter")
 
 
-def test_a_count_is_told_beside_the_bases_only_of_as_many_polygons():
+def test_count_is_compared_with_the_base_only_for_equal_polygons():
     whole, part = base(), base() | {"polygons": 400, "polygons_skipped": 100}
     fewer, more = made("delaunay", counts="fewer"), made("greedy", counts="more")
     count = "delaunay has the lowest exact count, 900 helper lanes"
@@ -237,7 +237,7 @@ def test_a_count_is_told_beside_the_bases_only_of_as_many_polygons():
         assert "fewer than" not in format_advice(decision)
 
 
-def test_nothing_and_one():
+def test_no_recommendation_without_or_with_one_record():
     assert decide([]) is None
     assert format_advice(decide([])).startswith("No recommendation: no case was measured")
     assert "ear-clipping has no other triangulator to compare with" in format_advice(
@@ -245,7 +245,7 @@ def test_nothing_and_one():
     )
 
 
-def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
+def test_untimed_records_rank_by_counter_relative_to_the_base():
     found = [made("greedy", "untimed", counts="fewer"), made("ear-clipping", "untimed")]
     costs = [(each.name, each.cost) for each in decide(found).standings]
     assert costs == [("greedy", pytest.approx(0.9)), ("ear-clipping", 1.0)]
@@ -254,13 +254,13 @@ def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
     assert [each.cost for each in decide(found).standings] == [0.0, 0.0]
 
 
-def test_two_that_cost_alike_cost_less_than_a_third():
+def test_first_of_equal_counts_is_chosen_over_a_higher_one():
     found = [made(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
     decision = decide([made("ear-clipping", "untimed"), *found])
     assert (decision.reason, decision.choice.name) == ("counter", "delaunay")
 
 
-def test_where_the_usual_base_left_polygons_out_another_is_taken():
+def test_incomplete_default_base_is_not_chosen():
     part, others = base() | {"polygons": 400}, [made("delaunay"), made("greedy")]
     decision = decide([part, *others])
     assert (decision.base.name, decision.choice.name) == ("ear-clipping", "delaunay")
@@ -292,7 +292,7 @@ def triangulated(name, seconds, factor=1.0, scatter=0.0, seed=0):
 BASE = triangulated("ear-clipping", 0.5)
 
 
-def test_it_is_what_triangulating_took_longer_over_what_a_draw_saves():
+def test_break_even_is_extra_time_over_saving_per_draw():
     even = break_even(triangulated("optimal", 1.49, 0.8), BASE)  # 0.02 s of 0.1 s less
     # Drawing was timed without any scatter: the interval is what runs scatter.
     saved = 0.1 * (1 - 0.8 * np.exp([RUN_SCATTER * 1.96, -RUN_SCATTER * 1.96]))
@@ -302,7 +302,7 @@ def test_it_is_what_triangulating_took_longer_over_what_a_draw_saves():
     assert even.short_text == "50 (48-51)"
 
 
-def test_what_may_save_nothing_may_never_pay():
+def test_break_even_is_unbounded_if_the_saving_may_be_zero():
     assert _solve_end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
 
 
@@ -342,7 +342,7 @@ def test_either_uncertainty_widens_the_interval():
         (1.25, 0.24, "up to 10 draws (10 to 11)"),
     ],
 )
-def test_every_combination_has_its_words(factor, seconds, written):
+def test_break_even_text_of_each_combination(factor, seconds, written):
     assert break_even(triangulated("other", seconds, factor), BASE).text == written
 
 
@@ -354,14 +354,14 @@ def test_triangulating_once_tells_no_interval():
     assert (even.low, even.high) == (None, None)
 
 
-def test_where_triangulating_may_take_no_longer_the_least_is_no_draw():
+def test_break_even_interval_starts_at_zero_draws():
     even = break_even(triangulated("other", 0.51, 0.8, scatter=0.1), BASE)
     assert even.low == 0
     assert 0 < even.draws < even.high
     assert even.text.startswith("after 1 draw (0 to ")
 
 
-def test_where_it_is_not_defined():
+def test_break_even_is_undefined_without_times_or_for_the_base():
     base = record("ear-clipping", triangulate_s=0.5)
     assert break_even(record("not timed", triangulate_s=0.1, time=None), base) is None
     assert break_even(record("of an older version"), base) is None
@@ -377,7 +377,7 @@ def test_an_interval_is_never_one_number_and_may_have_no_end():
     assert BreakEven("after", 0.0, 0.0, math.inf).text == "at once (0 or more draws)"
 
 
-def test_the_table_has_it_beside_each_row():
+def test_table_has_a_break_even_column():
     records = [
         BASE,
         triangulated("optimal:half-perimeter", 1.49, 0.8),

@@ -72,7 +72,7 @@ def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
         ([498.2, 561.3, 555.1, 497.3, 486.6, 425.9], [498.2, 469.9, 472.6, 497.2, 440.3, 425.8]),
     ],
 )
-def test_what_tiles_do_not_tell_has_no_interval(own, base):
+def test_too_few_or_equal_tiles_have_no_interval(own, base):
     assert np.isnan(ratio_interval(np.array(own), np.array(base))).all()
 
 
@@ -118,7 +118,7 @@ def test_few_tiles_tell_no_interval(tiles, few):
     assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 
-def test_other_scenes_and_other_polygons_say_nothing():
+def test_views_of_other_polygons_are_not_compared():
     assert said([{**BASE, VIEWS: None}, OTHER]) == []
     assert compare_views({**OTHER, "polygons": 8}, BASE) is None
     assert said([BASE]) == []
@@ -137,7 +137,7 @@ def test_damaged_tiles_are_refused(tiles):
         parse_record({**good, VIEWS: tiles})
 
 
-def test_ties_of_depth_are_said():
+def test_depth_ties_are_reported():
     base = record("ear-clipping", [9, 7])
     base["counters"]["depth_ties"] = 5
     tied = "5 depth tests of ear-clipping are ties: rounding decides them"

@@ -69,7 +69,7 @@ def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
     assert mark_processors([*runs, real], mark)[2].records == real.records
 
 
-def test_a_run_says_which_processor_its_times_are_of():
+def test_description_names_the_processor_and_disturbances():
     (run,) = runs_of("Xeon")
     assert describe_machine(run) == ["processor of llvmpipe: Xeon"]
     assert describe_machine(replace(run, records=run.records[1:])) == []

@@ -104,7 +104,7 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
         a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
         for number, name in enumerate(NAMES)
     ]
-    found = correlations.correlate(correlations.measure_table(make_run(records).records))
+    found = correlations.correlate(correlations.make_measure_table(make_run(records).records))
     assert "sparkle-length" in set(found["criterion"])
     content = make_content(read_run(a_run(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
@@ -173,7 +173,7 @@ def test_every_figure_has_a_label_and_a_unit():
         assert figure.description
 
 
-def test_figures_of_records_are_those_that_they_have():
+def test_find_metrics_lists_metrics_of_the_records():
     assert list(find_metrics([])) == []
     rows = [a_record("fan", 0, {"quads": 5, "samples_passed": 2})]
     found = find_metrics(make_run(rows).records)
@@ -220,7 +220,7 @@ def test_regret_needs_a_triangulation_with_a_helper_lane():
     assert find_metric("regret")(make_record(**{**record, "least": {**least, "quads": 5}})) is None
 
 
-def test_the_limit_is_the_outline_drawn_in_one_piece():
+def test_lower_bound_is_the_outline_drawn_in_one_piece():
     known = {"counters": {"fragments": 30}, "outline_quads": 11}
     limit = compute_lower_bound(make_record(**known))
     assert limit.counters == {"fragments": 30, "quads": 11, "helper_lanes": 14}
@@ -228,14 +228,14 @@ def test_the_limit_is_the_outline_drawn_in_one_piece():
     assert compute_lower_bound(make_record(counters={"fragments": 30})) is None
 
 
-def test_what_every_triangulation_has_alike_is_a_counter_without_direction():
+def test_counters_equal_for_all_triangulations_have_no_direction():
     known = {**{name: find_metric(name) for name in ("fragments", "helper_lanes")}, **METRICS}
     shared = {name for name, figure in known.items() if figure.is_shared}
     assert "fragments" in shared
     assert not shared & {"helper_lanes", "outline_quads"}
 
 
-def test_a_figure_is_described_by_its_functions_words():
+def test_metric_description_is_its_docstring():
     figure = METRICS["above_limit"]
     assert figure.description.startswith("lanes shaded per covered pixel beyond those of the")
     told = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}

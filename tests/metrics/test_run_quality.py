@@ -113,7 +113,7 @@ def test_two_modes_are_found_and_one_is_one():
         assert (two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
 
 
-def test_one_rule_tells_the_state():
+def test_state_follows_one_rule():
     rng = np.random.default_rng(2)
     assert judge_records(simulate_run(rng, machines.quiet, (1.0, 0.9))).state == QUIET
     sliced_run = judge_records(simulate_run(rng, machines.time_slices, (1.0, 0.9)))
@@ -149,14 +149,14 @@ def test_processes_that_differ_are_no_two_modes(levels):
     assert judge_records([with_time(record, processes=(each,) * len(levels))]).state == QUIET
 
 
-def test_what_a_run_tells_of_its_state_is_believed():
+def test_stored_state_is_used():
     stored = make_run([], state={"state": DISTURBED, "why": ["a neighbour"], "draws": []})
     assert state_of(stored).words[0].startswith("the run's times are disturbed: a neighbour")
     for damaged in ({}, {"state": "x"}, {"state": {"state": 3}}, {"state": []}):
         assert state_of(make_run([], **damaged)).state == QUIET
 
 
-def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
+def test_counters_decide_in_a_disturbed_run():
     rng = np.random.default_rng(4)
     records = simulate_run(rng, machines.quiet, (1.0, 0.6, 0.8))
     records[2] = replace(records[2], counters={"quads": 50})

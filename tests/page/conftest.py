@@ -15,8 +15,8 @@ from harness.measuring.pool import MeasuringPool
 from harness.measuring.run import run as measure_run
 from harness.measuring.timing import TimingSettings
 from harness.metrics.per_polygon import read_columns
-from harness.page.page_data import content_of_profile, write_page
-from harness.page.result import FORMAT, KEPT, TOLD, Result, import_result
+from harness.page.page_data import make_profile_content, write_page
+from harness.page.result import COUNTERS, FORMAT, RECORD_FIELDS, Result, import_result
 from harness.page.saved import VERSION, read_saved
 from harness.progress import Reporter
 from harness.results.run_folder import Run, read_run, select_latest
@@ -69,8 +69,8 @@ def make_result(run: Run) -> dict[str, Any]:
         assert columns is not None
         name = record["triangulator"]
         view["cases"][name] = {
-            "record": {field: record[field] for field in KEPT if field in record},
-            "counters": {column: columns[column].astype(int).tolist() for column in TOLD},
+            "record": {field: record[field] for field in RECORD_FIELDS if field in record},
+            "counters": {column: columns[column].astype(int).tolist() for column in COUNTERS},
             "differing": 0,
         }
         samples = rng.normal(2e-3, 2e-5, ROUNDS).tolist()
@@ -155,7 +155,7 @@ def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
         patch.setattr("harness.profile.advice.SCENE_POLYGONS", 8)
         pool = MeasuringPool(inline, timeout_s=60)  # type: ignore[arg-type]
-        content = content_of_profile(pool)
+        content = make_profile_content(pool)
     file = tmp_path_factory.mktemp("profile") / "profile.html"
     write_page(content, file)
     return file

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.page.page_data import content_of, write_page
-from harness.page.result import TOLD
+from harness.page.page_data import make_page_content, write_page
+from harness.page.result import COUNTERS
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.results.run_folder import read_run
@@ -22,7 +22,7 @@ from tests.records import lines_of
 @pytest.fixture(scope="module")
 def page(small_run, tmp_path_factory) -> Path:
     file = tmp_path_factory.mktemp("page") / "page.html"
-    write_page(content_of(small_run), file)
+    write_page(make_page_content(small_run), file)
     return file
 
 
@@ -88,7 +88,7 @@ def test_reference_of_the_page_equals_python(browser, page):
     fields = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
     arguments = f"{json.dumps({**fields, 'polygons': 200})}, {rows.ravel().tolist()}"
     counts = browser.evaluate(f"countExactly({arguments})")
-    for name in TOLD:
+    for name in COUNTERS:
         assert counts[name] == expected[name].tolist()
 
 

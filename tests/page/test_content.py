@@ -8,8 +8,8 @@ import pytest
 
 from harness.errors import InputError
 from harness.frame import View
-from harness.page.page_data import content_of
-from harness.page.result import TOLD
+from harness.page.page_data import make_page_content
+from harness.page.result import COUNTERS
 from harness.rasterisers.reference import predict
 from harness.results import drawings
 from tests.conftest import assert_refused, require_ok
@@ -20,7 +20,7 @@ def decode(text: str, kind: str) -> np.ndarray:
 
 
 def test_page_contains_frames_triangles_and_counts_of_the_run(small_run):
-    content = content_of(small_run)
+    content = make_page_content(small_run)
     assert content["base"] == "ear-clipping"
     assert [view["resolution"] for view in content["views"]] == [128, 64]
     for view in content["views"]:
@@ -33,15 +33,15 @@ def test_page_contains_frames_triangles_and_counts_of_the_run(small_run):
             rows = decode(case["rows"], "<u4").reshape(-1, 3)
             assert np.array_equal(rows, drawing.triangles[name])
             predicted = predict(points, rows.astype(np.int32))
-            for counter in TOLD:
+            for counter in COUNTERS:
                 assert decode(case[counter], "<u4").sum() == predicted[counter].sum()
             assert case["record"]["triangles"] == len(rows)
 
 
 def test_run_with_one_triangulation_is_refused(small_run):
     single = replace(small_run, records=small_run.records[:1])
-    with pytest.raises(InputError, match="nothing to draw"):
-        content_of(single)
+    with pytest.raises(InputError, match="no stored frame with two or more"):
+        make_page_content(single)
 
 
 def test_command_writes_one_file(harness, small_run):

@@ -32,7 +32,7 @@ def test_measured_run_has_a_summary(harness, small_run):
     require_ok(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
     arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")
-    assert_refused(harness(*arguments), "one rasteriser on one device that was timed, not of 0")
+    assert_refused(harness(*arguments), "times of exactly one rasteriser and device (there are 0)")
 
 
 def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run):
@@ -46,17 +46,17 @@ def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run)
     with pytest.raises(IncompatibleRunsError, match="is of reference on cpu"):
         device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
-    with pytest.raises(InputError, match="no summary of a device"):
+    with pytest.raises(InputError, match="not a summary of a device"):
         device_summaries.write_summary(small_run, file)
 
 
 def test_a_summary_has_the_drivers_name_of_the_device(small_run):
     devices = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
-    summary = device_summaries.summarise(
+    summary = device_summaries.summarise_device(
         replace(small_run, facts={**small_run.facts, "devices": devices})
     )
     assert (summary["renderer"], summary["driver"]) == ("the CPU itself", "7")
-    assert device_summaries.summarise(replace(small_run, facts={}))["renderer"] == "cpu"
+    assert device_summaries.summarise_device(replace(small_run, facts={}))["renderer"] == "cpu"
 
 
 def test_summary_of_a_software_device_refuses_another_cpu(tmp_path, small_run):
@@ -67,18 +67,18 @@ def test_summary_of_a_software_device_refuses_another_cpu(tmp_path, small_run):
     )
     device_summaries.write_summary(first, file)
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
-    assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.table(tmp_path)
+    assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.format_table(tmp_path)
     with pytest.raises(
         IncompatibleRunsError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"
     ):
         device_summaries.write_summary(second, file)
     gpu = [record.with_id(device="gpu0") for record in first.records]
-    assert device_summaries.summarise(replace(first, records=gpu))["cpu"] == ""
+    assert device_summaries.summarise_device(replace(first, records=gpu))["cpu"] == ""
 
 
 def test_table_has_a_row_for_each_view(tmp_path, small_run):
     device_summaries.write_summary(small_run, tmp_path / "cpu.json")
-    lines = device_summaries.table(tmp_path).splitlines()
+    lines = device_summaries.format_table(tmp_path).splitlines()
     assert len(lines) == 2 + 2
     assert "city:buildings=20, 64 px" in lines[2]
     assert lines[2].count("|") == lines[0].count("|")
@@ -96,4 +96,4 @@ def test_contributed_summaries_are_readable(file):
             value, low, high = metrics["time"]
             assert 0 < low <= value <= high
     label = {"gpu0": "NVIDIA H200"}.get(summary["device"], summary["device"])
-    assert f"`{label}`" in device_summaries.table(file.parent)
+    assert f"`{label}`" in device_summaries.format_table(file.parent)

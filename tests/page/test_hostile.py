@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from harness.page.page_data import content_of, write_page
+from harness.page.page_data import make_page_content, write_page
 from harness.page.result import import_result
 from harness.report.page import write_report
 from harness.results.run_folder import read_run
@@ -72,7 +72,7 @@ def test_report_of_an_imported_result_runs_no_script(browser, saved, tmp_path):
 
 def test_measuring_page_and_tooltips_run_no_script(browser, small_run, tmp_path, saved):
     page = tmp_path / "page.html"
-    write_page(content_of(small_run), page)
+    write_page(make_page_content(small_run), page)
     browser.open(page, MEASUREMENT_ENDED)
     content = json.loads(saved().read_text())["result"]
     name = json.dumps(f"delaunay{MARKUP}")

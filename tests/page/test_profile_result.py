@@ -108,7 +108,7 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
 
 
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and here it is"),
+    "design": (lambda r: r["page"].update(design=3), "draws of design 3, expected"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
@@ -119,18 +119,21 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
-    "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "is not that of its times"),
-    "terms": (lambda r: r["law"]["seconds"].pop("near"), "its law has other terms"),
-    "times": (lambda r: slow_down(r, 0), "is not that of its times"),
+    "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "does not follow from the times"),
+    "terms": (lambda r: r["law"]["seconds"].pop("near"), "the law has different terms"),
+    "times": (lambda r: slow_down(r, 0), "does not follow from the times"),
     "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),
     "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
-    "missing": (lambda r: r["times"].pop("40"), "not all of its 135 draws were timed"),
-    "strange": (lambda r: r["times"].update({"x": r["times"]["4"]}), "not all of its 135 draws"),
+    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 135 draws"),
+    "strange": (
+        lambda r: r["times"].update({"x": r["times"]["4"]}),
+        "the timed draws are not the 135 draws",
+    ),
     "few": (truncate_epochs(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),
-    "no timer": (lambda r: r.update(timer=None), "tell no law"),
+    "no timer": (lambda r: r.update(timer=None), "too few for a fit"),
     "field": (lambda r: r.update(more=1), "more: Extra inputs are not permitted"),
     "lacking": (lambda r: r.pop("draws"), "draws: Field required"),
 }
@@ -149,9 +152,9 @@ def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text: text.replace("0.0", "0.1", 1), "damaged since the page saved it"),
-        (lambda text: text[: len(text) // 2], "not a file that a"),
-        (lambda text: text.replace("device profile", "device story", 1), "not a file that a"),
+        (lambda text: text.replace("0.0", "0.1", 1), "damaged after it was saved"),
+        (lambda text: text[: len(text) // 2], "not a file saved by a"),
+        (lambda text: text.replace("device profile", "device story", 1), "not a file saved by a"),
     ],
 )
 def test_damaged_file_is_refused(harness, profiled, change, message):

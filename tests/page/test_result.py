@@ -11,7 +11,7 @@ import pytest
 
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
 from harness.metrics.per_polygon import read_columns
-from harness.page.result import counted_exactly, import_result
+from harness.page.result import count_exactly, import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.results import drawings
@@ -64,11 +64,11 @@ def test_problems_of_the_page_are_reported(harness, saved):
         result["views"][1] |= {"times": None, "epochs": []}
 
     _, err = require_ok(harness("import", str(saved(change)), "--out", "phone"))
-    assert "warning: the page told of a problem: The browser lost the GPU." in err
+    assert "warning: the page reported a problem: The browser lost the GPU." in err
     assert "stopped before" in err
     assert "snaps to 1/16 px" in err
     assert "hidden" in err
-    assert "differ from the run's in 3 polygons" in err
+    assert "differ from those of the run in 3 polygons" in err
     untimed = [record for record in lines_of(read_run(Path("phone"))) if "time" not in record]
     assert len(untimed) == 3
 
@@ -86,15 +86,15 @@ def test_run_of_another_scene_is_refused(harness, saved, small_run):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "not a file that a measuring page saved"),
-        (b"\xff\xfe", "not a file that a measuring page saved"),
-        (b"[" * 100_000, "not a file that a measuring page saved"),
-        (b"[]", "not a file that a measuring page saved"),
+        (b"", "not a file saved by a measuring page"),
+        (b"\xff\xfe", "not a file saved by a measuring page"),
+        (b"[" * 100_000, "not a file saved by a measuring page"),
+        (b"[]", "not a file saved by a measuring page"),
         (b'{"format": "raster-harness device result", "version": 2}', "another version"),
         (b'{"format": "raster-harness device result", "version": 1}', "damaged"),
         (
             b'{"format": "raster-harness device result", "version": 1, "result": "\\ud800"}',
-            "not a file that a measuring page saved",
+            "not a file saved by a measuring page",
         ),
     ],
 )
@@ -213,19 +213,19 @@ IMPOSSIBLE = [
     (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "counters of 19"),
     (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
     (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
-    (lambda r: r["views"][0].update(resolution=256), "of another case"),
+    (lambda r: r["views"][0].update(resolution=256), "of a different case"),
     (lambda r: r.update(views=[]), "views"),
     (lambda r: r.update(extra=1), "extra"),
     (lambda r: first_case(r)["counters"].update(quads=[10**9] * 20), "fewer than one pixel"),
     (lambda r: r["views"][0]["times"]["delaunay"].update(samples_s=[0.0] * 12), "took no time"),
-    (lambda r: first_case(r)["record"].update(scene_hash="1" * 64), "of different scenes"),
+    (lambda r: first_case(r)["record"].update(scene_hash="1" * 64), "different scenes"),
     (set_zero, "nothing was drawn: all counters are zero"),
     (lambda r: first_case(r)["record"].update(polygons=1000), "1000 polygons and counters of 20"),
     (add_fragment_beyond_lanes, "fewer than one pixel, or more than four"),
     (add_partial_quad_without_helper, "without a helper lane, or with more than three"),
     (lambda r: first_case(r)["record"].update(proven=1_000_000), "1000000 of 20 polygons proven"),
     (lambda r: first_case(r)["record"].update(triangles=1), "too few for its polygons"),
-    (lambda r: r["views"].append(r["views"][0]), "one view is there twice"),
+    (lambda r: r["views"].append(r["views"][0]), "a view occurs twice"),
 ]
 
 
@@ -311,7 +311,7 @@ def test_skipped_and_failed_polygons_are_included_in_the_counters(saved, tmp_pat
 def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
     geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
-    counts = counted_exactly(geometry, np.array([(0, 1, 2)], np.int32))
+    counts = count_exactly(geometry, np.array([(0, 1, 2)], np.int32))
     assert [len(each) for each in counts] == [2, 2, 2]
     assert [each[1] for each in counts] == [0, 0, 0]
     assert min(each[0] for each in counts[:2]) > 0
@@ -390,10 +390,10 @@ def test_minimal_counts_are_read_and_smaller_ones_refused(saved, minimum, below,
 def test_file_above_the_size_limit_is_refused(saved, monkeypatch):
     file = saved()
     size = file.stat().st_size
-    monkeypatch.setattr("harness.page.saved.MOST_BYTES", size)
+    monkeypatch.setattr("harness.page.saved.MAX_BYTES", size)
     assert read_result(file)
-    monkeypatch.setattr("harness.page.saved.MOST_BYTES", size - 1)
-    with pytest.raises(InputError, match="larger than any page saves"):
+    monkeypatch.setattr("harness.page.saved.MAX_BYTES", size - 1)
+    with pytest.raises(InputError, match="the limit of a saved page"):
         read_result(file)
 
 
@@ -407,7 +407,9 @@ def test_grid_of_the_device_is_recorded(imported, step, bits):
     (device,) = facts["devices"].values()
     assert device["details"]["subpixel_bits"] == bits
     assert [line for line in facts["warnings"] if "snaps" in line] == (
-        [f"the device snaps to 1/{256 // step} px: polygons were moved there"] if step > 1 else []
+        [f"the device snaps to 1/{256 // step} px: polygons were moved to its grid"]
+        if step > 1
+        else []
     )
     assert facts["imported"] is True
     assert facts["plan"]["seed"] == 0

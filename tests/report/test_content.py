@@ -132,7 +132,7 @@ def test_study_shows_the_matrix_with_intervals(copy, browser):
     answer = browser.evaluate("document.getElementById('answer').textContent")
     assert answer == (
         "Half-perimeter H predicts the helper lanes of opengl on llvmpipe best (rank correlation "
-        "within a polygon 0.99, 95 % interval 0.98 to 0.99); the paper's overdraw A reaches 0.70."
+        "within a polygon 0.99, 95 % CI 0.98-0.99); the paper's overdraw A reaches 0.70."
     )
     options = "[...document.getElementById('statistic').options].map((each) => each.value)"
     assert browser.evaluate(options) == ["spearman_within", "spearman_pooled"]

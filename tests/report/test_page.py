@@ -172,7 +172,7 @@ def test_cases_are_found_and_sorted(page):
         head = f"document.querySelectorAll('#cases thead th')[{column}].ariaSort"
         assert page.evaluate(head) == direction
     select(page, "state", "failed")
-    assert read_texts(page, "#found") == ["no case is like this"]
+    assert read_texts(page, "#found") == ["no matching case"]
 
 
 def test_every_table_has_a_csv_file(page, folder):

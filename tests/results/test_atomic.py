@@ -34,7 +34,7 @@ def test_a_file_appears_with_its_content_and_usual_rights(tmp_path, mask, rights
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch, step):
+def test_full_disk_leaves_the_existing_file(tmp_path, monkeypatch, step):
     place = tmp_path / "a.txt"
     atomic.write(place, b"one")
 
@@ -73,7 +73,7 @@ def half_of_it(place):
         raise KeyboardInterrupt
 
 
-def test_what_was_not_finished_changes_nothing_that_was_there(tmp_path):
+def test_interrupted_output_leaves_existing_files_unchanged(tmp_path):
     place = tmp_path / "out"
     with atomic.create_folder(place, merge=True) as made:  # nothing is there yet
         (made / "table.csv").write_text("old")
@@ -152,7 +152,7 @@ def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, c
 
 def test_a_pipe_is_no_calibration_no_summary_no_pages_result_and_no_columns(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for read in (read_coefficients, device_summaries._read, read_result):
+    for read in (read_coefficients, device_summaries._read_summary, read_result):
         with pytest.raises(InputError, match=r"not a regular file|pipe or device, not a file"):
             read(tmp_path / "pipe")
     (tmp_path / POLYGONS).mkdir()

@@ -48,12 +48,12 @@ def test_cases_are_in_order_of_their_numbers():
         ("odd#name", ("odd#name", None, False)),
     ],
 )
-def test_names_of_older_versions_are_taken_apart(name, parts):
+def test_names_of_older_versions_are_split(name, parts):
     assert split_name(name) == parts
     assert make_record(name).name == name
 
 
-def test_a_record_is_what_its_line_says():
+def test_record_round_trips_through_json():
     time = {
         "timer": "cpu", "samples_s": [1.0, 3.0], "reference_s": [2.0, 2.0], "ci95_s": [1.0, 3.0],
         "epochs": [1, 1], "warnings": ["short"],
@@ -88,6 +88,6 @@ def test_a_record_is_what_its_line_says():
         ({"time": 3}, r"time: is not an object"),
     ],
 )
-def test_a_field_that_cannot_be_used_is_named_with_the_reason(fields, problem):
+def test_invalid_field_is_reported_with_a_reason(fields, problem):
     with pytest.raises(FieldError, match=f"^{problem}"):
         parse_record({**CASE, "triangulator": "fan", "key": "0" * 16, **fields})

@@ -37,7 +37,7 @@ def stored(letter: str, **more: object) -> Record:
 A, B, C = (letter * 16 for letter in "abc")
 
 
-def test_what_is_appended_is_read_back(tmp_path):
+def test_appended_records_are_read_back(tmp_path):
     with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({"plan": {"scene": "city"}})
         store.append(stored("a", scene="Straße"))
@@ -56,7 +56,7 @@ def test_what_is_appended_is_read_back(tmp_path):
 
 
 @pytest.mark.parametrize("when", ["meanwhile", "after", "never", "instead"])
-def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
+def test_records_modified_after_the_run_are_reported(tmp_path, when):
     """As a triangulator could that knows where the run is: it says that it has done well."""
     forged = json.dumps(record("b")) + "\n"
     with RunFolder.create(tmp_path) as store:
@@ -81,7 +81,7 @@ def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
 
 
 @pytest.mark.parametrize("when", ["meanwhile", "after", "never"])
-def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when):
+def test_modified_arrays_are_reported_and_ignored(tmp_path, when):
     def forge() -> None:
         np.savez(tmp_path / "polygons" / f"{A}.npz", fragments=np.array([1, 1]))
 
@@ -109,7 +109,7 @@ def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when
 
 
 @pytest.mark.parametrize("arrays", [None, [], 3, {"../x": 3, "polygons": "", "": None}])
-def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
+def test_invalid_digests_are_ignored(tmp_path, arrays):
     with RunFolder.create(tmp_path) as store:
         store.append(stored("a"))
         store.write_facts({"interrupted": False})
@@ -119,7 +119,7 @@ def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
     assert read_run(tmp_path).problems == []
 
 
-def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
+def test_truncated_records_are_refused_by_compare_and_report(tmp_path):
     for name in ("base", "head"):
         with RunFolder.create(tmp_path / name) as store:
             store.append(stored("a"))
@@ -143,7 +143,7 @@ def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
     assert read_run(tmp_path / "head").truncation == ""
 
 
-def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
+def test_incomplete_last_line_is_ignored_and_removed_on_resume(tmp_path):
     with RunFolder.create(tmp_path) as store:
         store.write_facts({})
         store.append(stored("a"))
@@ -157,7 +157,7 @@ def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
     assert run.problems == []
 
 
-def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
+def test_corrupt_line_is_reported_and_other_lines_are_read(tmp_path):
     lines = [json.dumps(record("a")), "\x00garbage", "[1]", "[" * 200_000, json.dumps(record("b"))]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
@@ -219,7 +219,7 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
     assert run.problems == []
 
 
-def test_facts_are_replaced_whole(tmp_path):
+def test_facts_are_replaced_atomically(tmp_path):
     with RunFolder.create(tmp_path) as store:
         store.write_facts({"step": 1})
         store.write_facts({"step": 2})
@@ -227,13 +227,13 @@ def test_facts_are_replaced_whole(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.jsonl", "run.json"]
 
 
-def test_a_name_of_anything_is_a_name_of_a_file():
+def test_file_stem_replaces_unsafe_characters():
     assert file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
     assert file_stem("Straße_22.5-x") == "Straße_22.5-x"
 
 
 @pytest.mark.parametrize("key", ["../../victim", "", "a" * 15, "A" * 16, "a" * 16 + "\n", 7, None])
-def test_a_key_that_is_no_key_is_refused_wherever_records_are_read(tmp_path, key):
+def test_invalid_keys_are_refused(tmp_path, key):
     lines = [json.dumps(record("a")), json.dumps({**record("b"), "key": key})]
     for name in ("cases.jsonl", "counted.jsonl"):
         (tmp_path / name).write_text("\n".join(lines) + "\n")
@@ -243,7 +243,7 @@ def test_a_key_that_is_no_key_is_refused_wherever_records_are_read(tmp_path, key
     assert list(read_counted(tmp_path)) == [A]
 
 
-def test_numbers_that_json_has_not_are_absent(tmp_path):
+def test_nan_and_infinity_are_read_as_missing(tmp_path):
     (tmp_path / "run.json").write_text('{"seconds": {"all": NaN, "count": 1e999}}')
     assert read_run(tmp_path).facts["seconds"] == {"all": None, "count": None}
 
@@ -270,7 +270,7 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     ("options", "kept"),
     [({"samples": 4}, 1), ({}, 1), ({"samplec": 4}, 0), ({"work": 1.5}, 0), ({"seed": True}, 0)],
 )
-def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kept):
+def test_unknown_options_invalidate_a_record(tmp_path, options, kept):
     with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({})
     line = json.dumps(record("a", options=options)) + "\n"
@@ -340,7 +340,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
         read_run(tmp_path)
 
 
-def test_a_full_disk_while_merging_names_the_way_on(tmp_path, monkeypatch):
+def test_full_disk_while_merging_reports_a_remedy(tmp_path, monkeypatch):
     """What is half merged cannot be resumed."""
     with RunFolder.create(
         tmp_path / "merged", "remove merged and give the same command again"

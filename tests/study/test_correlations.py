@@ -16,19 +16,19 @@ from harness.report.matrix import format_best_criterion
 from harness.results.run_folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
-    FEWEST,
     IDENTIFYING,
+    MIN_TRIANGULATIONS,
     NOT_SIGNIFICANT,
     TIME,
     Estimate,
-    by_resolution,
-    compare_all,
+    compare_criteria,
     correlate,
-    measure_table,
-    median_estimate,
+    correlate_by_resolution,
+    correlate_within,
+    estimate_median,
+    make_measure_table,
     plot_study,
-    ranks_within,
-    write,
+    write_correlations,
 )
 from scenes import load
 from tests.conftest import run_command
@@ -40,7 +40,7 @@ RANDOM = np.random.default_rng(3)
 
 
 def table_of(records: list[dict]) -> pd.DataFrame:
-    return measure_table([make_record(**fields) for fields in records])
+    return make_measure_table([make_record(**fields) for fields in records])
 
 
 def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estimate:
@@ -51,7 +51,7 @@ def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estima
         for pair in zip(x, y, strict=True)
     ]
     table = pd.DataFrame(rows, columns=["polygon", "rotation", "overdraw", "quads"])
-    return median_estimate(ranks_within(table, "overdraw", "quads"))
+    return estimate_median(correlate_within(table, "overdraw", "quads"))
 
 
 def polygons(number: int, noise: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -85,7 +85,7 @@ def test_the_interval_of_a_median_covers_it():
     covered = 0
     for seed in range(60):
         values = np.random.default_rng(seed).normal(0.5, 0.1, 25)
-        estimate = median_estimate(values)
+        estimate = estimate_median(values)
         covered += estimate.low <= 0.5 <= estimate.high
         assert estimate.low <= estimate.value <= estimate.high
     assert covered >= 54
@@ -104,11 +104,11 @@ def test_a_polygon_in_several_views_counts_once():
 def test_paired_differences_tell_more_than_two_intervals():
     level = np.random.default_rng(2).uniform(0.2, 0.9, 24)
     one, two = pd.Series(level + 0.02), pd.Series(level)
-    assert not median_estimate(one).low > median_estimate(two).high
-    assert median_estimate(one - two).verdict == "better"
-    assert median_estimate(two - one).verdict == "worse"
-    assert median_estimate(one - one).verdict == "not significant"
-    assert median_estimate(one[:5] - two[:5]).verdict == "too few"
+    assert not estimate_median(one).low > estimate_median(two).high
+    assert estimate_median(one - two).verdict == "better"
+    assert estimate_median(two - one).verdict == "worse"
+    assert estimate_median(one - one).verdict == "not significant"
+    assert estimate_median(one[:5] - two[:5]).verdict == "too few"
 
 
 SCENE = "city:buildings=60"
@@ -154,8 +154,8 @@ def test_criteria_are_ranked_within_polygons(run_folder):
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
     names = ("expected_quads", "overdraw")
-    by_q, by_a = (ranks_within(table, name, "helper_lanes") for name in names)
-    assert median_estimate(by_q - by_a).verdict == "better"
+    by_q, by_a = (correlate_within(table, name, "helper_lanes") for name in names)
+    assert estimate_median(by_q - by_a).verdict == "better"
     assert "complexity" not in found, "it is the same for all, and so ranks nothing"
 
 
@@ -207,26 +207,26 @@ def ranked() -> pd.DataFrame:
 
 
 def test_two_criteria_differ_by_their_ranks():
-    table = compare_all(ranked()).set_index(["measure", "criterion", "other"])
+    table = compare_criteria(ranked()).set_index(["measure", "criterion", "other"])
     found = table.loc[("helper_lanes", "overdraw", "half-perimeter")]
     one, other = (
-        ranks_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
+        correlate_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
     )
     assert found["difference"] == np.median(one - other)
     assert found["verdict"] != NOT_SIGNIFICANT
 
 
-def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
+def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
     rows = ranked()
     rows["edge_length"] = rows["half_perimeter"] * np.linspace(1, 1.2, len(rows))  # a third one
     rows["exact_quads"] = rows["helper_lanes"]  # the count itself: no criterion
     table = pd.concat([rows, rows.assign(rasteriser="cuda")], ignore_index=True)
-    correlations = write(table, tmp_path)
+    correlations = write_correlations(table, tmp_path)
     assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
     for name, found in (
         ("correlations.csv", correlations),
-        ("correlations_by_resolution.csv", by_resolution(table)),
-        ("criteria_compared.csv", compare_all(table)),
+        ("correlations_by_resolution.csv", correlate_by_resolution(table)),
+        ("criteria_compared.csv", compare_criteria(table)),
     ):
         kept = pd.read_csv(tmp_path / name)
         pd.testing.assert_frame_equal(kept, found, check_dtype=False, rtol=1e-5)
@@ -257,7 +257,7 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
         assert line.get_xy1() == pytest.approx((1, 1.2))
 
 
-def test_what_failed_or_has_t_junctions_is_in_no_table():
+def test_failed_cases_and_t_junctions_are_skipped():
     good = judged()
     bad = [{**r, **why} for r in good for why in ({"status": "failed"}, {"conforming": False})]
     table = table_of(good)
@@ -275,7 +275,7 @@ def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
 
 
 def test_the_fewest_triangulations_that_rank_are_ranked():
-    x = np.arange(1.0, FEWEST + 1)
+    x = np.arange(1.0, MIN_TRIANGULATIONS + 1)
     found = within([(x, x**2)] * 6)
     assert (found.value, found.polygons) == (pytest.approx(1), 6)
     assert within([(x[1:], x[1:] ** 2)] * 6).polygons == 0
@@ -287,8 +287,8 @@ def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others()
     backwards = table_of(twice[::-1])["triangulator"]  # the first of the run stands for both
     assert backwards.tolist() == [r["triangulator"] for r in twice[::-2]]
     table = ranked()
-    assert by_resolution(table.query("resolution == 64")).empty
-    assert set(by_resolution(table)["resolution"]) == {64, 256}
+    assert correlate_by_resolution(table.query("resolution == 64")).empty
+    assert set(correlate_by_resolution(table)["resolution"]) == {64, 256}
 
 
 def test_what_is_counted_exactly_is_that_of_the_rasteriser_that_does_with_one_sample():

@@ -12,8 +12,15 @@ from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.results.run_folder import read_run
 from harness.stats.intervals import of_any_run, paired_ratio
-from harness.study.enumeration import triangulation_table
-from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
+from harness.study.pareto import (
+    MAX_POINTS,
+    SWEEP,
+    WITH_C,
+    list_compared,
+    make_parts,
+    mark_undominated,
+    triangulation_table,
+)
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, require_ok
@@ -52,7 +59,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert len(fronts) == 1
     assert fronts["overdraw"][0] == pytest.approx(56 * frame.scale**2, rel=1e-3)
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
-    assert out.split("fastest of all")[1].split()[:4] == ["0", "reference", "1", "0"]
+    assert out.split("fastest triangulator")[1].split()[:4] == ["0", "reference", "1", "0"]
     costs = table.drop_duplicates("triangulator").set_index("triangulator")
     without, with_c = (
         costs.loc[name, ["overdraw", "shape"]] for name in ("optimal:mixed=1/1/0", WITH_C)
@@ -75,14 +82,14 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
         costs = front[["overdraw", "shape"]].to_numpy()
         measured = table[(table["polygon"] == str(number)) & (table["rasteriser"] == "reference")]
         chosen = measured[measured["kind"] == "front"]
-        assert len(chosen) == min(MOST_POINTS, len(front)) == front["measured"].sum()
+        assert len(chosen) == min(MAX_POINTS, len(front)) == front["measured"].sum()
         assert {0, len(front) - 1} <= set(chosen["triangulator"].str[7:].astype(int))
         assert chosen["undominated"].all()
         if len(polygon.exterior.coords) <= 13:
             every = triangulation_table(polygon, "conforming")
             listed = np.column_stack((every["overdraw"], every["shape"]))
-            assert undominated(costs, listed).all()
-            kept = listed[undominated(listed, listed)]
+            assert mark_undominated(costs, listed).all()
+            kept = listed[mark_undominated(listed, listed)]
             assert np.ptp(kept[:, 0]) == pytest.approx(np.ptp(costs[:, 0]))
             assert len(np.unique(kept.round(6), axis=0)) == len(costs)
             compared += 1
@@ -128,14 +135,14 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
 
 
 def test_a_long_front_is_measured_at_even_steps():
-    parts, fronts = take_apart("city", load("city"), 6, View(512))
+    parts, fronts = make_parts("city", load("city"), 6, View(512))
     label, front = max(fronts.items(), key=lambda entry: len(entry[1]))
     assert len(front) > 100
     chosen = front["k"][front["measured"]].tolist()
-    assert len(chosen) == MOST_POINTS
+    assert len(chosen) == MAX_POINTS
     assert np.ptp(np.diff(chosen)) <= 1
     part = next(part for part in parts if part.label == label)
-    wanted = [*(f"pareto#{k}" for k in chosen), *named()]
+    wanted = [*(f"pareto#{k}" for k in chosen), *list_compared()]
     assert [str(recipe) for recipe in part.triangulators] == wanted
     assert parts[-1].label == "city"
 

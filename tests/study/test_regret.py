@@ -9,18 +9,18 @@ from rich.console import Console
 
 from harness.stats.intervals import FEWEST, mean_interval
 from harness.study import regret
-from harness.study.correlations import label
+from harness.study.correlations import get_label
 from harness.study.regret import (
     COLUMNS,
     SUMMARY,
-    main_measures,
+    compute_regret_interval,
+    estimate_regret,
+    format_regret,
     print_regret,
-    regret_ends,
-    regret_interval,
-    summarise,
-    write,
+    select_printed,
+    summarise_regret,
     write_paper_table,
-    written,
+    write_regret,
 )
 from tests.records import make_record
 
@@ -31,7 +31,7 @@ A = (4.0, 5.0, 3.0, 6.0, 9.0)
 
 
 def regret_table(records: list[dict]) -> pd.DataFrame:
-    return regret.regret_table([make_record(**fields) for fields in records])
+    return regret.make_regret_table([make_record(**fields) for fields in records])
 
 
 def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) -> list[dict]:
@@ -91,7 +91,9 @@ def test_the_best_measured_is_no_least_without_a_proof():
 
 
 def test_over_polygons_each_counts_once():
-    table = summarise(regret_table(records_of("a") + records_of("b", 2.0) + records_of("c", 3.0)))
+    table = summarise_regret(
+        regret_table(records_of("a") + records_of("b", 2.0) + records_of("c", 3.0))
+    )
     random = row_of(table, name="random", measure="quads")
     assert random["polygons"] == 3
     assert random["mean"] == pytest.approx(0.15)
@@ -117,7 +119,7 @@ def test_equal_times_show_no_regret():
     assert abs(timed["regret_low"].mean()) < 0.006
     assert timed["regret_high"].mean() > 0.01
     assert (timed["regret_high"] >= 0).all()
-    shown = summarise(timed)
+    shown = summarise_regret(timed)
     assert len(shown) == 2
     assert shown["ci_low"].between(0, 0.001).all(), "nothing is better than the best"
     assert shown["ci_high"].between(0.005, 0.05).all()
@@ -130,7 +132,7 @@ def test_a_slower_choice_is_found():
         noise = rng.lognormal(0.0, 0.02, (len(NAMES), 24))
         noise[1] *= 1.05  # what half-perimeter chooses
         records += records_of(f"polygon {polygon}", seconds=noise)
-    table = summarise(regret_table(records))
+    table = summarise_regret(regret_table(records))
     row = row_of(table, name="half-perimeter", measure="time_work_0")
     assert row["ci_low"] < 0.05 < row["ci_high"]
     assert 0.04 < row["mean"] < 0.06
@@ -166,15 +168,15 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
         ([0.0] * FEWEST, "0.00% (all equal)"),
         ([0.1] * 12, "10.00% (all equal)"),
         ([0.1, 0.2, 0.3], "20.00% (too few polygons)"),
-        ([0.0] * 11 + [1.2], "10.00% (one decides)"),
-        ([0.0] * 10 + [0.75] * 2, "12.50% (few decide)"),
+        ([0.0] * 11 + [1.2], "10.00% (one polygon dominates)"),
+        ([0.0] * 10 + [0.75] * 2, "12.50% (few polygons dominate)"),
     ],
 )
-def test_where_there_is_no_interval_it_says_why(values, words):
+def test_missing_interval_is_explained(values, words):
     records = [r for k in range(len(values)) for r in records_of(f"p{k}")]
     table = regret_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
     table = table.assign(**dict.fromkeys(("regret", "regret_low", "regret_high"), values))
-    assert written(summarise(table).iloc[0]) == words
+    assert format_regret(summarise_regret(table).iloc[0]) == words
 
 
 @pytest.mark.parametrize(
@@ -187,7 +189,7 @@ def test_where_there_is_no_interval_it_says_why(values, words):
 )
 def test_quads_are_shown_or_the_main_counter_and_all_times(names, shown):
     times = [name for name in names if name.startswith("time")]
-    assert main_measures(names) == shown + times
+    assert select_printed(names) == shown + times
 
 
 def test_the_least_of_times_is_known_of_no_drawing():
@@ -205,7 +207,7 @@ def test_a_counter_that_a_drawing_lacks_is_not_judged():
     assert regret_table(records).empty
 
 
-def test_what_failed_drew_nothing_or_has_t_junctions_is_not_judged():
+def test_regret_skips_failed_empty_and_t_junction_cases():
     records = records_of("a")
     for change in ({"status": "failed"}, {"polygons": 0}, {"conforming": False}):
         bad = {**records[3], "triangulator": "random#7", **change}
@@ -219,14 +221,14 @@ def counting(quads):
     return regret_table(records)
 
 
-def test_beside_a_best_of_nothing_only_nothing_has_a_regret():
+def test_regret_is_undefined_for_a_minimum_of_zero():
     table = counting((0, 0, 3, 4, 5))
     assert set(table["triangulator"]) == set(NAMES[:2])
     assert (table["regret"] == 0).all()
     assert row_of(counting((1, 2, 3, 4, 5)), name="half-perimeter")["regret"] == 1.0
 
 
-def test_times_count_beside_the_reference_of_their_rounds():
+def test_times_are_relative_to_the_reference_of_their_rounds():
     """In each epoch it takes 1, 2 and 3 references, and the machine is slow in the first round."""
     reference = np.array([9.0, 1.0, 1.0] * 4)
     costs = np.ones((len(NAMES), 12))
@@ -256,7 +258,7 @@ def test_rounds_that_one_of_them_lacks_do_not_count():
 def test_one_in_twenty_polygons_loses_more_than_the_p95():
     (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
-    found = summarise(table).iloc[0]
+    found = summarise_regret(table).iloc[0]
     assert (found["median"], found["p95"], found["worst"]) == pytest.approx((0.5, 0.95, 1.0))
 
 
@@ -269,22 +271,24 @@ def in_two_views(polygons: int = 1) -> pd.DataFrame:
                 lanes = 3 * record["counters"]["quads"]
                 counters = {**record["counters"], "helper_lanes": lanes}
                 found.append({**record, "resolution": size, "counters": counters})
-    return summarise(regret_table(found))
+    return summarise_regret(regret_table(found))
 
 
-def test_what_is_printed_keeps_its_order_and_is_of_criteria_alone():
+def test_printed_regrets_are_of_criteria_in_order():
     console = Console(file=io.StringIO(), width=200)
     print_regret(in_two_views(), console)
     text = console.file.getvalue()
     assert text.index(" 64 px") < text.index("128 px")
-    assert text.index(label("helper_lanes")) < text.index(label("quads"))  # the main one first
+    assert text.index(get_label("helper_lanes")) < text.index(
+        get_label("quads")
+    )  # the main one first
     rows = [line.split() for line in text.splitlines() if line.startswith("half-perimeter")]
     assert [row[1] for row in rows] == ["3.00%"] * 2
     assert "random" not in text
 
 
-def test_what_is_written_has_the_columns_that_are_told(tmp_path):
-    write([make_record(**fields) for fields in records_of("a")], tmp_path)
+def test_written_tables_have_the_documented_columns(tmp_path):
+    write_regret([make_record(**fields) for fields in records_of("a")], tmp_path)
     for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
         assert tuple(pd.read_csv(tmp_path / name)) == columns
 
@@ -321,10 +325,10 @@ def test_two_triangulations_are_a_choice_and_one_is_none():
 def test_the_interval_of_regret_takes_the_outer_ends():
     rng = np.random.default_rng(4)
     low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
-    found = regret_interval(low, high)
+    found = compute_regret_interval(low, high)
     assert found == (mean_interval(low)[0], mean_interval(high)[1])
-    assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
-    assert np.isnan(regret_interval(low, np.zeros(24))).all()
+    assert compute_regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
+    assert np.isnan(compute_regret_interval(low, np.zeros(24))).all()
 
 
 @pytest.mark.parametrize("blocks", [2, 4])
@@ -339,4 +343,4 @@ def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
             crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
         means = logs.mean(axis=1)
         ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
-        assert regret_ends(np.exp(logs), chosen) == pytest.approx(tuple(ends))
+        assert estimate_regret(np.exp(logs), chosen) == pytest.approx(tuple(ends))

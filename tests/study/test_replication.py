@@ -10,7 +10,7 @@ from harness.errors import InconclusiveError, NothingMeasuredError, UsageError
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
 from harness.study import replication
-from harness.study.replication import CLAIMS, Evidence, judge, page
+from harness.study.replication import CLAIMS, Evidence, evaluate_claims, format_page
 from tests.conftest import assert_refused, require_ok, run_command
 
 
@@ -68,7 +68,7 @@ def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.
 def verdicts(evidence: Evidence) -> dict[str, bool | None]:
     return {
         claim.sentence: None if figure is None else figure.holds
-        for claim, figure in judge(evidence)
+        for claim, figure in evaluate_claims(evidence)
     }
 
 
@@ -76,7 +76,7 @@ USUAL = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99}
 USUAL |= {"edge_length": 0.93, "shape": 0.75}
 
 
-def test_without_evidence_nothing_is_told():
+def test_claims_without_evidence_have_no_finding():
     assert set(verdicts(Evidence()).values()) == {None}
 
 
@@ -138,11 +138,11 @@ def regret(mean: float) -> pd.DataFrame:
     return pd.DataFrame([{**row, "mean": mean, "ci_low": mean / 2, "ci_high": mean * 2}])
 
 
-def test_the_page_sets_ours_beside_what_was_found():
-    text = page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
+def test_page_shows_reference_and_finding():
+    text = format_page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
     assert "| mine | 2 | 1 | 8 |" in text
     assert f"| {replication.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
-    assert "not told" in text
+    assert "not measured" in text
     assert all(claim.sentence in text for claim in CLAIMS)
 
 
@@ -177,7 +177,7 @@ def test_a_small_study_is_measured_once(harness):
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
-def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
+def test_parts_run_although_one_fails(harness, tmp_path):
     source = tmp_path / "squares.wkt"
     source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
     arguments = ("study", "all", str(source), "--out", "study", "--quick")
@@ -188,7 +188,7 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
-def test_disturbed_times_have_no_gains_and_it_is_said(harness, monkeypatch):
+def test_disturbed_times_have_no_gains(harness, monkeypatch):
     disturbed = RunState(DISTURBED, ("9 of 10 samples waited for a core",))
     monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
     arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
@@ -199,11 +199,11 @@ def test_disturbed_times_have_no_gains_and_it_is_said(harness, monkeypatch):
     assert not Path("study/city-buildings-20/choice/gains.csv").exists()
 
 
-def test_what_is_set_against_another_is_judged_by_differences():
+def test_comparisons_use_paired_differences():
     """Intervals that meet can be of criteria that differ in every polygon, and the other way."""
     wide = correlations(**USUAL)
     wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
-    told = page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
+    told = format_page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
     assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in told
     close = compared(**{**USUAL, "half_perimeter": 0.865})
     judged = verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
@@ -219,10 +219,10 @@ def test_too_few_polygons_judge_no_claim():
         regret=regret(0.002).assign(**unknown),
         turned=gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9).assign(**unknown),
     )
-    found = [figure for _, figure in judge(evidence) if figure is not None]
+    found = [figure for _, figure in evaluate_claims(evidence) if figure is not None]
     assert len(found) == 7
     assert {figure.verdict for figure in found} == {"too few"}
-    assert "| city | 0 | 0 | 11 |" in page([("city", evidence)], "here")
+    assert "| city | 0 | 0 | 11 |" in format_page([("city", evidence)], "here")
 
 
 def _refused(*_: object, **__: object) -> None:
@@ -237,7 +237,7 @@ def _measured_nothing(*_: object, **__: object) -> None:
     raise NothingMeasuredError("every case was skipped")
 
 
-def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):
+def test_invalid_input_of_all_parts_is_refused_without_output(harness, monkeypatch):
     for name in ("_validate", "_measure_gains"):
         monkeypatch.setattr(f"harness.commands.study_all.{name}", _refused)
     assert_refused(
@@ -270,7 +270,7 @@ def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch
     found = evidence(
         exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
     )
-    monkeypatch.setattr("harness.study.replication.read", lambda folder: found)
+    monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: found)
     code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
     assert "error: 3 of 4 parts of the study are incomplete" in err

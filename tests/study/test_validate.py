@@ -12,7 +12,7 @@ from harness.results.record import Record
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
-from harness.study.correlations import by_resolution, correlate, measure_table
+from harness.study.correlations import correlate, correlate_by_resolution, make_measure_table
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
@@ -156,9 +156,9 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
     records = list(read_run(study).records)
-    table = measure_table(records)
+    table = make_measure_table(records)
     twin = [record.with_id(triangulator="twin") for record in records]
-    again = measure_table([*records, *twin])
+    again = make_measure_table([*records, *twin])
     assert len(again) == len(table)
     pd.testing.assert_frame_equal(correlate(again), correlate(table))
 
@@ -189,9 +189,9 @@ def test_the_expected_quads_rank_better_than_the_half_perimeter(study):
 
 def test_correlations_of_each_resolution(study):
     table = pd.read_csv(study / "measured.csv").query("rasteriser == 'reference'")
-    assert by_resolution(table).empty
+    assert correlate_by_resolution(table).empty
     twice = pd.concat([table, table.assign(resolution=64)])
-    sizes = by_resolution(twice)
+    sizes = correlate_by_resolution(twice)
     assert set(sizes["resolution"]) == {64, 512}
     once = correlate(table)
     again = sizes[sizes["resolution"] == 512].drop(columns="resolution").reset_index(drop=True)

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from harness.study.enumeration import triangulation_table
+from harness.study.pareto import triangulation_table
 from tests.paths import find_shared_data
 from tests.triangulators.cases import (
     all_triangulations,

@@ -48,7 +48,7 @@ function doubledAt(ratios, aspects) {
   return found.includes(null) ? null : studentInterval(found).map((end) => 2 ** end);
 }
 
-/* For each area: time of thin triangles in ratio to aspect 1, what helper lanes alone would make of it, and why. */
+/* For each area: time of thin triangles relative to aspect 1, the same from helper lanes alone, and the cause. */
 function aspectsOf(page, design, measured, law) {
   const names = Object.keys(page.terms), lane = names.indexOf("helper_lanes"), pixel = names.indexOf("fragments");
   const unlike = (values) => [...new Set(values)].filter(Boolean);

@@ -72,7 +72,7 @@ function trapWords(result, profile) {
   if (!profile) return words;
   const tiles = termsOf(profile).find((term) => term.name === "further_tiles");
   words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may not cost what it does within a frame."
-    : "No cost of 64x64 tiles is shown: nothing here says that the device sorts triangles into tiles.");
+    : "The cost of 64x64 tiles is not significant: no sign that the device sorts triangles into tiles.");
   if (profile.again.some((value) => value < 0.5)) {
     words.push(`To fill the same pixels a second time took ${listed(profile.again.map((value) => percentText(value)))} of the first: the device may leave out what is covered by what follows.`);
   }
@@ -101,7 +101,7 @@ function panelOf(each) {
     ...powers.flatMap((value) => [svg("line", { class: value === 2 ? "twice" : "grid", x1: left, x2: right, y1: y(value), y2: y(value) }),
       text(String(value), { x: left - 6, y: y(value) + 4, "text-anchor": "end" })]),
     ...each.aspects.map((aspect) => text(`${aspect}:1`, { x: x(aspect), y: bottom + 16, "text-anchor": "middle" })),
-    text("base in ratio to height", { x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle" }),
+    text("base / height", { x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle" }),
     line(each.lanes, "lanes"), line(each.lanes_alone, "alone"), line(each.ratios, "measured"),
     ...each.ratios.flatMap((ratio, k) => [svg("line", { class: "measured", x1: x(each.aspects[k]), x2: x(each.aspects[k]), y1: y(each.low[k]), y2: y(each.high[k]) }),
       svg("circle", { class: "measured", cx: x(each.aspects[k]), cy: y(ratio), r: 3.2 })]),
@@ -120,7 +120,7 @@ function drawTable(profile) {
     element("td", {}, profile.fewest.includes(j) ? "yes" : ""));
   $("terms").replaceChildren(...termsOf(profile).map(row));
   $("r2").textContent = `R² of log time on draws that the fit did not see: ${profile.law.r2_over.toFixed(3)} over all, `
-    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” are the fewest terms that predict as well as all; a dash: no cost is shown.`;
+    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” is the smallest set of terms that predicts as well as all; a dash: not significant.`;
 }
 
 /* Why there is no law to believe; "" where there is one. */
@@ -139,11 +139,11 @@ function answerOf(result) {
   const differ = result.differing ? ` ${counted}` : "";
   if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}${differ}`;
   const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
-  const told = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
+  const causes = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
     .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
   const doubled = profile.aspects.filter((each) => each.doubled_at).map((each) => `from ${each.doubled_at[0].toFixed(0)}:1 on at ${each.area} px²`);
   const thin = doubled.length ? `Thin triangles take twice as long ${listed(doubled)}.` : "Thin triangles take less than twice as long as others of equal area, up to 64:1.";
-  const first = told.length ? `On ${name}, ${listed(told)}.` : `On ${name}:`;
+  const first = causes.length ? `On ${name}, ${listed(causes)}.` : `On ${name}:`;
   return `${first} ${thin}${differ}`;
 }
 

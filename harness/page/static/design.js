@@ -95,7 +95,7 @@ function halved(corners) {
 
 const inOrder = (points) => ({ points, rows: range(points.length / 2) });
 
-/* The same triangles, each with three vertices of its own. */
+/* The same triangles with three separate vertices each. */
 const apart = ({ points, rows }) => inOrder(rows.flatMap((corner) => [points[2 * corner], points[2 * corner + 1]]));
 
 const scattered = (base, height, direction, size, numbers) =>

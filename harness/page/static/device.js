@@ -21,9 +21,9 @@ async function openDevice() {
     requiredFeatures: hasTimer ? ["timestamp-query"] : [],
     requiredLimits: Object.fromEntries(LIMITS.map((name) => [name, adapter.limits[name]])),
   });
-  const told = adapter.info ?? {};
-  const info = Object.fromEntries(["vendor", "architecture", "device", "description"].map((name) => [name, told[name] ?? ""]));
-  return { device, info: { ...info, timer: hasTimer, step: null, fallback: Boolean(told.isFallbackAdapter ?? adapter.isFallbackAdapter),
+  const gpuInfo = adapter.info ?? {};
+  const info = Object.fromEntries(["vendor", "architecture", "device", "description"].map((name) => [name, gpuInfo[name] ?? ""]));
+  return { device, info: { ...info, timer: hasTimer, step: null, fallback: Boolean(gpuInfo.isFallbackAdapter ?? adapter.isFallbackAdapter),
     limits: Object.fromEntries(LIMITS.map((name) => [name, adapter.limits[name]])) } };
 }
 

@@ -33,14 +33,14 @@ function studentInterval(values) {
 const TAIL = 0.01, STUDENTISED = 1999;
 
 function meanInterval(values, random = Math.random) {
-  const told = (some) => {
+  const meanAndError = (some) => {
     const middle = mean(some);
     return [middle, Math.sqrt(sum(some.map((value) => (value - middle) ** 2)) / (some.length - 1))];
   };
-  const [middle, error] = told(values);
+  const [middle, error] = meanAndError(values);
   if (values.length < 6 || !error) return [NaN, NaN];
   const distances = range(STUDENTISED).map(() => {
-    const [own, apart] = told(values.map(() => values[Math.floor(random() * values.length)]));
+    const [own, apart] = meanAndError(values.map(() => values[Math.floor(random() * values.length)]));
     return (own - middle) / apart || 0;
   }).sort((p, q) => p - q);
   const [low, high] = [TAIL, 1 - TAIL].map((share) => distances[Math.ceil(share * STUDENTISED) - 1]);

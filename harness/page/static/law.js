@@ -183,9 +183,9 @@ function covarianceOf(design, seconds, labels) {
     return [within, dot(column, column) - within];
   };
   const expected = [left, grouped(left)].map((matrix) => transposed(matrix).map(squares).reduce(([p, q], [r, s]) => [p + r, q + s], [0, 0]));
-  const told = squares(errors), [[a, c], [b, d]] = expected, whole = a * d - b * c;
-  let own = (told[0] * d - told[1] * b) / whole, shared = (told[1] * a - told[0] * c) / whole;
-  if (Math.min(own, shared) < 0) [own, shared] = [(told[0] + told[1]) / (a + c), 0];
+  const estimate = squares(errors), [[a, c], [b, d]] = expected, whole = a * d - b * c;
+  let own = (estimate[0] * d - estimate[1] * b) / whole, shared = (estimate[1] * a - estimate[0] * c) / whole;
+  if (Math.min(own, shared) < 0) [own, shared] = [(estimate[0] + estimate[1]) / (a + c), 0];
   const square = (matrix) => product(matrix, transposed(matrix)), [one, other] = [moved, grouped(moved)].map(square);
   return { free, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
 }
@@ -200,15 +200,15 @@ function lawOf(design, epochs, { labels, folds, reach }, together = {}) {
     const width = errors * Math.sqrt(dot(weights, covariance.map((row) => dot(row, weights)))), value = dot(weights, found), middle = dot(weights, free);
     return [Math.max(0, Math.min(value, middle - width)), Math.max(value, middle + width)];
   };
-  const told = (weights) => {
+  const estimate = (weights) => {
     const paid = terms.filter((j) => weights[j] > 0), [low, high] = ends(weights, reach[0]);
     const most = Math.max(...design.map((row, k) => Math.min(...paid.map((j) => row[j] / weights[j])) / seconds[k]));
     return { seconds: dot(weights, found), low, high, shown: ends(weights, reach[1])[0] * most > SHARE };
   };
-  const each = terms.map((j) => told(terms.map((k) => Number(j === k))));
+  const each = terms.map((j) => estimate(terms.map((k) => Number(j === k))));
   const [r2_over, r2_within] = explained(seconds, heldOut(design, seconds, labels, folds), labels);
   return { seconds: found, ...Object.fromEntries(["low", "high", "shown"].map((name) => [name, each.map((one) => one[name])])),
-    sums: Object.entries(together).map(([name, { weights, words }]) => ({ name, words, ...told(weights) })), r2_over, r2_within };
+    sums: Object.entries(together).map(([name, { weights, words }]) => ({ name, words, ...estimate(weights) })), r2_over, r2_within };
 }
 
 /* Places of the fewest terms that predict as well as all: left out one by one, judged in standard errors. */

@@ -27,7 +27,7 @@ async function measureAll(result, painter, budget) {
   const begun = timing.clock();
   const step = (result.device.step = await findStep(painter)) ?? 1;
   let before = 0;
-  const told = (share, what) => progress(Math.min(1, (before + share) / sum(steps)),
+  const reportShare = (share, what) => progress(Math.min(1, (before + share) / sum(steps)),
     `${what}; ${left(Math.max(0, total - (timing.clock() - begun)))}`);
   for (const [number, view] of fitting.entries()) {
     const { points, sizes, cases, ...about } = view;
@@ -36,7 +36,7 @@ async function measureAll(result, painter, budget) {
     result.views.push(found);
     const rows = new Map();
     for (const [name, each] of Object.entries(cases)) {
-      told(0, `${conditionOf(view)}: counting ${name}`);
+      reportShare(0, `${conditionOf(view)}: counting ${name}`);
       rows.set(name, decode(each.rows, Uint32Array));
       const counters = await painter.count(frame, rows.get(name));
       const expected = step === 1 ? { fragments: decode(each.fragments, Uint32Array), quads: decode(each.quads, Uint32Array), partial_quads: decode(each.partial_quads, Uint32Array) }
@@ -47,18 +47,18 @@ async function measureAll(result, painter, budget) {
       if (state.stop) return;
     }
     if (!result.timer) {
-      told(0, "testing the timers");
+      reportShare(0, "testing the timers");
       await testTimers(result, painter);
       show();
     }
-    await time(found, frame, rows, painter, budget, result.timer, (share) => told(share * steps[number], `${conditionOf(view)}: timing`));
+    await time(found, frame, rows, painter, budget, result.timer, (share) => reportShare(share * steps[number], `${conditionOf(view)}: timing`));
     before += steps[number];
     if (state.stop) return;
   }
   result.complete = true;
 }
 
-async function time(found, frame, rows, painter, budget, test, told) {
+async function time(found, frame, rows, painter, budget, test, reportShare) {
   const corner = { size: frame.size, points: new Int32Array([0, 0, 256 * frame.size, 0, 0, 256 * frame.size]), owner: new Uint32Array(3) };
   const again = rows.has(state.page.base) ? [[AGAIN, [frame, rows.get(state.page.base)]]] : [];
   const drawn = new Map([[EMPTY, [frame, new Uint32Array(0)]], [REFERENCE, [corner, new Uint32Array([0, 1, 2])]],
@@ -67,7 +67,7 @@ async function time(found, frame, rows, painter, budget, test, told) {
   const settings = { budget_s: budget, min_batch_s: 1e-3, warm_up_s: Math.min(0.3, budget / 4) };
   let shown = timing.clock();
   const report = (share) => {
-    told(share);
+    reportShare(share);
     if (timing.clock() - shown > 2) { shown = timing.clock(); show(); }
   };
   await timeTogether([...drawn.keys()], prepare, settings, test, report, () => state.stop, found);

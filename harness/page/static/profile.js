@@ -42,7 +42,7 @@ async function time(result, frames, painter, budget) {
   const drawn = new Map([...frames.map((each, k) => [names[k], each]), [CONTROL, frames[frames.length >> 1]], [EMPTY, [first, new Uint32Array(0)]]]);
   const settings = { budget_s: budget, min_batch_s: 2e-3, warm_up_s: 0.02, paired: false, limit_s: LIMIT_S, away };
   const begun = timing.clock(), total = Math.min(LIMIT_S, 1.1 * budget * drawn.size);
-  const told = (share) => progress(0.1 + 0.85 * share, `timing: ${sum(result.epochs)} rounds; ${left(Math.max(0, total - (timing.clock() - begun)))}`);
+  const reportShare = (share) => progress(0.1 + 0.85 * share, `timing: ${sum(result.epochs)} rounds; ${left(Math.max(0, total - (timing.clock() - begun)))}`);
   let seen = 0;
   const stopped = () => {
     const epochs = epochsOf(result).length;
@@ -56,7 +56,7 @@ async function time(result, frames, painter, budget) {
   };
   state.wasHidden = document.hidden;
   const prepare = preparing(painter, drawn);
-  await timeTogether([...drawn.keys()], prepare, settings, result.timer, told, stopped, result);
+  await timeTogether([...drawn.keys()], prepare, settings, result.timer, reportShare, stopped, result);
   result.limited = result.epochs.length < EPOCHS && !state.stop;
   await prepare([]);
 }

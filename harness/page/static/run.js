@@ -96,7 +96,7 @@ const deviceName = ({ device }, unnamed) => device.description || [device.vendor
 
 function showDevice(result) {
   const { device, timer } = result;
-  const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not told by the browser"],
+  const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not reported by the browser"],
     ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${timer.resolution_s < 1e-6 ? `${digits(timer.resolution_s * 1e9, 2)} ns` : `${digits(timer.resolution_s * 1e6, 3)} µs`}` : "not tested yet"],
     ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than ours of 1/256: the polygons were moved to it first" : ""}` : "not known yet"],
     ["Largest viewport", `${count(device.limits.maxTextureDimension2D)} px`]];
@@ -104,8 +104,8 @@ function showDevice(result) {
 }
 
 function fileName() {
-  const told = state.result.device;
-  const words = `${wordsOf()} ${told.description || `${told.vendor} ${told.architecture}`}`;
+  const gpuInfo = state.result.device;
+  const words = `${wordsOf()} ${gpuInfo.description || `${gpuInfo.vendor} ${gpuInfo.architecture}`}`;
   return `${words.toLowerCase().replaceAll(/[^a-z0-9]+/g, "-").replaceAll(/^-|-$/g, "")}.json`;
 }
 

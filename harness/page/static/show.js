@@ -25,12 +25,12 @@ function rankedOf(view) {
 const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slower" : "not significant");
 
 function rankingOf(view) {
-  const told = (row) => row.ratio && row.complete;
+  const hasRatio = (row) => row.ratio && row.complete;
   const rows = rankedOf(view).map((row) => ({ ...row, colour: colourOf(row.name), isBase: row.name === state.page.base,
-    verdict: told(row) ? verdictOf(row.ratio) : "" }));
+    verdict: hasRatio(row) ? verdictOf(row.ratio) : "" }));
   const columns = [
     ["triangulator", "name", (row) => `\u2060${row.name}`],
-    [`time against ${state.page.base} (95 %)`, "number", (row) => (row.isBase ? "1" : told(row)
+    [`time against ${state.page.base} (95 %)`, "number", (row) => (row.isBase ? "1" : hasRatio(row)
       ? `${row.ratio.value.toFixed(3)} (${row.ratio.low.toFixed(3)}–${row.ratio.high.toFixed(3)})` : "")],
     ["verdict", "verdict", (row) => (row.isBase ? "the base" : row.complete ? row.verdict : `${count(row.record.polygons)} polygons`)],
     ["draw [ms]", "number", (row) => (row.time?.samples_s.length ? digits(median(row.time.samples_s) * 1e3) : "")],
@@ -44,7 +44,7 @@ function rankingOf(view) {
       + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that leaves out 1 here shows what times on this device cannot tell.`) : null);
 }
 
-/* Marks of one criterion: predicted and measured, in ratio to the base. */
+/* Marks of one criterion: predicted and measured, relative to the base. */
 function marksOf(view, criterion) {
   const rows = rankedOf(view).filter((row) => row.ratio && row.complete);
   const base = view.cases[state.page.base]?.record.predicted[criterion];
@@ -85,7 +85,7 @@ function drawCharts() {
     series: names.flatMap((_, k) => all[k].map((mark) => ({ type: "scatter", name: mark.name, xAxisIndex: k, yAxisIndex: k, symbolSize: 11,
       symbol: state.page.looks[mark.name].symbol, itemStyle: { color: colourOf(mark.name) }, data: [[mark.x, mark.y, mark.name]] }))),
   }, { notMerge: true });
-  $("chart-note").textContent = `${conditionOf(view)}; both in ratio to ${state.page.base}. One mark is a triangulator.`;
+  $("chart-note").textContent = `${conditionOf(view)}; both relative to ${state.page.base}. One mark is a triangulator.`;
 }
 
 /* The sentence that says what came out. */

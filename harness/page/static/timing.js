@@ -1,6 +1,6 @@
 "use strict";
 /* Honest times, as harness/measuring/timing.py takes them: shuffled interleaved rounds, in epochs before each
-   of which all drawings are prepared anew. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
+   in which all drawings are prepared again. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
 
 const EMPTY = "(empty)", REFERENCE = "(reference)";
 const AGREEMENT = 0.3, MIN_ROUNDS = 12, EPOCH_ROUNDS = 2, EPOCHS = 12, LONGEST_BATCH = 10;
@@ -93,10 +93,10 @@ async function warmUp(drawing, batch, limit, timer) {
    prepare(order) gives up what there is and returns a Map of fresh drawings, in that order of making;
    settings : {budget_s, min_batch_s, warm_up_s}, and may have {paired}: whether all are drawn equally often a batch;
    {limit_s}: what ends it however few rounds there are; {away}: a promise of the seconds for which nobody looked, asked
-   after each round, which does not count then; told(share) hears how much is done, from 0 to 1;
+   after each round, which does not count then; reportShare(share) hears how much is done, from 0 to 1;
    stopped() ends it after the round under way. Fills found.times, {name: {repeats, samples_s}}, and found.epochs,
    rounds of each, as it goes. */
-async function timeTogether(names, prepare, settings, test, told, stopped, found, random = Math.random) {
+async function timeTogether(names, prepare, settings, test, reportShare, stopped, found, random = Math.random) {
   const { paired = true, limit_s = Infinity, away = () => 0 } = settings;
   let gone = 0;
   const now = () => timing.clock() - gone;
@@ -111,7 +111,7 @@ async function timeTogether(names, prepare, settings, test, told, stopped, found
     const [repeats, seconds] = await warmUp(drawings.get(name), batch, settings.warm_up_s, test.timer);
     times[name] = { repeats, samples_s: [] };
     drawn[name] = seconds;
-    told(Math.min(0.3, (now() - start) / budget));
+    reportShare(Math.min(0.3, (now() - start) / budget));
     gone += await away();
     if (stopped() || now() - start > limit_s) return;
   }
@@ -123,7 +123,7 @@ async function timeTogether(names, prepare, settings, test, told, stopped, found
   }
   const begun = now();
   const epoch = Math.max(0, start + budget - begun) / EPOCHS;
-  // A slow device has time for few rounds, and most is told by those of different epochs.
+  // A slow device has time for few rounds, and most is reportShare by those of different epochs.
   const round = sum(names.map((name) => drawn[name] * times[name].repeats));
   const least = EPOCHS * (EPOCH_ROUNDS + 1) * round > limit_s - (begun - start) ? 1 : EPOCH_ROUNDS;
   let until = begun + epoch;
@@ -150,7 +150,7 @@ async function timeTogether(names, prepare, settings, test, told, stopped, found
       for (const name of names) times[name].samples_s.push(seconds[name]);
       epochs[epochs.length - 1] += 1;
     }
-    told(Math.min(1, (now() - start) / budget));
+    reportShare(Math.min(1, (now() - start) / budget));
     if (stopped() || now() - start > limit_s) break;
   }
 }

@@ -63,7 +63,7 @@ function drawCases() {
     return element(column ? "td" : "th", attributes, isNumber ? figureText(name, value) : value ?? "");
   })));
   $("cases").replaceChildren(element("caption", { class: "unseen" }, "Cases, one a row"), element("thead", {}, head), element("tbody", {}, ...body));
-  $("found").textContent = found.length ? `${number(list.from + 1)} to ${number(list.from + rows.length)} of ${number(found.length)}` : "no case is like this";
+  $("found").textContent = found.length ? `${number(list.from + 1)} to ${number(list.from + rows.length)} of ${number(found.length)}` : "no matching case";
   $("before").disabled = list.from === 0;
   $("after").disabled = list.from + PAGE >= found.length;
   $("pages").hidden = found.length <= PAGE;

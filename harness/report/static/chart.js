@@ -55,7 +55,7 @@ function marksOfCases() {
   return marks;
 }
 
-/* The same triangulation as the base's, or one that costs the same by all that is shown: it says nothing. */
+/* Whether a triangulation equals the base's or has equal values on both axes, so that its mark is omitted. */
 const isSame = (mark) => [mark.y, ...mark.x].every((value) => Math.abs(value - 1) < 1e-9);
 
 const positive = (value) => Number.isFinite(value) && value > 0;
@@ -82,7 +82,7 @@ function drawChart() {
 
 function noteOn(marks) {
   const view = state.report.views[group().view];
-  const base = isRatio() ? `, in ratio to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
+  const base = isRatio() ? `, relative to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
   const unit = [chosen("criterion-a"), chosen("criterion-b")].some(isInUnit);
   const line = isRatio() ? " On the dashed line both ratios are equal." : unit ? " On the dashed line both are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
@@ -139,7 +139,7 @@ function chartOption(marks, stacked) {
   };
 }
 
-/* Whether a prediction is in the unit of what is measured: then the dashed line is where both are equal. */
+/* Whether a prediction has the unit of the measurement, so that both are equal on the dashed line. */
 const isInUnit = (criterion) => state.report.estimates[criterion] === chosen("measure");
 
 function correlationText(criterion) {
@@ -245,7 +245,7 @@ function fillMeasures() {
 
 const PAPER = "overdraw";
 
-/* The criterion that ranks the main counter best, besides the paper's own. */
+/* The criterion with the highest rank correlation with the main counter, except the paper's. */
 function bestOther() {
   const ranks = group().correlations[group().main] ?? {};
   const others = state.report.criteria.filter((name) => name !== PAPER);

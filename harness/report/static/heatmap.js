@@ -76,13 +76,13 @@ function drawHeatmap() {
     paint($(id), map, most, scale, true);
     $(id).setAttribute("aria-label", `${names[i]}: ${MAPS[$("map").value]} in each pixel of polygon ${polygonName(heat.k)}`);
   });
-  const told = names.map((name, i) => (maps[i]
+  const descriptions = names.map((name, i) => (maps[i]
     ? `${name}: ${number(maps[i].fragments)} fragments, ${number(maps[i].helpers)} helper lanes, ${number(maps[i].tests)} bounding-box tests`
     : `${name} does not do this polygon`));
   const { width, height } = shown[0]?.at ?? { width: 0, height: 0 };
   const cut = Math.max(width, height) === LARGEST ? ` Only its first ${LARGEST} px are shown and counted.` : "";
   $("heatmap-caption").replaceChildren(element("strong", {}, `Polygon ${polygonName(heat.k)}`), ` in ${width} × ${height} px, one sample per pixel.${cut}`,
-    element("br"), `Left, ${told[0]}.`, element("br"), `Right, ${told[1]}.`);
+    element("br"), `Left, ${descriptions[0]}.`, element("br"), `Right, ${descriptions[1]}.`);
   drawLegend(most);
   for (const button of $("gallery").children) button.setAttribute("aria-pressed", String(+button.value === heat.k));
 }
@@ -126,8 +126,8 @@ function drawGallery() {
     const map = maps[i];
     const canvas = element("canvas", { "aria-hidden": "true" });
     if (map) paint(canvas, map, most, Math.max(1, Math.floor(110 / Math.max(map.at.width, map.at.height))), false);
-    const told = p && q ? `${number(p[k])} → ${number(q[k])}` : "";
-    const button = element("button", { type: "button", value: k, "aria-pressed": "false" }, canvas, `Polygon ${polygonName(k)}`, element("span", {}, told));
+    const counts = p && q ? `${number(p[k])} → ${number(q[k])}` : "";
+    const button = element("button", { type: "button", value: k, "aria-pressed": "false" }, canvas, `Polygon ${polygonName(k)}`, element("span", {}, counts));
     button.addEventListener("click", () => { showPolygon(k); });
     return button;
   }));

@@ -1,4 +1,4 @@
-/* Starts the page and keeps its parts in step with what is chosen. */
+/* Starts the page and updates its parts when the selection changes. */
 
 const MOST_BOXES = 12;
 
@@ -61,7 +61,7 @@ function setUpTheme() {
   let at = 0;
   $("theme").addEventListener("click", () => { at = (at + 1) % themes.length; setTheme(themes[at]); redraw(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  // Paper is white: charts are drawn anew for it, and back again.
+  // Charts are redrawn in light colours for printing, and restored afterwards.
   addEventListener("beforeprint", () => { for (const each of document.querySelectorAll("details")) each.open = true; setTheme("light"); redraw(); });
   addEventListener("afterprint", () => { setTheme(themes[at]); redraw(); });
 }

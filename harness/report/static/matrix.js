@@ -33,7 +33,7 @@ function setUpMatrix() {
   $("statistic").addEventListener("change", drawMatrix);
   $("matrix-note").textContent = study
     ? "Small numbers are 95 % intervals. The best criterion of a column is framed."
-    : `Of all polygons and triangulators in ${groups[0]?.condition ?? ""}, in ratio to ${groups[0]?.base ?? ""} on the same polygon. `
+    : `Of all polygons and triangulators in ${groups[0]?.condition ?? ""}, relative to ${groups[0]?.base ?? ""} on the same polygon. `
       + "The best of a column is framed. raster-harness study validate judges criteria on many triangulations of each polygon, with intervals.";
   tables.matrix = () => csv(["rasteriser", "device", "criterion", "measure", "statistic", "value", "ci_low", "ci_high"],
     matrices.flatMap((m) => m.rows.flatMap((row, i) => m.columns.flatMap((c, j) => (m.cells[i][j] ? [[c.rasteriser, c.device, row.name, c.measure, m.statistic, ...m.cells[i][j]]] : [])))));

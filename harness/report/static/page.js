@@ -1,5 +1,5 @@
 "use strict";
-/* What every part of the report uses: what is chosen, names and formats. */
+/* Shared state, names and formats of the report. */
 
 const state = { report: null, group: 0, hidden: new Set(), dark: false };
 
@@ -20,18 +20,18 @@ function number(value, digits = 4) {
   return value.toPrecision(digits);
 }
 
-/* A figure's title: half-perimeter H, helper lanes. */
+/* The title of a metric: half-perimeter H, helper lanes. */
 function words(name) {
   return state.report.figures[name]?.title ?? name.replaceAll("_", " ");
 }
 
-/* A figure's value; a share as a percentage. */
+/* The value of a metric; a share as a percentage. */
 function figureText(name, value, digits = 4) {
   if (!state.report.figures[name]?.percent || typeof value !== "number") return number(value, digits);
   return `${(100 * value).toFixed(1)}\u00a0%`;
 }
 
-/* What a figure is, for a tooltip. */
+/* The description of a metric, for a tooltip. */
 function meaning(name) {
   return state.report.figures[name]?.description || null;
 }
@@ -39,7 +39,7 @@ function meaning(name) {
 const group = () => state.report.groups[state.group];
 const casesOf = (index) => state.report.cases.filter((each) => each.group === index);
 
-/* A triangulator keeps its colour and shape wherever it is shown. */
+/* A triangulator has the same colour and shape everywhere. */
 const namesOfAll = () => state.report.triangulators;
 
 function colourOf(name) {

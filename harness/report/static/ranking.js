@@ -8,14 +8,14 @@ function groupsAlike() {
   return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
 }
 
-/* In the order that the sentence above and the table of a terminal are made of. */
+/* In the order of the terminal's table. */
 function ranked(index) {
   const good = casesOf(index).filter((each) => each.rank !== null).sort((p, q) => p.rank - q.rank);
   const shown = good.filter((each) => !isHidden(each.row.triangulator));
   return shown.map((each) => ({ ...each, most: good[0].row.polygons }));
 }
 
-/* Time against the base with its interval, or the main counter against the base's. */
+/* Time relative to the base with its interval, or the main counter relative to the base. */
 function comparison(each, at, base) {
   const { row } = each;
   if (!each.complete) return null;
