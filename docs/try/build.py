@@ -1,8 +1,7 @@
-"""Puts docs/try.html together, one file that needs no network: `python docs/try/build.py`.
+"""Build docs/try.html, a single file that needs no network: `python docs/try/build.py`.
 
-Its parts: earcut as npm has it, the flips of ports/javascript, the report's style, elements and
-exact rasteriser, the page that measures a device, packed, and the page's own scripts, which lie
-beside this file.
+The parts are npm's earcut, the flips of ports/javascript, the style, elements and exact rasteriser
+of reports, the page that measures a device (compressed), and the scripts in this folder.
 """
 
 import base64
@@ -17,6 +16,7 @@ import shapely
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from docs.figures import compute
 from scenes import load
 
 HERE = Path(__file__).resolve().parent
@@ -30,23 +30,27 @@ GEOMETRY = (
     EARCUT / "dist/earcut.min.js",
     PORT / "flip-triangles.cjs",
     ROOT / "harness/report/static/spans.js",
-    HERE / "polygon.js",
-    HERE / "triangles.js",
+    *(HERE / f"{name}.js" for name in ("validity", "svg", "polygon", "triangles", "answer")),
 )
-"""What needs no page, in this order."""
+"""Scripts that need no page, in this order."""
 
+VIEW = (HERE / "view.js", HERE / "main.js")
 ELEMENTS = ROOT / "harness/report/static/elements.js"
 
 EXAMPLES = (
     ("A footprint", "city", 438),
     ("A letter", "glyphs:text=S", 0),
     ("A county", "counties", 5),
-    ("Nine corners", "paper", 0),
+    ("Nine vertices", "paper", 0),
 )
-"""Each with its scene, and its number there."""
+"""Name, scene and index of each example."""
 
 
-def page() -> str:
+SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
+"""Scenes whose total saving the page reports, with their labels."""
+
+
+def render_page() -> str:
     """Return the text of docs/try.html."""
     examples = [
         (name, shapely.to_wkt(load(scene, attributes=False).polygons[number], rounding_precision=3))
@@ -54,12 +58,13 @@ def page() -> str:
     ]
     data = (
         f"const EXAMPLES = {json.dumps(examples, ensure_ascii=False)};\n"
-        f"const PROFILE = {json.dumps(profile())};"
+        f"const PROFILE = {json.dumps(pack_profile_page())};"
     )
     parts = {
-        "style": joined(*STYLES),
+        "style": join_files(*STYLES),
+        "scenes": describe_scenes(),
         "earcut": json.loads((EARCUT / "package.json").read_text())["version"],
-        "script": f"{joined(*GEOMETRY, ELEMENTS)}\n{data}\n{joined(HERE / 'main.js')}",
+        "script": f"{join_files(*GEOMETRY, ELEMENTS)}\n{data}\n{join_files(*VIEW)}",
     }
     text = (HERE / "page.html").read_text()
     for name, part in parts.items():
@@ -67,13 +72,21 @@ def page() -> str:
     return text
 
 
-def joined(*files: Path) -> str:
-    """Return the texts of files, one after the other."""
+def join_files(*files: Path) -> str:
+    """Return the concatenated texts of files."""
     return "\n".join(file.read_text().strip() for file in files)
 
 
-def profile() -> str:
-    """Return the page that measures a device, compressed, in base64."""
+def describe_scenes() -> str:
+    """Return the share of lanes saved in each scene, from the results: "5.1 % (city), ..."."""
+    figure = "ratio csv llvmpipe/gains-{}/summary.csv quads resolution=1024 triangulator={} :-.1%"
+    optimum = "H,ear-clipping"
+    shares = [f"{compute(figure.format(key, optimum))} % ({name})" for key, name in SCENES.items()]
+    return f"{', '.join(shares[:-1])} and {shares[-1]}"
+
+
+def pack_profile_page() -> str:
+    """Return the page that measures a device, compressed and in base64."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "profile.html"
         command = [sys.executable, "-m", "harness", "page", "--profile", "--out", str(file)]
@@ -83,5 +96,5 @@ def profile() -> str:
 
 
 if __name__ == "__main__":
-    FILE.write_text(page())
+    FILE.write_text(render_page())
     print(f"{FILE}: {FILE.stat().st_size:,} bytes")

@@ -1,4 +1,4 @@
-"""docs/try.html is current, and it does what people do to it, in Chromium."""
+"""docs/try.html in Chromium: it is current, and it answers to text, files, clicks and keys."""
 
 import base64
 import gzip
@@ -18,15 +18,13 @@ PAGE = ROOT / "docs" / "try.html"
 
 
 def test_the_page_is_current_and_small():
-    made = build.page()
-    assert parts(PAGE.read_text()) == parts(made), (
-        "make it anew: .venv/bin/python docs/try/build.py"
-    )
-    assert len(made.encode()) < 400_000
+    built = build.render_page()
+    assert parts(PAGE.read_text()) == parts(built), "run: .venv/bin/python docs/try/build.py"
+    assert len(built.encode()) < 400_000
 
 
 def parts(text: str) -> tuple[str, str, Any]:
-    """Return the page, the page in it that measures a device, and its data, which are packed."""
+    """Return the page, the page that measures a device, and the latter's data, decompressed."""
     match = re.search(r'const PROFILE = "(.*?)";', text)
     assert match is not None
     profile = gzip.decompress(base64.b64decode(match[1])).decode()
@@ -36,12 +34,12 @@ def parts(text: str) -> tuple[str, str, Any]:
     return text.replace(match[1], ""), profile.replace(data[1], ""), content
 
 
-def opened(browser: Chromium, width: int = 1200, fragment: str = "") -> None:
+def open_page(browser: Chromium, width: int = 1200, fragment: str = "") -> None:
     browser.resize(width, 900)
     browser.open(PAGE, REPORT_READY, fragment=fragment)
 
 
-def told(browser: Chromium, part: str) -> str:
+def text_of(browser: Chromium, part: str) -> str:
     return browser.evaluate(f"$('{part}').textContent")
 
 
@@ -59,52 +57,81 @@ def paste(browser: Chromium, text: str) -> None:
     )
 
 
-def test_a_new_user_pastes_a_polygon_and_reads_the_number(browser):
-    """Three quarters of a disc, and what each way shades of it."""
-    opened(browser)
+def test_a_pasted_polygon_is_compared(browser):
+    """Three quarters of a disc: the answer names the best method and all savings."""
+    open_page(browser)
     arc = shapely.get_coordinates(shapely.Point(0, 0).buffer(9, quad_segs=14))[:42]
     paste(browser, Polygon([(0, 0), *arc[:41]]).wkt)
-    counted = "Object.entries(state.found.ways).map(([name, way]) => [name, way.counts.quads])"
-    quads = dict(browser.evaluate(counted))
+    counters = (
+        "Object.entries(state.result.methods).map(([name, method]) => [name, method.counts.quads])"
+    )
+    quads = dict(browser.evaluate(counters))
     saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal")]
     assert max(saved) > 0.01
     shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
     shares = {share for share in shares if not share.startswith("0.0 %")}  # "as many"
-    answer = told(browser, "answer")
+    answer = text_of(browser, "answer")
     assert set(re.findall(r"[\d.]+ % (?:more|fewer)", answer)) == shares
-    names = browser.evaluate("SAID")
+    names = browser.evaluate("NAMES")
     least = min(names, key=lambda name: quads[name])
-    assert answer.startswith("Cheapest at 64 px: ")
+    assert answer.startswith("Best at 64 px: ")
     assert names[least] in answer.split(", with")[0]
-    marked = "WAYS.map(([name]) => name).filter((name) => !panels[name].best.hidden)"
+    marked = "METHODS.map(([name]) => name).filter((name) => !panels[name].best.hidden)"
     assert set(browser.evaluate(marked)) == {name for name in quads if quads[name] == quads[least]}
-    assert re.fullmatch(r"42 corners, 61 . 60 px", told(browser, "corners"))
+    assert re.fullmatch(r"42 vertices, 61 . 60 px", text_of(browser, "vertex-count"))
     caption = browser.evaluate("panels.ears.caption.textContent")
     assert caption.startswith(f"{4 * quads['ears']:,} lanes for ")
     assert browser.requests == [PAGE.as_uri()]
     assert not browser.errors
 
 
+def test_a_drawing_with_several_elements_offers_a_choice(browser):
+    """Each element is a polygon; the largest is shown first, transformed as drawn."""
+    open_page(browser)
+    group = '<g transform="rotate(30) scale(20)"><path d="M0 0H4V3Z"/></g>'
+    paste(browser, f'<svg><rect id="small" width="9" height="9"/>{group}<use href="#small"/></svg>')
+    assert browser.evaluate("state.choices") == ["path 2: 3 vertices", "rect small: 4 vertices"]
+    assert "2 polygons" in text_of(browser, "notice")
+    assert "copy of another element" in text_of(browser, "notice")
+    after(browser, "$('choices').value = 1; $('choices').dispatchEvent(new Event('change'))")
+    assert text_of(browser, "vertex-count").startswith("4 vertices,")
+    assert not browser.evaluate("$('choices-label').hidden")
+    after(browser, "$('remove').click()")
+    assert browser.evaluate("$('choices-label').hidden")
+    after(browser, "$('undo').click()")
+    assert browser.evaluate("$('choices').value") == "1"
+
+
+def test_hostile_links_are_reported_as_invalid(browser):
+    """A rotation of 400 digits was accepted, and the page showed "NaN"."""
+    polygon = "0-0-1000-0-0-1000/"
+    for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}"):
+        open_page(browser, fragment=fragment)
+        assert "truncated or invalid" in text_of(browser, "notice")
+        assert text_of(browser, "vertex-count").startswith("67 vertices,")
+        assert "NaN" not in browser.evaluate("document.body.innerText")
+
+
 def test_size_rotation_and_link_go_together(browser):
-    opened(browser)
-    before = told(browser, "answer")
+    open_page(browser)
+    before = text_of(browser, "answer")
     after(browser, "$('size').value = 8; $('size').dispatchEvent(new Event('input'))")
     after(browser, "$('rotation').value = 30; $('rotation').dispatchEvent(new Event('input'))")
-    answer = told(browser, "answer")
+    answer = text_of(browser, "answer")
     assert "at 256 px" in answer
     assert answer != before
     link = browser.evaluate("location.hash.slice(1)")
     assert link.startswith("256/30/")
-    opened(browser, fragment=link)
-    assert told(browser, "answer") == answer
+    open_page(browser, fragment=link)
+    assert text_of(browser, "answer") == answer
     assert browser.evaluate("$('rotation').value") == "30"
 
 
-def test_corners_are_dragged_added_and_removed(browser):
-    opened(browser)
+def test_vertices_are_dragged_added_and_removed(browser):
+    open_page(browser)
     paste(browser, "POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))")
     top = browser.evaluate(TOP)
-    dot = "document.querySelector('[data-corner=\"2\"]').getBoundingClientRect()"
+    dot = "document.querySelector('[data-vertex=\"2\"]').getBoundingClientRect()"
     x, y = browser.evaluate(f"(({{x, y, width}}) => [x + width / 2, y + width / 2])({dot})")
     ring = browser.evaluate("state.rings[0]")
     mouse = {"button": "left", "clickCount": 1}
@@ -117,113 +144,121 @@ def test_corners_are_dragged_added_and_removed(browser):
     assert now[2][1] < ring[2][1]
     assert browser.evaluate(TOP) == top
     browser.evaluate("$('editor').focus(); null")
-    for key, corners in (("n", 4), ("Insert", 5), ("ArrowLeft", 5), ("Delete", 4), ("Delete", 3)):
+    for key, count in (("n", 4), ("Insert", 5), ("ArrowLeft", 5), ("Delete", 4), ("Delete", 3)):
         browser.press(key)
-        assert len(browser.evaluate("state.rings[0]")) == corners, key
+        assert len(browser.evaluate("state.rings[0]")) == count, key
     browser.press("Delete")  # a triangle stays
     assert len(browser.evaluate("state.rings[0]")) == 3
     browser.wait("$('answer').textContent.startsWith('A triangle has one triangulation')")
 
 
 def test_a_polygon_is_drawn_by_clicks(browser):
-    opened(browser)
+    open_page(browser)
     browser.evaluate("$('draw').click(); null")
     box = browser.evaluate(
         "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
     )
     for across, down in ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.5, 0.4), (0.2, 0.8), (0.2, 0.2)):
         browser.click(box[0] + across * box[2], box[1] + down * box[2])
-    browser.wait("state.open === null && $('corners').textContent.startsWith('5 corners,')")
+    browser.wait(
+        "state.drawing === null && $('vertex-count').textContent.startsWith('5 vertices,')"
+    )
     assert browser.evaluate("doubledArea(state.rings[0])") > 0
-    assert "px" in told(browser, "answer")
+    assert "px" in text_of(browser, "answer")
 
 
 def test_a_polygon_is_drawn_by_keys(browser):
-    """A cross is moved and corners are set; Escape goes back to the polygon before."""
-    opened(browser)
+    """Keys move a cross and place vertices; Escape returns to the previous polygon."""
+    open_page(browser)
     before = browser.evaluate("state.rings")
     browser.evaluate("$('draw').click(); null")
-    browser.wait("$('ways').classList.contains('stale')")
-    assert "Space sets a corner" in told(browser, "answer")
+    browser.wait("$('methods').classList.contains('stale')")
+    assert "Space places a vertex" in text_of(browser, "answer")
     for keys in ("ArrowLeft", "ArrowUp", "ArrowRight ArrowRight", "ArrowDown ArrowDown"):
         for key in keys.split():
             browser.press(key)
         browser.press(" ")
-    assert told(browser, "corner").startswith("Cross at 510, 510")
+    assert text_of(browser, "announcement").startswith("Cross at 510, 510")
     browser.press("Escape")
-    browser.wait("!$('ways').classList.contains('stale')")
+    browser.wait("!$('methods').classList.contains('stale')")
     assert browser.evaluate("state.rings") == before
     assert browser.evaluate("document.querySelectorAll('[aria-pressed=true]').length") == 1
     browser.evaluate("$('draw').click(); null")
     for key in ("Enter", " ", "ArrowUp", " ", "ArrowLeft", " "):
         browser.press(key)
-    after(browser, "keyPressed(new KeyboardEvent('keydown', {key: 'Enter'}))")
-    assert told(browser, "corners").startswith("3 corners,")
+    after(browser, "onKeyDown(new KeyboardEvent('keydown', {key: 'Enter'}))")
+    assert text_of(browser, "vertex-count").startswith("3 vertices,")
     browser.press("z", modifiers=2)
-    browser.wait("$('corners').textContent.startsWith('67 corners,')")
+    browser.wait("$('vertex-count').textContent.startsWith('67 vertices,')")
     assert browser.evaluate("state.rings") == before
 
 
 TOP = "$('editor').getBoundingClientRect().top"
 
 
-def test_what_cannot_be_compared_is_said(browser):
-    opened(browser)
-    paste(browser, "POLYGON ((0 0, 4 4, 4 0, 0 4, 0 0))")  # the two halves of a bow-tie cancel
-    assert told(browser, "answer").startswith("Edges of this polygon cross")
-    for way in ("ears", "refined", "flipped", "optimal"):
-        assert browser.evaluate(f"panels.{way}.none.textContent") == "its edges cross or touch"
+def test_invalid_polygons_and_texts_are_reported(browser):
+    open_page(browser)
+    for wkt, fault in (
+        ("((0 0, 4 4, 4 0, 0 4, 0 0))", "self-intersects"),  # both halves together have no area
+        ("((0 0, 9 0, 9 9, 0 0), (20 2, 22 2, 22 3, 20 2))", "has a hole outside its exterior"),
+        ("((0 0, 9 0, 9 9, 0 9, 0 0), (5 5, 15 5, 15 7, 5 5))", "self-intersects"),
+    ):
+        paste(browser, f"POLYGON {wkt}")
+        assert text_of(browser, "answer").startswith(f"Invalid: this polygon {fault}")
+        for method in ("ears", "refined", "flipped", "optimal"):
+            shown = browser.evaluate(f"panels.{method}.missing.textContent")
+            assert shown == "the polygon is invalid"
     paste(browser, "POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0), (3 3, 6 3, 6 6, 3 6, 3 3))")
-    assert "with holes" in browser.evaluate("panels.optimal.none.textContent")
+    assert "with holes" in browser.evaluate("panels.optimal.missing.textContent")
     top = browser.evaluate(TOP)
     browser.evaluate("$('text').value = 'nonsense'; $('text').dispatchEvent(new Event('input'))")
-    assert "none of WKT" in told(browser, "notice")
+    assert "not WKT" in text_of(browser, "notice")
     assert browser.evaluate(TOP) == top
-    assert "the one from before" in told(browser, "notice")
-    assert browser.evaluate("$('ways').classList.contains('stale')")
+    assert "the previous polygon" in text_of(browser, "notice")
+    assert browser.evaluate("$('methods').classList.contains('stale')")
     answer = browser.evaluate("$('notice').getBoundingClientRect().bottom")
     assert 0 < answer < browser.evaluate("innerHeight")
     after(browser, "$('undo').click()")
-    assert told(browser, "corners").startswith("4 corners,")
+    assert text_of(browser, "vertex-count").startswith("7 vertices,")
 
 
-def test_what_matters_little_is_called_so_only_if_nothing_differs(browser):
-    """A way that takes more than ear clipping is named, too."""
-    opened(browser)
+def test_small_differences_are_reported_as_none(browser):
+    """Unless a method takes more than ear clipping: the answer names that method."""
+    open_page(browser)
     sentence = """
-        (saved, matters) => {
-            const of = (way, i) => [way[0], {saved: [0, ...saved][i], cheapest: false}];
-            const ways = Object.fromEntries(WAYS.map(of));
+        (savings, isDifferent) => {
+            const entry = ([name], i) => [name, {saving: [0, ...savings][i], isBest: false}];
+            const methods = Object.fromEntries(METHODS.map(entry));
             const placed = {points: {length: 10}};
-            return sentenceOf({simple: true, ways, matters, placed}, 64).join("");
+            return describeResult({fault: null, methods, isDifferent, placed}, 64).join("");
         }
     """
-    assert "does not matter" in browser.evaluate(f"({sentence})([0.004, 0.002, -0.004], false)")
-    said = browser.evaluate(f"({sentence})([0.004, 0.002, -0.047], true)")
-    assert "none of these saves 1 %" in said
-    assert "the optimum for H 4.7 % more" in said
-    assert "flips" not in said
+    assert "No difference" in browser.evaluate(f"({sentence})([0.004, 0.002, -0.004], false)")
+    answer = browser.evaluate(f"({sentence})([0.004, 0.002, -0.047], true)")
+    assert "no method saves 1 %" in answer
+    assert "the optimum for H 4.7 % more" in answer
+    assert "flips" not in answer
 
 
-def test_files_and_links_are_taken(browser):
-    opened(browser)
-    after(browser, "takeFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
-    assert told(browser, "corners").startswith("5 corners,")
+def test_files_and_links_are_loaded(browser):
+    open_page(browser)
+    after(browser, "loadFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
+    assert text_of(browser, "vertex-count").startswith("5 vertices,")
     assert not browser.evaluate("$('degrees-label').hidden")
     before = browser.evaluate("state.rings")
     after(browser, "$('degrees').click()")
     assert browser.evaluate("state.rings") != before
-    whole = browser.evaluate("link()")
+    link = browser.evaluate("currentLink()")
     after(browser, "$('undo').click()")
-    paste(browser, f"see page.html#{whole}")
-    assert browser.evaluate("link()") == whole
-    opened(browser, fragment=whole[:-9])
-    assert "not whole" in told(browser, "notice")
+    paste(browser, f"see page.html#{link}")
+    assert browser.evaluate("currentLink()") == link
+    open_page(browser, fragment=link[:-9])
+    assert "truncated" in text_of(browser, "notice")
 
 
 def test_a_device_is_measured_in_the_page(browser):
-    """The page that profiles begins by itself; without WebGPU it says so."""
-    opened(browser)
+    """The measuring page starts at once, and reports that WebGPU is missing."""
+    open_page(browser)
     browser.evaluate("$('profile').click(); null")
     frame = "document.querySelector('iframe')?.contentDocument"
     browser.wait(f"{frame}?.documentElement?.dataset.state !== undefined")
@@ -236,7 +271,7 @@ def test_a_device_is_measured_in_the_page(browser):
 @pytest.mark.parametrize("width", [360, 768, 1200])
 def test_nothing_is_cut_off(browser, width, scheme):
     browser.prefer(scheme)
-    opened(browser, width)
+    open_page(browser, width)
     assert browser.evaluate("document.documentElement.scrollWidth") <= width
     small = "[...document.querySelectorAll('button')].filter((b) => b.offsetHeight < 24).length"
     assert browser.evaluate(small) == 0

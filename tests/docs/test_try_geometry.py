@@ -1,4 +1,4 @@
-"""The geometry of docs/try.html, in Node.js, is that of Python, and it reads what people paste."""
+"""The scripts of docs/try.html in Node.js: geometry equal to Python's, and the reading of texts."""
 
 import importlib.util
 import json
@@ -15,6 +15,7 @@ from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers.reference import predict
 from scenes import load
+from scenes.files import read
 from tests.conftest import make_geojson
 from tests.paths import ROOT
 from tests.ports import languages
@@ -22,7 +23,7 @@ from tests.ports.polygons import random_polygons
 from triangulators import criteria, triangulate, vertices
 
 GRID = 2**20
-"""As in polygon.js."""
+"""The constant of polygon.js."""
 
 _spec = importlib.util.spec_from_file_location("build_try", ROOT / "docs" / "try" / "build.py")
 assert _spec is not None
@@ -30,15 +31,14 @@ assert _spec.loader is not None
 build = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(build)
 
-OF_EACH = """
+MEASURE = """
     return given.map(({text, size, rotation}) => {
         const {rings} = readPolygon(text), placed = place(rings, size, rotation);
-        const {points} = placed, simple = isSimple(placed), ways = {};
-        for (const [name, rows] of Object.entries(simple ? triangulations(placed) : {})) {
-            if (!rows) continue;
-            ways[name] = {rows, h: halfPerimeter(points, rows), counts: shade(points, rows)};
+        const {points} = placed, valid = !faultOf(placed.rings), ways = {};
+        for (const [name, rows] of Object.entries(valid ? triangulations(placed) : {})) {
+            if (rows) ways[name] = {rows, counts: countLanes(points, rows)};
         }
-        return {rings, again: toLink(rings, size, rotation), points, simple, ways};
+        return {rings, link: toLink(rings, size, rotation), points, valid, ways};
     });
 """
 RUN = """
@@ -47,26 +47,26 @@ RUN = """
     const {files, code, given} = JSON.parse(readFileSync(0, "utf8"));
     globalThis.given = given;
     const sources = files.map((file) => readFileSync(file, "utf8"));
-    const called = `globalThis.told = (() => { ${code} })();`;
-    vm.runInThisContext([...sources, called].join("\\n"));
-    console.log(JSON.stringify(globalThis.told));
+    const call = `globalThis.result = (() => { ${code} })();`;
+    vm.runInThisContext([...sources, call].join("\\n"));
+    console.log(JSON.stringify(globalThis.result));
 """
 
 
 def in_node(code: str, given: Any) -> Any:
-    """Return what a function's body returns that uses `given` and what needs no page."""
+    """Return the result of a function body that uses `given` and the page's scripts."""
     node = languages.find_node()
     if node is None or languages.find_earcut() is None:
         pytest.skip("needs Node.js and npm's earcut; make setup-test installs them")
-    told = json.dumps({"files": list(map(str, build.GEOMETRY)), "code": code, "given": given})
+    message = json.dumps({"files": list(map(str, build.GEOMETRY)), "code": code, "given": given})
     script = [node, "--input-type=module", "-e", RUN]
-    done = subprocess.run(script, input=told, capture_output=True, text=True, check=True)
+    done = subprocess.run(script, input=message, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 
 @cache
 def cases() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Polygons of four scenes and random ones, in several views; what JavaScript makes of them."""
+    """Return polygons of four scenes and random polygons in several views, and their results."""
     polygons = [
         polygon
         for scene in ("paper", "city:buildings=40", "glyphs", "counties")
@@ -81,32 +81,33 @@ def cases() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         }
         for number, polygon in enumerate(polygons)
     ]
-    return given, in_node(OF_EACH, given)
+    return given, in_node(MEASURE, given)
 
 
-def points_of(told: dict[str, Any]) -> np.ndarray:
-    return np.array(told["points"], np.int32).reshape(-1, 2)
+def points_of(result: dict[str, Any]) -> np.ndarray:
+    return np.array(result["points"], np.int32).reshape(-1, 2)
 
 
-def test_a_polygon_is_laid_where_a_run_lays_it():
-    """Every corner, in 1/256 px, as `run --fit circle` has it; whatever snapping breaks is told."""
-    laid = 0
-    for given, told in zip(*cases(), strict=True):
+def test_polygons_are_placed_as_in_a_run():
+    """Every vertex, in 1/256 px, as with `run --fit circle`, unless snapping makes it invalid."""
+    placed = 0
+    for given, result in zip(*cases(), strict=True):
         view = View(given["size"], given["rotation"], "circle")
-        frame = make_frame([Polygon(told["rings"][0], told["rings"][1:])], view)
+        frame = make_frame([Polygon(result["rings"][0], result["rings"][1:])], view)
         if any("cross" in reason for _, reason in (*frame.repaired, *frame.dropped)):
-            assert not told["simple"]
+            assert not result["valid"]
             continue
-        assert (points_of(told) == frame.points).all()
-        laid += 1
-    assert laid > 200
+        assert result["valid"]
+        assert (points_of(result) == frame.points).all()
+        placed += 1
+    assert placed > 200
 
 
 def test_counts_are_those_of_the_reference():
     ways = 0
-    for told in cases()[1]:
-        points = points_of(told)
-        for way in told["ways"].values():
+    for result in cases()[1]:
+        points = points_of(result)
+        for way in result["ways"].values():
             triangles = np.array(way["rows"], np.int32).reshape(-1, 3)
             expected = {name: int(each.sum()) for name, each in predict(points, triangles).items()}
             counts = way["counts"]
@@ -116,29 +117,63 @@ def test_counts_are_those_of_the_reference():
     assert ways > 800
 
 
-def test_the_optimum_costs_what_pythons_costs():
-    found = 0
-    for told in cases()[1]:
-        if "optimal" not in told["ways"]:
+def test_the_optimum_has_the_cost_of_pythons_optimum():
+    compared = 0
+    for result in cases()[1]:
+        if "optimal" not in result["ways"]:
             continue
-        polygon = Polygon(points_of(told) / SUBPIXEL)
+        polygon = Polygon(points_of(result) / SUBPIXEL)
+        own = np.array(result["ways"]["optimal"]["rows"]).reshape(-1, 3)
         rows = triangulate(polygon, "optimal:half-perimeter")
-        least = criteria.predict(vertices(polygon), rows)["half_perimeter"] * SUBPIXEL
-        assert told["ways"]["optimal"]["h"] == least
-        found += 1
-    assert found > 180
+        costs = [criteria.predict(vertices(polygon), r)["half_perimeter"] for r in (own, rows)]
+        assert costs[0] == costs[1]
+        compared += 1
+    assert compared > 180
 
 
-def test_a_link_holds_the_polygon():
-    """A link that the page writes gives the same corners, size and rotation again."""
-    given, told = cases()
-    found = in_node("return given.map((link) => fromLink(link));", [one["again"] for one in told])
-    for view, one, again in zip(given, told, found, strict=True):
-        assert again == {"rings": one["rings"], "size": view["size"], "rotation": view["rotation"]}
-    whole = told[0]["again"]
-    cut = [whole[:end] for end in range(len(whole))]
-    for bad in (*cut, "64/0/zz/", "64/0/1-1-2-2/", "x/0/1-1-2-2-3-4/"):
-        assert in_node("return [fromLink(given)];", bad) == [None], bad
+def test_validity_is_that_of_shapely():
+    """Random polygons with holes on a coarse grid, where rings often touch, cross and overlap."""
+    random = np.random.default_rng(8)
+    polygons = [Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]).wkt]
+    for _ in range(2500):
+        side, holes = random.integers(4, 9), random.integers(0, 4)
+        shell = random.integers(0, side, (random.integers(3, 7), 2))
+        if random.random() < 0.8:
+            shell = np.array([(0, 0), (side, 0), (side, side), (0, side)])
+        rings = [shell, *(random.integers(0, side + 1, (3 + k % 2, 2)) for k in range(holes))]
+        polygons.append(Polygon(rings[0], rings[1:]).wkt)
+    expected = shapely.is_valid(shapely.from_wkt(polygons))
+    code = """
+        return given.map((text) => {
+            const rings = readWkt(text)[0].map(withoutRepeats);
+            const fault = faultOf(rings), lists = fault ? {} : triangulations({
+                rings: rings.map((ring) => ring.map(([x, y]) => [256 * x, 256 * y])),
+                points: rings.flat(2).map((value) => 256 * value), ends: endsOf(rings),
+            });
+            return [fault, ["ears", "refined", "flipped"].map((name) => Boolean(lists[name]))];
+        });
+    """
+    results = in_node(code, polygons)
+    for wkt, is_valid, (fault, covered) in zip(polygons, expected, results, strict=True):
+        assert (fault is None) == is_valid, (wkt, fault)
+        assert not is_valid or all(covered), wkt
+    assert 400 < sum(expected) < 2000
+
+
+def test_links_restore_the_polygon():
+    """With size and rotation; truncated and hostile links are invalid."""
+    given, results = cases()
+    links = [result["link"] for result in results]
+    read = "return given.map((link) => fromLink(link));"
+    for view, result, restored in zip(given, results, in_node(read, links), strict=True):
+        assert restored | {"text": view["text"]} == view | {"rings": result["rings"]}
+    truncated = [links[0][:end] for end in range(len(links[0]))]
+    many = f"64/{'9' * 400}/0-0-a-0-0-a/"
+    invalid = [*truncated, "64/0/zz/", "64/0/1-1-2-2/", "x/0/1-1-2-2-3-4/", many]
+    assert in_node(read, invalid) == [None] * len(invalid)
+
+
+SQUARE = "0 0,9 0,9 9,0 9,0 0"
 
 
 def l_shape() -> Polygon:
@@ -166,13 +201,13 @@ def l_shape() -> Polygon:
             Polygon([(0, 0), (9, 0), (9, -9), (0, -9)], [[(3, -3), (3, -6), (6, -6)]]),
         ),
         (
-            "M0 0H9V9H0ZM2 2V7H7V2ZM4 4H5V5H4Z",  # what lies in the hole is another polygon
+            "M0 0H9V9H0ZM2 2V7H7V2ZM4 4H5V5H4Z",  # an island in the hole is another polygon
             Polygon([(0, 0), (9, 0), (9, -9), (0, -9)], [[(2, -2), (2, -7), (7, -7), (7, -2)]]),
         ),
     ],
 )
 def test_texts_are_read(text, expected):
-    """Equal up to place and scale, which the page does away with."""
+    """Up to position and scale, which the page normalises."""
     rings = in_node("return readPolygon(given).rings;", text)
     found = Polygon(rings[0], rings[1:])
     assert found.exterior.is_ccw
@@ -189,16 +224,16 @@ def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
     found = in_node("return readPolygon(given);", make_geojson(boxes))
     low_x, low_y, high_x, high_y = Polygon(found["rings"][0]).bounds
     assert high_x - low_x == pytest.approx(high_y - low_y, rel=1e-5)
-    assert found["note"] == "The largest of 2 polygons."
+    assert found["note"] == "2 polygons: choose one below."
     assert found["degrees"] is True
 
 
-def test_one_polygon_is_one_whatever_it_is_written_in():
-    """WKT has no reference system, so the page takes it as it looks, or as it is told to."""
+def test_degrees_are_recognised_in_every_format():
+    """WKT has no reference system: the coordinates decide, unless the user does."""
     footprint = Polygon([(24.93, 60.17), (24.932, 60.17), (24.932, 60.171), (24.931, 60.1705)])
     written = [json.dumps(shapely.geometry.mapping(footprint)), f"SRID=4326;{footprint.wkt}"]
     asked = [[text, None] for text in (*written, footprint.wkt)] + [[footprint.wkt, False]]
-    code = "return given.map(([text, told]) => readPolygon(text, told));"
+    code = "return given.map(([text, degrees]) => readPolygon(text, degrees));"
     one, two, three, plain = in_node(code, asked)
     assert one["rings"] == two["rings"] == three["rings"] != plain["rings"]
     assert [each["degrees"] for each in (one, two, three, plain)] == [True, True, True, False]
@@ -216,11 +251,12 @@ def test_one_polygon_is_one_whatever_it_is_written_in():
         "POLYGON ((0 0, 9 1, 8 6, 4 3, 1 7, 0 0), (5 2, 6 2, 7 4, 5 2))",
     ],
 )
-def test_a_polygon_is_copied_in_its_own_numbers(text):
-    """To the last place, for degrees told and for plain coordinates."""
+def test_a_polygon_is_copied_in_its_original_coordinates(text):
+    """To the last decimal, for degrees and for plain coordinates."""
     code = """
-        const told = (degrees) => readPolygon(given, degrees);
-        return [false, true].map(told).map(({rings, back}) => toWkt(rings.map((r) => r.map(back))));
+        const read = (degrees) => readPolygon(given, degrees);
+        const write = ({rings, toSource}) => toWkt(rings.map((ring) => ring.map(toSource)));
+        return [false, true].map(read).map(write);
     """
     expected = shapely.from_wkt(text)
     for copied in in_node(code, text):
@@ -240,24 +276,67 @@ def test_curves_and_arcs_are_followed():
     assert Polygon(ring).is_valid
 
 
+SHAPES = """
+<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 100">
+<defs><rect width="90" height="90"/></defs>
+<g transform="translate(10 5) rotate(30,4,4)" fill="#fff"><rect id="a" x="1" width="20" height="9"/>
+<rect id="b" width="20" height="12" rx="4" style="transform: translateX(3px) scale(2)"/></g>
+<circle id="c" cx="1in" cy="5mm" r="7" transform="matrix(1 .2 0 1 100-50)skewX(9)"/>
+<ellipse id="d" rx="9" ry="4" fill="none" style="fill: red"/><polyline id="e" points="0,0 9,1 4 8"/>
+<path id="f" d="M0 0H100V100H0Z M10 10H90V90H10Z M30 30V70H70V30Z"/>
+<path id="g" fill-rule="evenodd" d="M0 0H100V100H0Z M10 10H90V90H10Z M30 30V70H70V30Z"/>
+<path id="h" d="M0 0C9 0 9 9 0 20S-9 30-20 20a25 15 20 11-9-30z" stroke="none"/>
+<rect id="i" width="9" height="9" fill="rgba(0,0,0,0)"/>
+<rect id="j" width="9" height="9" opacity="0"/>
+<g display="none"><rect id="k" width="9" height="9"/></g><!-- <rect width="9" height="9"/> -->
+<rect id="l" width="9" height="9" transform="translateX(2)"/></svg>
+"""
+
+
+def test_svg_shapes_are_those_of_the_program(tmp_path):
+    """Shape by shape the same area: transforms, basic shapes, fill rules and invisible elements."""
+    file = tmp_path / "shapes.svg"
+    file.write_text(SHAPES)
+    scene = read(file)
+    expected = dict.fromkeys(scene.attributes["id"], shapely.Polygon())
+    for name, polygon in zip(scene.attributes["id"], scene.polygons, strict=True):
+        expected[name] = expected[name].union(polygon)
+    areas = dict.fromkeys(expected, shapely.Polygon())
+    for shape in in_node("return readSvg(given.trim()).polygons;", SHAPES):
+        rings = [[(x, -y) for x, y in ring] for ring in shape["rings"]]
+        name = shape["label"].split()[1]
+        areas[name] = areas[name].union(Polygon(rings[0], rings[1:]))
+    assert areas.keys() == expected.keys() == set("abcdefgh")
+    for name, area in expected.items():
+        assert area.symmetric_difference(areas[name]).area < 2e-3 * area.area, name
+
+
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
-        ("hello", "none of WKT"),
-        ('{"type": "Polygon"', "not whole JSON"),
+        ("hello", "not WKT"),
+        ('{"type": "Polygon"', "not valid JSON"),
         ('{"type": "Point", "coordinates": [0, 0]}', "no polygon with an area"),
         ("POLYGON ((0 0, 1 1, 2 2, 0 0))", "no polygon with an area"),
         ('{"type": "Polygon"}', "no polygon with an area"),
-        ('{"type": "Polygon", "coordinates": [[1, 2, 3]]}', "is no number"),
-        ('{"type": "Polygon", "coordinates": [[[0, 0], [9, 0], ["9", 9]]]}', "is no number"),
+        ('{"type": "Polygon", "coordinates": [[1, 2, 3]]}', "is not a number"),
+        ('{"type": "Polygon", "coordinates": [[[0, 0], [9, 0], ["9", 9]]]}', "is not a number"),
         ("POLYGON ((0, 1 1, 2 2))", "fewer than two coordinates"),
-        ("POLYGON ((0 0, 10 1, 12 7, 9", "not whole"),
-        ("POINT (3 4)", "no polygon"),
-        ("POLYGON((0 0,9 0,9 9,0 9,0 0),(20 20,22 20,22 22,20 20))", "A hole of this polygon"),
-        ("POLYGON((0 0,9 0,9 9,0 0),(4 1,8 1,8 5,4 1),(6 2,7 2,7 3,6 2))", "in another hole"),
-        (",".join(f"{x} {x * x}" for x in range(3000)), "draws up to 2000"),
+        ("POLYGON ((0 0, 10 1, 12 7, 9", "truncated"),
+        ("POINT (3 4)", "not a polygon"),
+        (",".join(f"{x} {x * x}" for x in range(3000)), "has 3,000 vertices in 1 ring"),
+        (f"POLYGON(({SQUARE}){f',({SQUARE})' * 20_000})", "has 80,004 vertices in 20,001 rings"),
+        (f"<svg><path d='{'M0 0h9v9z' * 20_000}'/></svg>", "has more than 2,000 vertices"),
+        ("POLYGON" + "(" * 5_000_000, "too many opening parentheses"),
+        ("[" * 1_000_000 + "]" * 1_000_000, "no polygon with an area"),
+        ("<svg>" + "<g>" * 100_000, "SVG is truncated"),
+        ("<svg " + "a" * 2_000_000, "SVG is truncated"),
+        ("<svg><rect width='9' height='9' transform='tilt(3)'/></svg>", "unsupported transform"),
+        ("<svg><rect width='9' height='9' clip-path='url(#a)'/></svg>", "has a clip path"),
+        ("M0 0h9v9h9x", "invalid path data"),
+        ("1" * 21_000_000, "has 21,000,000 characters"),
     ],
 )
-def test_what_is_no_polygon_is_said(text, said):
+def test_texts_without_a_usable_polygon_are_refused(text, message):
     code = "try { readPolygon(given); return ''; } catch (error) { return error.message; }"
-    assert said in in_node(code, text)
+    assert message in in_node(code, text)

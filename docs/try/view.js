@@ -1,0 +1,177 @@
+"use strict";
+/* The page's panels, editor and texts, drawn from `state` of main.js. */
+
+const SVG = "http://www.w3.org/2000/svg";
+const isCoarse = matchMedia("(pointer: coarse)").matches;
+const DRAWING_HELP = `${isCoarse ? "Touch" : "Click"} to place vertices, and the first vertex again to close the polygon. ${isCoarse ? ""
+  : "Keys: arrows move the cross, Space places a vertex, Enter closes, Escape cancels. "}Undo removes the last vertex.`;
+
+const panels = {};
+
+/* An image of a viewport: covered pixels, and pixels with one, two or more helper lanes. */
+function imageOf({ covered, helpers }, size, colours) {
+  const canvas = new OffscreenCanvas(size, size), context = canvas.getContext("2d"), image = context.createImageData(size, size);
+  for (let y = 0; y < size; y++) {
+    for (let x = 0; x < size; x++) {
+      const pixel = y * size + x;
+      const colour = helpers[pixel] ? colours[Math.min(3, helpers[pixel])] : covered[pixel] ? colours[0] : null;
+      if (colour) image.data.set(colour, 4 * ((size - 1 - y) * size + x));
+    }
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+const readColours = () => ["--covered", "--one", "--two", "--many"].map((name) => [...numbersOf(styled(name)).slice(0, 3), 255]);
+
+/* Draw lines between quads that are large enough to be visible. */
+function drawQuads(context, side, quad) {
+  if (quad < 6 * devicePixelRatio) return;
+  context.strokeStyle = "#888";
+  context.globalAlpha = 0.3;
+  context.beginPath();
+  for (let at = quad; at < side - 1; at += quad) {
+    const line = Math.round(at) + 0.5;
+    context.moveTo(line, 0);
+    context.lineTo(line, side);
+    context.moveTo(0, line);
+    context.lineTo(side, line);
+  }
+  context.stroke();
+}
+
+function drawMethod(canvas, { triangles, shaded }, points, size, colours, edgeColour) {
+  const side = Math.round(canvas.clientWidth * devicePixelRatio) || size;
+  canvas.width = canvas.height = side;
+  const context = canvas.getContext("2d"), scale = side / size / UNIT;
+  context.imageSmoothingEnabled = side < size;
+  context.drawImage(imageOf(shaded, size, colours), 0, 0, side, side);
+  drawQuads(context, side, 2 * side / size);
+  context.strokeStyle = edgeColour;
+  context.lineWidth = devicePixelRatio;
+  context.globalAlpha = Math.min(0.8, 0.1 + side / 8 / triangles.length); // opaque edges of many triangles would hide the lanes
+  context.beginPath();
+  for (let t = 0; t < triangles.length; t += 3) {
+    for (const k of [0, 1, 2]) {
+      const [from, to] = [triangles[t + k], triangles[t + (k + 1) % 3]];
+      context.moveTo(points[2 * from] * scale, side - points[2 * from + 1] * scale);
+      context.lineTo(points[2 * to] * scale, side - points[2 * to + 1] * scale);
+    }
+  }
+  context.stroke();
+}
+
+function showMethods(result) {
+  const colours = readColours(), edgeColour = styled("--edge");
+  for (const [name] of METHODS) {
+    const method = result.methods[name], panel = panels[name];
+    panel.canvas.hidden = !method;
+    panel.missing.hidden = Boolean(method);
+    panel.best.hidden = !method?.isBest || !result.isDifferent;
+    [panel.saving.textContent, panel.saving.className] = ["", ""];
+    if (!method) {
+      panel.missing.textContent = missingReason(result);
+      panel.caption.textContent = "";
+      continue;
+    }
+    const { quads, helper_lanes: helpers, partial_quads: partial, fragments } = method.counts;
+    if (name !== "ears") {
+      panel.saving.textContent = method.saving === 0 ? "±0 %" : `${method.saving > 0 ? "−" : "+"}${percent(Math.abs(method.saving))}`;
+      panel.saving.className = method.saving > 0 ? "less" : method.saving < 0 ? "more" : "";
+    }
+    panel.caption.replaceChildren(element("b", {}, `${format(4 * quads)} lanes`), ` for ${format(fragments)} pixels: ${format(helpers)} helper lanes; ${format(quads)} quads, ${format(partial)} partial`);
+    panel.canvas.setAttribute("aria-label", `${method.counts.triangles} triangles, ${format(helpers)} helper lanes`);
+    drawMethod(panel.canvas, method, result.placed.points, state.size, colours, edgeColour);
+  }
+}
+
+function showAnswer(result) {
+  const pieces = state.drawing ? [[DRAWING_HELP]] : describeResult(result, state.size);
+  $("answer").replaceChildren(...pieces.map(([text, kind]) => (kind ? element("b", { class: kind }, text) : text)));
+  // The height grows only: content below must not move while a vertex is dragged.
+  $("answer").style.minHeight = `${$("answer").offsetHeight}px`;
+  $("hint").hidden = Boolean(state.drawing);
+  if (state.drawing) {
+    $("vertex-count").textContent = `${state.drawing.length} placed so far`;
+    return;
+  }
+  const lost = result.placed.lost > 0 ? `, ${result.placed.lost} of which coincide at this size` : "";
+  const [width, height] = sizeOf(result.placed.rings);
+  $("vertex-count").textContent = `${format(verticesOf(state.rings))} vertices${lost}, ${width} × ${height} px`;
+  $("size-value").textContent = `${state.size} px`;
+  $("rotation-value").textContent = `${state.rotation}°`;
+  $("size").setAttribute("aria-valuetext", `${state.size} pixels`);
+}
+
+/* The editor shows 0..GRID as 0..1000, y down. */
+const toEditor = ([x, y]) => [1000 * x / GRID, 1000 - 1000 * y / GRID];
+
+function svgElement(name, attributes) {
+  const node = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  return node;
+}
+
+function showEditor() {
+  const rings = state.drawing ? [state.drawing] : state.rings;
+  const outlines = state.drawing && state.cursor ? [[...state.drawing, state.cursor]] : rings;
+  const path = outlines.map((ring) => (ring.length ? `M${ring.map((point) => toEditor(point).map((value) => value.toFixed(1)).join(" ")).join("L")}${state.drawing ? "" : "Z"}` : "")).join("");
+  const nodes = [svgElement("path", { d: path, class: state.drawing ? "open" : "area" })];
+  const vertices = indicesOf(rings), radius = vertices.length > 80 ? 7 : vertices.length > 30 ? 11 : 15;
+  if (!state.drawing) {
+    for (const [r, i] of vertices) {
+      const [[x1, y1], [x2, y2]] = [rings[r][i], rings[r][(i + 1) % rings[r].length]].map(toEditor);
+      nodes.push(svgElement("line", { x1, y1, x2, y2, class: "grip", "data-edge": `${r} ${i}` }));
+    }
+  }
+  vertices.forEach(([r, i], number) => {
+    const [cx, cy] = toEditor(rings[r][i]);
+    nodes.push(svgElement("circle", { cx, cy, r: (isCoarse ? 3.6 : 2.2) * radius, class: "hold", "data-vertex": number }), svgElement("circle", { cx, cy, r: radius, class: `dot${number === state.selected ? " selected" : ""}` }));
+  });
+  if (state.drawing && state.cursor) {
+    const [x, y] = toEditor(state.cursor);
+    nodes.push(svgElement("path", { d: `M${x - 24} ${y}H${x + 24}M${x} ${y - 24}V${y + 24}`, class: "cross" }));
+  }
+  $("editor").replaceChildren(...nodes);
+  $("editor").classList.toggle("drawing", Boolean(state.drawing));
+  showControls();
+}
+
+function showControls() {
+  const isDrawing = Boolean(state.drawing);
+  $("draw").setAttribute("aria-pressed", String(isDrawing));
+  $("draw").textContent = isDrawing ? "Close the polygon" : "Draw your own";
+  $("remove").disabled = isDrawing ? !state.drawing.length : !canRemoveVertex();
+  $("undo").disabled = !isDrawing && !state.history.length;
+  $("copy").disabled = $("wkt").disabled = isDrawing;
+  for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!isDrawing && button.dataset.example === state.example));
+  $("degrees-label").hidden = isDrawing || state.text === null || state.degrees === null;
+  $("degrees").checked = Boolean(state.degrees);
+  const isChoice = !isDrawing && state.text !== null && state.choices.length > 1;
+  $("choices-label").hidden = !isChoice;
+  if (isChoice) {
+    $("choices").replaceChildren(...state.choices.map((label, i) => element("option", { value: i }, label)));
+    $("choices").value = state.choice;
+  }
+  if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
+}
+
+/* Show a message above the answer, or hide it if the text is empty. */
+function showNotice(text) {
+  $("copied").textContent = "";
+  $("notice").textContent = text;
+  $("notice").hidden = !text;
+}
+
+/* Dim the panels while they show an earlier polygon. */
+function dimPanels(isOutdated) {
+  $("methods").classList.toggle("stale", isOutdated);
+}
+
+function buildPanels() {
+  for (const [name, title, description] of METHODS) {
+    const panel = { saving: element("span"), best: element("span", { class: "best", hidden: "" }, "best"), canvas: element("canvas", { role: "img" }), missing: element("p", { class: "missing", hidden: "" }), caption: element("figcaption") };
+    panels[name] = panel;
+    $("methods").append(element("figure", { "data-method": name }, element("h3", {}, element("span", {}, title, " ", panel.best), panel.saving), element("div", { class: "quiet" }, description), panel.canvas, panel.missing, panel.caption));
+  }
+}
