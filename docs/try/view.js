@@ -3,8 +3,8 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const isCoarse = matchMedia("(pointer: coarse)").matches;
-const DRAWING_HELP = `${isCoarse ? "Touch" : "Click"} to place vertices, and the first vertex again to close the polygon. ${isCoarse ? ""
-  : "Keys: arrows move the cross, Space places a vertex, Enter closes, Escape cancels. "}Undo removes the last vertex.`;
+const DRAWING_HELP = `${isCoarse ? "Touch" : "Click"} to place vertices, and the first vertex again to close. ${isCoarse ? "Undo removes the last vertex."
+  : "Keys: arrows move the cross, Space places a vertex, Enter closes, Escape cancels, Delete removes the last."}`; // two lines: the editor must not move
 
 const panels = {};
 
