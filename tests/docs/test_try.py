@@ -155,6 +155,7 @@ def test_vertices_are_dragged_added_and_removed(browser):
 def test_a_polygon_is_drawn_by_clicks(browser):
     open_page(browser)
     browser.evaluate("$('draw').click(); null")
+    browser.wait("$('vertex-count').textContent === '0 placed so far'")  # the layout is final
     box = browser.evaluate(
         "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
     )
