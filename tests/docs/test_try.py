@@ -156,11 +156,14 @@ def test_a_polygon_is_drawn_by_clicks(browser):
     open_page(browser)
     browser.evaluate("$('draw').click(); null")
     browser.wait("$('vertex-count').textContent === '0 placed so far'")  # the layout is final
-    box = browser.evaluate(
-        "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
-    )
-    for across, down in ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.5, 0.4), (0.2, 0.8), (0.2, 0.2)):
-        browser.click(box[0] + across * box[2], box[1] + down * box[2])
+    corners = ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.5, 0.4), (0.2, 0.8), (0.2, 0.2))
+    for count, (across, down) in enumerate(corners, start=1):
+        # measured for each click: the page scrolls to the editor when it gets the focus
+        x, y, side = browser.evaluate(
+            "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
+        )
+        browser.click(x + across * side, y + down * side)
+        browser.wait(f"state.drawing === null || state.drawing.length === {count}")
     browser.wait(
         "state.drawing === null && $('vertex-count').textContent.startsWith('5 vertices,')"
     )
