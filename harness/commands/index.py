@@ -47,7 +47,7 @@ COMMANDS = {
     "profile": Entry(MEASURE, "profile:profile", ("profile --budget 0.05",)),
     "page": Entry(
         MEASURE,
-        "report:page",
+        "page:page",
         (f"page {RUN} --out city.html", "page --profile --out triangle.html"),
     ),
     "import": Entry(
@@ -55,7 +55,7 @@ COMMANDS = {
     ),
     "merge": Entry(
         MEASURE,
-        "import_:merge",
+        "merge:merge",
         (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
     ),
     "compare": Entry(
@@ -98,7 +98,7 @@ COMMANDS = {
         ),
     ),
     "check-evidence": Entry(
-        GEOMETRY, "triangulate:check_evidence", ("check-evidence proofs.jsonl",)
+        GEOMETRY, "check_evidence:check_evidence", ("check-evidence proofs.jsonl",)
     ),
     "inspect": Entry(
         GEOMETRY,
@@ -110,8 +110,8 @@ COMMANDS = {
         ),
     ),
     "list": Entry(MACHINE, "list_:list_", ("list", "list triangulators")),
-    "doctor": Entry(MACHINE, "machine:doctor", ("doctor",)),
-    "cache": Entry(MACHINE, "machine:cache", ("cache info",)),
+    "doctor": Entry(MACHINE, "doctor:doctor", ("doctor",)),
+    "cache": Entry(MACHINE, "cache:cache", ("cache info",)),
 }
 
 GROUPS = {

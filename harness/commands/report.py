@@ -1,16 +1,13 @@
-"""`harness report` and `harness page`: a run as one HTML file, and a page that measures."""
+"""`harness report`: a run as one HTML file."""
 
 import os
-from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from harness.commands.options import Base
-from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.settings import TIMEOUT_S
 from harness.webpages import is_stream
 
 
@@ -37,42 +34,3 @@ def report(
 
         plot_run(stored)
     typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))
-
-
-def page(
-    run: Annotated[Path | None, typer.Argument(help="Folder of a run; none for --profile.")] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
-    profile: Annotated[
-        bool,
-        typer.Option("--profile", help="Of no run: a page that says what a triangle costs."),
-    ] = False,
-) -> None:
-    """Write a page that measures a run's triangulations in any browser that has WebGPU.
-
-    With --profile it needs no run: it says what a triangle, a pixel and a helper lane cost on the
-    device that opens it, as the command profile does. One file, which needs no network and sends
-    nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
-    as a file for `raster-harness import`.
-    """
-    from harness.measuring.pool import MeasuringPool
-    from harness.page.page_data import (
-        PageContent,
-        ProfileContent,
-        make_page_content,
-        make_profile_content,
-        write_page,
-    )
-    from harness.results.run_folder import read_latest
-    from harness.workers.worker import Worker
-
-    if profile == (run is not None):
-        raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
-    content: PageContent | ProfileContent
-    if run is None:
-        with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
-            content = make_profile_content(pool)
-    else:
-        content = make_page_content(read_latest(run, Reporter().warn))
-    write_page(content, out)
-    message = f"page: {os.path.relpath(out)}; open it in a browser with WebGPU"
-    typer.echo(message, err=is_stream(out))

@@ -1,4 +1,4 @@
-"""`harness triangulate`: write triangles of polygons or a model; `check-evidence` checks proofs."""
+"""`harness triangulate`: write the triangles of polygons, or a model with other diagonals."""
 
 from pathlib import Path
 from typing import Annotated
@@ -17,8 +17,6 @@ from harness.commands.options import (
     refuse_own_source,
 )
 from harness.errors import (
-    InconclusiveError,
-    InputError,
     NothingMeasuredError,
     UsageError,
     raise_if_failed,
@@ -228,26 +226,3 @@ def _many(file: str, out: Path) -> bool:
     """Return whether a name means many files: a pattern or a folder, not a file called [1]."""
     pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
     return pattern or (Path(file).is_dir() and not out.suffix)
-
-
-def check_evidence(
-    file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
-) -> None:
-    """Check optimality proofs of triangulations in integer arithmetic; refuse invalid ones.
-
-    Prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program,
-    harness/export/check_evidence.py, needs only Python and no other file of this project. It lists
-    all empty triangles: a polygon of 60 vertices takes seconds, one of 300 vertices hours.
-    """
-    from harness.export.check_evidence import check_lines
-
-    refused = checked = 0
-    with file.open("rb") as lines:
-        for label, verdict, holds in check_lines(lines):
-            typer.echo(f"{label}: {verdict}")
-            checked += 1
-            refused += not holds
-    if not checked:
-        raise InputError(f"{file} has no evidence: triangulate --certify --evidence writes it")
-    if refused:
-        raise InconclusiveError(f"{file}: {refused} of {checked} proofs refused, see above")
