@@ -230,14 +230,12 @@ def _use_temporary_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 
 
 @pytest.fixture(autouse=True)
-def _user_modules_of_one_test(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Restore the import path and forget modules that a test imported from its own folder."""
-    path, modules = list(sys.path), set(sys.modules)
-    yield
-    sys.path[:] = path
-    for name in set(sys.modules) - modules:
-        file = getattr(sys.modules[name], "__file__", None) or ""
-        if Path(file).is_relative_to(tmp_path_factory.getbasetemp()):
+def _forget_user_modules(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Forget modules and import paths in folders of earlier tests and fixtures."""
+    folder = str(tmp_path_factory.getbasetemp())
+    sys.path[:] = [path for path in sys.path if not path.startswith(folder)]
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", None)).startswith(folder):
             del sys.modules[name]
 
 

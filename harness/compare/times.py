@@ -144,7 +144,7 @@ def read_pair(
             pair,
             reference=references,
             same_rounds=True,
-            same_drawing=before.samples_s == after.samples_s,
+            same_drawing=base.counters == head.counters and before.samples_s == after.samples_s,
             parts=(after.epochs or None, after.processes or None),
             quiet=select_rounds(before, after),
         )

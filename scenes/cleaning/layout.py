@@ -34,6 +34,10 @@ def arrange_in_rows(
 
 
 def translate(polygon: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
-    """Return the translated polygon."""
+    """Return the translated polygon.
+
+    >>> translate(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
+    (2.0, 3.0, 3.0, 4.0)
+    """
     translated: shapely.Polygon = shapely.transform(polygon, lambda xy: xy + np.array([dx, dy]))
     return translated

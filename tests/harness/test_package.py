@@ -103,7 +103,7 @@ def test_every_extra_that_is_named_is_declared():
         extra
         for package in PACKAGES
         for file in (ROOT / package).rglob("*.py")
-        for extra in re.findall(r"""\binstall\(["'](\w+)""", file.read_text())
+        for extra in re.findall(r"""\bformat_install_command\(["'](\w+)""", file.read_text())
     }
     assert {"history", "ply", "webgpu"} <= named <= set(declared["optional-dependencies"])
 

@@ -80,7 +80,7 @@ def test_law_of_the_page_equals_python(loaded, synthetic):
     assert actual["seconds"] == pytest.approx(expected.costs.tolist(), rel=1e-6)
     for end, values in zip(("low", "high"), expected.intervals.T.tolist(), strict=True):
         assert actual[end] == pytest.approx(values, rel=1e-5, abs=1e-15)
-    assert actual["shown"] == expected.shown.tolist()
+    assert actual["shown"] == expected.significant.tolist()
     for total, parts in zip(actual["sums"], law.SUMS.values(), strict=True):
         weights = np.array([parts.get(term, 0.0) for term in TERMS])
         ends = [total[name] for name in ("seconds", "low", "high")]

@@ -38,7 +38,9 @@ def read_table(page: Chromium, name: str) -> list[dict[str, str]]:
 
 def test_report_renders_without_errors_or_requests(page, folder):
     assert read_texts(page, "h1") == ["city: what its triangulations cost to rasterise"]
-    assert read_texts(page, "#answer")[0].startswith("On cpu (reference, 256 px), ")
+    assert read_texts(page, "#answer")[0].startswith(
+        "Recommendation for city:buildings=60 on cpu (reference, 256 px): "
+    )
     assert len(read_texts(page, "#ranking tbody tr")) == len(NAMES)
     assert page.evaluate("document.querySelectorAll('#chart canvas').length") > 0
     assert page.errors == []
