@@ -30,7 +30,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
+from harness.compare.machine_shift import (
+    MIN_PEERS,
+    MachineShift,
+    shift_of_peers,
+    two_sided_quantile,
+)
+from harness.compare.model import Drift, Outcome, Settings, TimeChange
 from harness.results.record import CaseGroup, Record, Time
 from harness.stats import run_quality
 from harness.stats.intervals import paired_ratio
@@ -54,15 +60,6 @@ MIN_ROUNDS = 8
 
 MIN_STEADY_PEERS = 2
 """Minimum number of peers of equal counters; with fewer, all peers are used."""
-
-MIN_PEERS = 3
-"""Minimum number of peers of unequal counters; with fewer, the reference draw is used."""
-
-MIN_CASE_SD = 0.0075
-"""Minimum standard deviation of a case's log ratio between two runs of equal code."""
-
-OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the interval outside which one peer is excluded."""
 
 DRIFT_SD = 0.015
 """Standard deviation of the drift's log ratio relative to the reference draw's."""
@@ -97,23 +94,6 @@ class Pair:
     def log_ratio(self) -> float:
         """Log of HEAD's time over BASE's."""
         return log_ratio(self.base, self.head)
-
-
-@dataclass(frozen=True)
-class MachineShift:
-    """The machine's share of a case's log ratio.
-
-    low, high : bounds of the share
-    sd : standard deviation of the case's log ratio about it
-    degrees : degrees of freedom of `sd`; inf if it is a constant
-    against : source of the estimate
-    """
-
-    low: float
-    high: float
-    sd: float
-    degrees: float
-    against: Against
 
 
 def read_pair(
@@ -217,44 +197,6 @@ def _estimate_shift(
     return MachineShift(low, high, DRIFT_SD, math.inf, "reference")
 
 
-def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the machine's share of a case's log ratio, estimated by its k peers' (k,) log ratios.
-
-    With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
-    deviation sigma. The variance of a median of k normal values is about pi / 2k of theirs, so the
-    case x lies about the peers' median m with variance sigma^2 (1 + pi / 2k). With the sample
-    deviation s in place of sigma, (x - m) / (s sqrt(1 + pi / 2k)) follows Student's distribution
-    with k - 1 degrees of freedom: the interval covers 95.2 to 95.6 % for 2 to 8 peers. Taking s as
-    known (1.96) gave a false regression in 17 % of comparisons of six cases whose times differ by
-    2 % between processes.
-
-    sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
-    the normal quantile times `MIN_CASE_SD` is wide enough; if not, Student's times s is: the larger
-    of both covers the case in either situation. One peer whose own code changed would widen the
-    interval of all others: it is excluded if the other peers' 99 % interval excludes it.
-    """
-    if len(logs) > MIN_PEERS:
-        others = [_shift_of(np.delete(logs, peer), confidence) for peer in range(len(logs))]
-        changed = [
-            abs(log - other.low) > _quantile(OUTLIER_CONFIDENCE, other.degrees) * other.sd
-            for log, other in zip(logs, others, strict=True)
-        ]
-        if sum(changed) == 1:
-            return others[changed.index(True)]
-    return _shift_of(logs, confidence)
-
-
-def _shift_of(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the median of (k,) peers' log ratios and the deviation of a case about it."""
-    count = len(logs)
-    sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
-    if _quantile(confidence, degrees) * sd <= _quantile(confidence) * MIN_CASE_SD:
-        sd, degrees = MIN_CASE_SD, math.inf
-    middle = float(np.median(logs))
-    sd *= math.sqrt(1 + math.pi / (2 * count))
-    return MachineShift(middle, middle, sd, degrees, "peers")
-
-
 def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
     """Correct q-values for the number of cases; without evidence a change is inconclusive."""
     p_values = [change.q_value for change in changes if change.q_value is not None]
@@ -281,7 +223,7 @@ def _compare_with_shift(
     error : (2,) reach of the log ratio's interval below and above, by its samples alone
     """
     raw = pair.log_ratio
-    margin = _quantile(settings.confidence, shift.degrees) * shift.sd
+    margin = two_sided_quantile(settings.confidence, shift.degrees) * shift.sd
     least, most = raw - shift.high, raw - shift.low
     middle = (least + most) / 2
     low = least - math.hypot(error[0], margin)
@@ -330,7 +272,9 @@ def _drift_of_runs(
         reference_error = float(margins(*references[0], settings.confidence).max())
     # The variance of a median of k normal values is pi / 2k of theirs.
     sampling = float(np.median(errors)) * math.sqrt(math.pi / (2 * len(pairs)))
-    margin = math.hypot(_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error)
+    margin = math.hypot(
+        two_sided_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error
+    )
     explained = (0.0, reference or 0.0)
     least, most = shift - max(explained), shift - min(explained)
     low, high = least - margin, most + margin
@@ -342,11 +286,6 @@ def _drift_of_runs(
     return Drift(group, len(pairs), outcome, reason, *ends, reference=ratio, gated=False)
 
 
-def _quantile(confidence: float, degrees: float = math.inf) -> float:
-    """Return the standard deviations that a two-sided interval reaches: Student's, or normal."""
-    return float(stats.t.ppf(0.5 + confidence / 2, degrees))
-
-
 def _p_of_interval(
     least: float, most: float, low: float, high: float, confidence: float, degrees: float
 ) -> float:
@@ -356,7 +295,7 @@ def _p_of_interval(
         return 1.0
     if reach <= 0:
         return 0.0
-    return 2 * float(stats.t.sf(_quantile(confidence, degrees) * nearest / reach, degrees))
+    return 2 * float(stats.t.sf(two_sided_quantile(confidence, degrees) * nearest / reach, degrees))
 
 
 def _inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
+from harness.compare.machine_shift import shift_of_peers
 from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
     MAX_ROUNDS_Q,
@@ -19,7 +20,6 @@ from harness.compare.times import (
     correct,
     drift_of_rounds,
     read_pair,
-    shift_of_peers,
 )
 from tests.records import make_record
 
