@@ -124,12 +124,21 @@ def read_pair(
             pair,
             reference=references,
             same_rounds=True,
-            same_drawing=base.counters == head.counters and before.samples_s == after.samples_s,
+            same_drawing=_are_one_drawing(base, head),
             parts=(after.epochs or None, after.processes or None),
             quiet=select_rounds(before, after),
         )
     obstacle = run_quality.explain_apart(before, after, machines_differ=machines_differ)
     return replace(pair, reference=references, obstacle=obstacle)
+
+
+def _are_one_drawing(base: Record, head: Record) -> bool:
+    """Return whether one drawing was timed for both versions, whose triangles are equal.
+
+    Both records then have its samples. Equal samples of a coarse timer are no proof: the sums of
+    the criteria and the counters are compared, too.
+    """
+    return (base.time, base.predicted, base.counters) == (head.time, head.predicted, head.counters)
 
 
 def compare_group(

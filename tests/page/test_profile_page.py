@@ -219,7 +219,7 @@ def test_page_reports_the_known_costs_of_a_gpu(profiled):
     assert "Triangulate by optimal:" in profiled["words"]
     assert " on city (" in profiled["words"]
     assert "Times are the wall clock's, for the device has no GPU timer." in profiled["traps"]
-    assert "nothing here says that the device sorts triangles into tiles" in profiled["traps"]
+    assert "no sign that the device sorts triangles into tiles" in profiled["traps"]
     assert profiled["panels"] == 2
     assert "twice at" in profiled["thin"]
     assert profiled["widths"] == [360, 360]
