@@ -231,12 +231,14 @@ def _use_temporary_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 
 @pytest.fixture(autouse=True)
 def _forget_user_modules(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Forget modules and import paths in folders of earlier tests and fixtures."""
+    """Forget the modules and import paths of earlier tests' folders, and a variable of Dask's."""
     folder = str(tmp_path_factory.getbasetemp())
     sys.path[:] = [path for path in sys.path if not path.startswith(folder)]
     for name, module in list(sys.modules.items()):
         if str(getattr(module, "__file__", None)).startswith(folder):
             del sys.modules[name]
+    # Dask's nanny leaves it behind, and programs that tests start would not find the tests.
+    os.environ.pop("PYTHONSAFEPATH", None)
 
 
 @pytest.fixture
