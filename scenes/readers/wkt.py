@@ -62,16 +62,15 @@ def parse_wkt(text: str) -> tuple[Any | None, str]:
     """Return the geometry of WKT or None, and the change, or the reason for None."""
     if is_text_too_deep(text):
         return None, _DEEP
-    try:
-        geometry = shapely.from_wkt(text, on_invalid="ignore")
-    except NotImplementedError:
-        geometry = None
+    geometry = _parse(text)
     return (geometry, "") if geometry is not None else _recover(text)
 
 
-def _parse(wkb: bytes | None) -> Any | None:
+def _parse(source: str | bytes | None) -> Any | None:
+    """Return the geometry of WKT or WKB, or None if it is invalid or has curves."""
+    parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     try:
-        return shapely.from_wkb(wkb, on_invalid="ignore")
+        return parse(source, on_invalid="ignore")
     except NotImplementedError:
         return None
 
