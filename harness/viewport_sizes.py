@@ -61,8 +61,15 @@ class DeviceCosts:
     is_here: bool = True
 
 
-COUNTED = ("fragments", "quads", "helper_lanes", "partial_quads")
-"""Counters, see `rasterisers.reference.predict`."""
+COUNTED = (
+    "fragments",
+    "quads",
+    "helper_lanes",
+    "partial_quads",
+    "vertex_batches",
+    "transformed_vertices",
+)
+"""Counters, see `count_triangles`."""
 
 Cost = dict[str, Any]
 """Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; `draw`, the
@@ -295,6 +302,7 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),
         ("partial_quads", "partial quads", 1.0, ",.0f"),
+        ("transformed_vertices", "transformed vertices", 1.0, ",.0f"),
     ]
     if sizes.device:
         kinds.append(("draw", f"ms of a draw on {sizes.device.name}", 1e3, ".4g"))

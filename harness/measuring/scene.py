@@ -14,7 +14,8 @@ from harness.measuring.plan import Plan
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.metrics.registry import PREDICTED
 from harness.progress import Reporter
-from harness.rasterisers.base import Counters, Options
+from harness.rasterisers.base import Counters, Options, order_submission
+from harness.rasterisers.vertex_batches import count_vertices
 from harness.results.record import CaseId, Record, Status
 from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
@@ -47,12 +48,23 @@ class _View:
 
     triangulations, triangles : by recipe, and the triangles (m, 3) that are drawn
     limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
+    vertices : results of `count_vertices` by recipe, order and seed
     """
 
     frame: Frame
     triangulations: dict[Recipe, FrameTriangulation] = field(default_factory=dict)
     triangles: dict[Recipe, NDArray[np.int32]] = field(default_factory=dict)
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    vertices: dict[tuple[Recipe, str, int], Counters] = field(default_factory=dict)
+
+    def count_vertices(self, recipe: Recipe, options: Options) -> Counters:
+        """Return the counters of a recipe's index buffer, which all rasterisers share."""
+        key = (recipe, options.order, options.seed)
+        if key not in self.vertices:
+            ordered = order_submission(self.frame, self.triangles[recipe], options)
+            counts = count_vertices(self.frame, ordered)
+            self.vertices[key] = {name: np.array(value) for name, value in counts.items()}
+        return self.vertices[key]
 
 
 @dataclass(frozen=True)
@@ -292,6 +304,8 @@ class SceneRun:
                     if recipe == BASELINE:
                         covered = records.count_covered(counters, triangulation.drawn)
                     if recipe in cases:
+                        if self.pool.open(backend).draws_indexed:
+                            counters |= current.count_vertices(recipe, options)
                         fields = (frame, triangulation, counters, covered, limits)
                         record = records.make_counted(cases[recipe], *fields)
                         columns = _columns(current, triangulation, counters, limits)

@@ -39,10 +39,12 @@ class Opened:
 
     details : strings and limits as its driver reports them
     timer : result of the self-test; None for a rasteriser that is not timed
+    draws_indexed : see `Rasteriser`
     """
 
     details: dict[str, Any]
     timer: TimerTest | None
+    draws_indexed: bool
 
 
 Survey = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
@@ -65,9 +67,8 @@ _open: dict[tuple[str, str], Rasteriser] = {}
 def open_device(name: str, device: Device) -> Opened:
     """Open `device` with the rasteriser `name` and test its timer."""
     rasteriser = _opened(name, device)
-    return Opened(
-        dict(rasteriser.device.details), choose_timer(rasteriser) if rasteriser.timed else None
-    )
+    timer = choose_timer(rasteriser) if rasteriser.timed else None
+    return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
 
 
 def count(

@@ -327,13 +327,18 @@ def sort_counters(names: Iterable[str]) -> list[str]:
 
 
 def list_costs(names: Iterable[str]) -> list[str]:
-    """Return the counters in `names` that a triangulation can change, the main one first."""
+    """Return the counters in `names` that a triangulation can change, the main one first.
+
+    Counters of the order of triangles are not costs of a triangulation.
+    """
     candidates = [name for name in names if not name.startswith(PREDICTED) and name != LEAST]
     first = [name for name in COST_COUNTERS if name in candidates]
     return [
         name
         for name in dict.fromkeys([*first, *sort_counters(candidates)])
-        if (metric := find_metric(name)).kind == "counter" and metric.better == "lower"
+        if (metric := find_metric(name)).kind == "counter"
+        and metric.better == "lower"
+        and not counters.describe(name).of_order
     ]
 
 

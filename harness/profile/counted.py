@@ -10,6 +10,7 @@ from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.profile.design import Draw
 from harness.rasterisers import reference
+from harness.rasterisers.vertex_batches import count_vertices
 
 COARSE = 16
 """Side in px of the tiles up to which a rasteriser may scan triangles differently, as llvmpipe does
@@ -77,6 +78,8 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
         touched by triangles whose box is wider or higher than that
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, except the first of each
+    tile_pairs : pairs of a covering triangle and a tile of 32 px that it overlaps
+    vertex_batches, transformed_vertices : see `harness.rasterisers.vertex_batches`
     work : rounds of arithmetic in all lanes
     """
     points = frame.points
@@ -88,19 +91,22 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)  # rounded up
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     limit = COARSE * SUBPIXEL
-    tiles = reference.predict_tiles(points, triangles)["tiles_64_exact"]
+    tiles = reference.predict_tiles(points, triangles)
+    covering = counts["fragments"] > 0
     sums = {name: int(values.sum()) for name, values in counts.items()}
     return {
         "triangles": len(triangles),
         "vertices": int((np.bincount(triangles.ravel()) > 0).sum()),
         "set_up": int((counts["bbox_tests"] > 0).sum()),
-        "covering": int((counts["fragments"] > 0).sum()),
+        "covering": int(covering.sum()),
         **sums,
         "half_perimeter": int(sides.sum()),
         "near": int(np.minimum(sides, limit).sum()),
         "rows": int(np.maximum(last - first + 1, 0).sum()),
         "coarse_blocks": int(counts["blocks"][(sides > limit).any(axis=1)].sum()),
-        "further_tiles": int(np.maximum(tiles - 1, 0).sum()),
+        "further_tiles": int(np.maximum(tiles["tiles_64_exact"] - 1, 0).sum()),
+        "tile_pairs": int(tiles["tiles_32_exact"][covering].sum()),
+        **count_vertices(frame, triangles),
         "work": 4 * sums["quads"] * work,
     }
 

@@ -163,6 +163,9 @@ class Rasteriser(ABC):
     limitation: ClassVar[str] = "neither multisampling nor fragment work"
     """The supported part of `Options`, for the message "<name> has ..."."""
 
+    draws_indexed: ClassVar[bool] = False
+    """Whether it draws an index buffer, so that vertex batches are counted (`vertex_batches`)."""
+
     supports_scissor: ClassVar[bool] = False
     """Whether it supports `Frame.scissor`, as map tiles require."""
 

@@ -14,6 +14,7 @@ class Counter:
     better : "lower" if less is less work; "none" if every triangulation of a polygon has the same
         value
     best_case : lower bound over all triangulations, or None if it depends on the scene
+    of_order : whether it depends on the order of triangles, which no criterion predicts
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
         the rasteriser has no other
     """
@@ -23,6 +24,7 @@ class Counter:
     unit: str = "count"
     better: Literal["lower", "none"] = "lower"
     best_case: float | None = None
+    of_order: bool = False
     heading: str = ""
     description: str = ""
 
@@ -45,6 +47,18 @@ _TABLE = (
     ("fragments", "fragments", "pixels", "covered pixels"),
     ("hits", "hits", "pixels", "covered pixels, as found by testing"),
     ("depth_ties", "depth ties", "pixels", "depth tests that depend on a device's rounding"),
+    (
+        "vertex_batches",
+        "vertex batches",
+        "batches",
+        "index batches of 32 vertices and 32 triangles",
+    ),
+    (
+        "transformed_vertices",
+        "transformed vertices",
+        "vertices",
+        "distinct vertices of each batch, summed",
+    ),
     ("samples_passed", "samples passed", "samples", "covered samples, by the driver's query"),
 )
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
@@ -53,6 +67,7 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
     "helper_lanes": {"heading": "helpers", "best_case": 0.0},
     "bbox_tests": {"heading": "tests"},
     "partial_quads": {"best_case": 0.0},
+    **{name: {"of_order": True} for name in ("vertex_batches", "transformed_vertices")},
     **{name: {"better": "none"} for name in ("fragments", "hits", "depth_ties", "samples_passed")},
 }
 """Further properties of some counters."""

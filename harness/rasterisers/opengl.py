@@ -108,6 +108,7 @@ class OpenGL(GLRasteriser):
 
     name = "opengl"
     shades_fragments = True
+    draws_indexed = True
     supports_scissor = True
     supports_depth = True
     counters: ClassVar[tuple[str, ...]] = (*SHADED, "samples_passed")

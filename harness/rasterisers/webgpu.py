@@ -83,6 +83,7 @@ class WebGPU(Rasteriser):
 
     name = "webgpu"
     shades_fragments = True
+    draws_indexed = True
     limitation = "one sample per pixel"
     counters: ClassVar[tuple[str, ...]] = SHADED
     supports_scissor = True

@@ -72,8 +72,9 @@ def test_what_differs_in_one_of_these_is_another_case(field, value):
     assert name == same
 
 
-def test_every_counter_of_the_binner_is_gated(tmp_path):
-    before = {name: 1000 + number for number, name in enumerate(Binning.counters)}
+def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
+    names = (*Binning.counters, "vertex_batches", "transformed_vertices")
+    before = {name: 1000 + number for number, name in enumerate(names)}
     for name in before:
         after = before | {name: round(before[name] * 1.5)}
         found = compared(tmp_path / name, counted(before), counted(after))

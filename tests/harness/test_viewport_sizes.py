@@ -90,7 +90,7 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1)
+        counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 3)
         return {
             **dict(zip(sizes.COUNTED, counted, strict=True)),
             "triangulate_s": cut,

@@ -17,6 +17,7 @@ from harness.models.seen import read
 from harness.page.page_data import make_page_content
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, count_outline_quads, count_quads
+from harness.rasterisers.vertex_batches import count_vertices
 from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
 from harness.settings import MODEL_TRIANGULATORS
@@ -221,7 +222,8 @@ def scene() -> Scene:
     return load(TILES)
 
 
-def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
+def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(Reference, "draws_indexed", True)
     out = tmp_path / "out"
     (record, _) = lines_of(measure(OF_TILES, out))
     assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
@@ -238,11 +240,13 @@ def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path):
         )
         frame = frame_of(one, view_of(one))
         parts = triangulate_polygons(parse(record["triangulator"]), frame.polygons).parts
-        counted = Reference().count(frame, frame.join(parts), Options())
+        rows = frame.join(parts)
+        counted = Reference().count(frame, rows, Options())
         assert counted["quads"].tolist() == polygons["quads"][start:stop].tolist()
         alone.append({each: int(counted[each].sum()) for each in counted})
+        alone[-1] |= count_vertices(frame, rows)
     assert len(alone) == 3
-    for name in ("fragments", "quads", "helper_lanes", "bbox_tests"):
+    for name in alone[0]:
         assert record["counters"][name] == sum(each[name] for each in alone)
 
 
