@@ -1,119 +1,155 @@
 #!/usr/bin/env bash
-# Measure the best device of this machine, in about ten minutes: the costs of a triangle (profile),
-# the state of the installation, equality of counters with the exact reference, the accuracy of
-# criteria, the gain from the choice of a triangulator, and the speed of optimal triangulation in
-# compute shaders.
+# Measure a GPU in six minutes: orders of triangles, the cost of a triangle, shading, samples.
 #
-#   scripts/gpu.sh [OUT]      OUT: output folder, by default results/reference/<device>
+#   scripts/gpu.sh prepare OUT    on any machine: exact counters of the reference, and the times that
+#                                 docs/studies/gpu.md predicts from them
+#   scripts/gpu.sh plan           print the steps and their seconds
+#   scripts/gpu.sh measure OUT    on the machine with the GPU
+#   scripts/gpu.sh judge OUT      afterwards, on any machine: equality of counters, and the tables of
+#                                 docs/studies/gpu.md
 #
-# DEVICE=name  another device than the best one; see: .venv/bin/python -m harness list rasterisers
-# PYTHON=path  another Python than that of .venv, with the packages of requirements.lock
-# QUICK=yes    short measurements, to check that everything works
+# DEVICE=name   another device than the best one; see: .venv/bin/python -m harness list rasterisers
+# PYTHON=path   another Python than that of .venv, with the packages of requirements.lock
+# SECONDS_LIMIT=n  end after so many seconds (540); the steps come in the order of their importance
+# QUICK=yes     a small scene and short measurements, as a rehearsal on a software device
 #
-# A failed step does not stop the others; the last line lists the failed steps. Complete results are
-# retained, so the same call resumes an interrupted one.
+# A failed step does not stop the others; the last line lists the failed steps. Complete steps are
+# not repeated, so the same call resumes an interrupted one.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-.venv/bin/python}
 export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"
+harness=("$python" -m harness)
 
-device=${DEVICE:-$("$python" -c \
-    'from harness.rasterisers import find_device; print(find_device("opengl").name)')} || exit 3
-to=${1:-results/reference/$device}
-mkdir -p "$to"
+peers=ear-clipping,earcut-refine,flips:l1,delaunay,refined,optimal:overdraw,optimal:half-perimeter
+peers+=,optimal:expected-quads,worst:half-perimeter
+orders=native,walk,vertex-cache,shuffled
 if [ "${QUICK:-}" = yes ]; then
-    scenes="city:buildings=40" sizes=256 budget=0.05 profiled=0.05 study=(--quick)
-    compared=(-k footprints) often=0.001
+    scenes=(city:buildings=40 glyphs:limit=8) sizes=64,256 size=256 budget=0.02 profiled=0.02
+    compared=(-k footprints) share=0.001 factor=4
 else
-    scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 profiled=0.5 study=(--budget 0.05)
-    compared=() often=0.1
+    scenes=(city glyphs cad) sizes=256,1024,4096 size=1024 budget=0.25 profiled=0.35
+    compared=() share=0.1 factor=2
 fi
-peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
-peers+=,worst:half-perimeter
-failed=()
+few=("${scenes[@]:0:2}")
 
-step() { # name, file that the command writes, command
-    local name=$1 result=$2
-    shift 2
-    [ -e "$result" ] && { printf '%s: already complete\n' "$name"; return; }
-    printf '\n== %s %s\n' "$name" "$(date +%T)"
-    # Remove the output of an interrupted step.
-    [ "$(dirname "$result")" = "$to" ] || rm -rf "$(dirname "$result")"
-    "$@" || failed+=("$name")
+# Steps: name, seconds that it takes on an H200, file that it writes last.
+steps=(
+    "doctor 10 doctor.txt"
+    "orders-${scenes[0]%%:*} 55 orders-${scenes[0]%%:*}/summary.csv"
+    "orders-${scenes[1]%%:*} 50 orders-${scenes[1]%%:*}/summary.csv"
+    "profile 75 profile.json"
+    ${scenes[2]:+"orders-cad 50 orders-cad/summary.csv"}
+    "work-${few[0]%%:*} 25 work-${few[0]%%:*}/summary.csv"
+    "work-${few[1]%%:*} 25 work-${few[1]%%:*}/summary.csv"
+    "again 15 again/summary.csv"
+    "samples 20 samples/summary.csv"
+    "optimum 20 optimum.json"
+    "webgpu 15 webgpu/summary.csv"
+)
+# An independent measurement of triangles per second: `draw-prim-rate` of piglit, if it is installed.
+command -v draw-prim-rate > /dev/null && steps+=("piglit 10 draw-prim-rate.txt")
+
+# One run of the scenes' triangulators; further arguments select a rasteriser and options.
+run_scene() { # folder, scene, sizes, seconds of each case, further arguments
+    "${harness[@]}" run --scene "$2" --resolution "$3" --triangulators $peers --budget "$4" \
+        --quiet --out "$to/$1" "${@:5}"
 }
 
 doctor() {
-    { "$python" -m harness doctor; nvidia-smi 2>/dev/null; true; } | tee "$to/doctor.txt"
+    { "${harness[@]}" doctor; nvidia-smi; } 2>&1 | tee "$to/doctor.part"
+    mv "$to/doctor.part" "$to/doctor.txt"
 }
 
-# Draw a scene on the device and on the reference, and list the counters that differ.
-equality() {
-    "$python" -m harness run --scene "$1" --device "$device" --rasterisers opengl,reference \
-        --resolution "$sizes" --triangulators $peers --budget 0.001 --precision 1 --quiet \
-        --out "$to/equality-${1%%:*}" || return
-    "$python" - "$to/equality-${1%%:*}/summary.csv" <<'PY'
-import sys
-
-import pandas as pd
-
-table = pd.read_csv(sys.argv[1])
-parts = {name: part for name, part in table.groupby("rasteriser")}
-by = ["triangulator", "resolution"]
-both = parts["opengl"].merge(parts["reference"], on=by, suffixes=("", " of the reference"))
-names = [c for c in ("fragments", "quads", "helper_lanes") if both[c].notna().all()]
-wrong = [n for n in names if (both[n] != both[f"{n} of the reference"]).any()]
-print(f"{len(both)} cases, {', '.join(names) or 'no counter'} compared: ", end="")
-print(f"{', '.join(wrong)} differ" if wrong else "all equal")
-for name in wrong:
-    print(both[[*by, name, f"{name} of the reference"]].to_string(index=False))
-sys.exit(bool(wrong) or not names)
-PY
+perform() { # name of a step
+    case "$1" in
+        doctor) doctor ;;
+        profile) "${harness[@]}" profile --device "$device" --budget $profiled --quiet \
+            --out "$to/profile.json" ;;
+        orders-*) run_scene "$1" "$(scene_of "$1")" $sizes $budget --device "$device" --order $orders ;;
+        work-*) run_scene "$1" "$(scene_of "$1")" $sizes "$(half $budget)" --device "$device" \
+            --work 16,64 ;;
+        samples) run_scene samples "${scenes[0]}" $sizes "$(half $budget)" --device "$device" \
+            --samples 4 ;;
+        # A second measurement of a tenth of the cases: the scatter of the measurement itself.
+        again) run_scene again "${scenes[0]}" $size $budget --device "$device" --order $orders ;;
+        webgpu) run_scene webgpu "${scenes[0]}" $sizes "$(half $budget)" --device "$device" \
+            --rasterisers webgpu ;;
+        piglit) timeout 8 draw-prim-rate -auto -fbo > "$to/draw-prim-rate.txt"; true ;;
+        optimum) DEVICE="$device" ENDURANCE=$share "$python" -m pytest -q -p no:cacheprovider \
+            tests/benchmarks/test_gpu.py "${compared[@]}" --benchmark-enable -s \
+            --benchmark-json="$to/optimum.json" ;;
+    esac
 }
 
-# Compare the optimal triangulations of the device's compute shaders with those of the CPU.
-optimum() {
-    DEVICE="$device" ENDURANCE=$often "$python" -m pytest -q tests/endurance/test_device.py \
-        "${compared[@]}" | tee "$to/optimum.part"
-    local code=$?
-    mv "$to/optimum.part" "$to/optimum-equality.txt"
-    return $code
+scene_of() { # step
+    local scene
+    for scene in "${scenes[@]}"; do [ "${1#*-}" = "${scene%%:*}" ] && echo "$scene"; done
 }
 
-step profile "$to/profile.json" \
-    "$python" -m harness profile --device "$device" --budget $profiled --quiet --out "$to/profile.json"
-step doctor "$to/doctor.txt" doctor
-# The most important steps come first, because a machine may be available for minutes only.
-for scene in $scenes; do
-    step "gains $scene" "$to/gains-${scene%%:*}/summary.csv" \
-        "$python" -m harness run --scene "$scene" --device "$device" --resolution "$sizes" \
-        --triangulators $peers --budget $budget --quiet --out "$to/gains-${scene%%:*}"
-    step "equality $scene" "$to/equality-${scene%%:*}/summary.csv" equality "$scene"
-    [ "$scene" = "${scenes%% *}" ] || continue
-    step validate "$to/validate-city/correlations.csv" \
-        "$python" -m harness study validate --scene city --resolution 512 --device "$device" \
-        --rasterisers opengl,bounding-box "${study[@]}" --quiet --out "$to/validate-city"
-done
-# H-optimal triangulation in compute shaders: equality with the CPU, and polygons per second.
-step "optimum, equality" "$to/optimum-equality.txt" optimum
-step optimum "$to/optimum.json" \
-    env DEVICE="$device" "$python" -m pytest tests/benchmarks/test_gpu.py --benchmark-enable -s -q \
-    --benchmark-json="$to/optimum.json"
-# The same GPU through WebGPU, if wgpu is installed.
-if "$python" -c 'import wgpu' 2>/dev/null; then
-    step webgpu "$to/webgpu-city/summary.csv" \
-        "$python" -m harness run --scene "${scenes%% *}" --device "$device" --resolution "$sizes" \
-        --rasterisers webgpu --triangulators $peers --budget $budget --quiet --out "$to/webgpu-city"
-fi
-# The summary that docs/devices.md includes once it is in results/devices.
-first=${scenes%% *}
-step summary "$to/$device.json" \
-    "$python" -m harness import "$to/gains-${first%%:*}" --summary "$to/$device.json"
-step "gains over all" "$to/gains/gains.csv" \
-    "$python" -m harness study gains "$to"/gains-*/ --out "$to/gains"
+half() { "$python" -c "print($1 / 2)"; }
 
-if [ ${#failed[@]} -gt 0 ]; then
-    printf '\nfailed: %s\n' "$(IFS=,; echo "${failed[*]}")"
-    exit 1
-fi
-printf '\nall done: %s\n' "$to"
-printf 'to contribute: cp %s results/devices/, then make documents\n' "$to/$device.json"
+remaining() { echo $((${SECONDS_LIMIT:-540} - SECONDS)); }
+
+plan() {
+    local step total=0
+    for step in "${steps[@]}"; do
+        read -r name seconds result <<< "$step"
+        printf '%-14s %4d s   %s\n' "$name" "$seconds" "$result"
+        total=$((total + seconds))
+    done
+    printf '%-14s %4d s\n' "all" "$total"
+}
+
+measure() {
+    local step failed=() bound code begun
+    device=${DEVICE:-$("$python" -c \
+        'from harness.rasterisers import find_device; print(find_device("opengl").name)')} || exit 3
+    mkdir -p "$to"
+    # The largest scene is triangulated on the other cores while the device measures the first one.
+    [ -z "${scenes[2]:-}" ] || (run_scene warm "${scenes[2]}" $sizes 0.001 --rasterisers reference \
+        --precision 1 > "$to/warm.log" 2>&1; rm -rf "$to/warm") &
+    for step in "${steps[@]}"; do
+        read -r name seconds result <<< "$step"
+        [ -e "$to/$result" ] && { printf '%s: already complete\n' "$name"; continue; }
+        bound=$((factor * seconds))
+        [ "$bound" -gt "$(remaining)" ] && bound=$(remaining)
+        [ "$bound" -gt 5 ] || { failed+=("$name (no time left)"); continue; }
+        printf '\n== %s %s, at most %d s\n' "$name" "$(date +%T)" "$bound"
+        begun=$SECONDS
+        # Remove the output of an interrupted step.
+        [[ "$result" != */* ]] || rm -rf "${to:?}/${result%/*}"
+        # A subshell of this script, so that `timeout` ends the step and all of its processes.
+        timeout --signal INT --kill-after 5 "$bound" bash "$0" step "$name" "$to" "$device"
+        code=$?
+        [ $code -eq 0 ] || failed+=("$name (exit code $code)")
+        printf -- '-- %s: %d of %d s\n' "$name" $((SECONDS - begun)) "$seconds"
+    done
+    wait
+    if [ ${#failed[@]} -gt 0 ]; then
+        printf '\nfailed: %s\n' "$(IFS=,; echo "${failed[*]}")"
+        exit 1
+    fi
+    printf '\nall done: %s\n' "$to"
+}
+
+prepare() {
+    mkdir -p "$to"
+    local scene
+    for scene in "${scenes[@]}"; do
+        [ -e "$to/reference-${scene%%:*}/summary.csv" ] || run_scene "reference-${scene%%:*}" \
+            "$scene" $sizes 0.001 --rasterisers reference --precision 1 --order $orders || exit
+    done
+    [ -e "$to/reference-samples/summary.csv" ] || run_scene reference-samples "${scenes[0]}" $sizes \
+        0.001 --rasterisers reference --precision 1 --samples 4 || exit
+    "$python" scripts/studies/gpu.py predict "$to"
+}
+
+command=${1:-}
+case "$command" in
+    plan) plan ;;
+    step) to=$3 device=$4; perform "$2" ;;
+    prepare | measure) to=${2:?folder}; $command ;;
+    judge) "$python" scripts/studies/gpu.py judge "${2:?folder}" ;;
+    *) sed -n '2,20s/^# \{0,1\}//p' "$0"; exit 2 ;;
+esac

@@ -113,6 +113,21 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
     assert "sparkle_length" in pd.read_csv(tmp_path / "summary.csv").columns
 
 
+def test_summary_states_the_options_of_each_case(tmp_path):
+    options = [("walk", 1, 0), ("native", 4, 0), ("native", 1, 16)]
+    records = [
+        make_record(
+            "delaunay",
+            counters={"quads": 100},
+            options={"order": order, "samples": samples, "work": work, "seed": 0},
+        )
+        for order, samples, work in options
+    ]
+    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
+    table = pd.read_csv(tmp_path / "summary.csv")[["order", "samples", "work"]]
+    assert sorted(table.itertuples(index=False, name=None)) == sorted(options)
+
+
 def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
     records = [a_record(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
     assert "glow" in printed(records)
