@@ -1,0 +1,98 @@
+"""The decisions of scripts/studies/gpu.py on measurements that obey the law, and on others."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from scripts.studies import gpu
+
+TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "delaunay")
+BATCHES = {"native": (509, 648, 646, 868), "walk": (482, 480, 483, 480), "shuffled": (1330,) * 4}
+
+
+def make_cases(scene: str, resolution: int, order: str, work: int, covering: int) -> pd.DataFrame:
+    """Return the counters of one view, a row per triangulator, as in summary.csv."""
+    return pd.DataFrame(
+        {
+            "scene": scene,
+            "resolution": resolution,
+            "samples": 1,
+            "work": work,
+            "order": order,
+            "triangulator": TRIANGULATORS,
+            "status": "ok",
+            "triangles": 13_000,
+            "fragments": 3000,
+            "quads": covering * 10 + np.arange(4),
+            "helper_lanes": 100 + np.arange(4),
+            "covering_triangles": covering,
+            "vertex_batches": BATCHES[order],
+            "transformed_vertices": 32 * np.array(BATCHES[order]),
+        }
+    )
+
+
+def write_run(folder: Path, cases: list[pd.DataFrame], **columns: object) -> None:
+    folder.mkdir()
+    pd.concat(cases).assign(**columns).to_csv(folder / "summary.csv", index=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of a prepared study, without measurements."""
+    for scene, resolution, covering in (("glyphs", 256, 100), ("city", 1024, 20_000)):
+        cases = [make_cases(scene, resolution, order, 0, covering) for order in BATCHES]
+        write_run(tmp_path / f"reference-{scene}", cases)
+    gpu.predict(tmp_path)
+    return tmp_path
+
+
+def write_measurements(folder: Path, *, factor: dict[str, float] | None = None) -> None:
+    """Write runs whose times are those of the law, times a factor for each order."""
+    predicted = pd.read_csv(folder / "predicted.csv")
+    counters = pd.read_csv(folder / "reference-city/summary.csv").columns
+    factors = predicted["order"].map(factor or {}).fillna(1.0)
+    measured = predicted.assign(
+        status="ok",
+        draw_ms=1e-6 * predicted["predicted_ns"] * factors,
+        vertex_shader_invocations=predicted["transformed_vertices"],
+    )[[*counters, "draw_ms", "vertex_shader_invocations"]]
+    for name, scene in product(("orders", "work"), ("city", "glyphs")):
+        rows = measured[(measured["scene"] == scene) & ((measured["work"] > 0) == (name == "work"))]
+        write_run(folder / f"{name}-{scene}", [rows])
+    write_run(folder / "again", [measured[measured["scene"] == "city"]])
+
+
+def decide(folder: Path) -> dict[int, bool]:
+    gpu.judge(folder)
+    table = pd.read_csv(folder / "decisions.csv")
+    return table.groupby("hypothesis")["holds"].all().to_dict()
+
+
+def test_measurements_that_obey_the_law_confirm_every_hypothesis(folder):
+    write_measurements(folder)
+    assert decide(folder) == dict.fromkeys(range(8), True)
+    equality = pd.read_csv(folder / "equality.csv")
+    assert (equality["cases"] == equality["equal"]).all()
+    assert equality["cases"].sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("factor", "refuted"), [({"shuffled": 1.2}, {3, 4, 6}), ({"walk": 1.04}, {4})]
+)
+def test_an_order_that_costs_something_else_refutes(folder, factor, refuted):
+    write_measurements(folder, factor=factor)
+    assert {number for number, holds in decide(folder).items() if not holds} == refuted
+
+
+def test_without_the_driver_s_statistics_a_hypothesis_is_open(folder):
+    write_measurements(folder)
+    for file in folder.glob("*/summary.csv"):
+        table = pd.read_csv(file).drop(columns="vertex_shader_invocations", errors="ignore")
+        table.to_csv(file, index=False)
+    gpu.judge(folder)
+    table = pd.read_csv(folder / "decisions.csv").set_index("hypothesis")
+    assert pd.isna(table.loc[5, "value"]) and pd.isna(table.loc[5, "holds"])
