@@ -56,7 +56,7 @@ def compare(benchmark: Any, arrays: PolygonArray, rounds: int) -> tuple[float, f
 
     assert np.array_equal(run(DEVICE).triangles, run("cpu").triangles)
     device_s, cpu_s = (measure_min(lambda d=d: run(d), rounds) for d in (DEVICE, "cpu"))
-    assert not engine._said
+    assert not engine._warned
     benchmark.extra_info.update(
         device=DEVICE, renderer=engine.describe(DEVICE)[0], device_s=device_s, cpu_s=cpu_s
     )
