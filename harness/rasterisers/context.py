@@ -1,7 +1,7 @@
 """An OpenGL context, with a few functions that moderngl lacks."""
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -17,6 +17,17 @@ from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, r
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
 QUERY_RESULT = 0x8866
+
+STATISTICS = {
+    "vertex_shader_invocations": 0x82F0,
+    "clipping_input_primitives": 0x82F6,
+    "clipping_output_primitives": 0x82F7,
+}
+"""Pipeline statistics that are counted, by counter."""
+
+STATISTICS_VERSION, STATISTICS_EXTENSION = 460, "GL_ARB_pipeline_statistics_query"
+"""First OpenGL version with pipeline statistics, and the extension for older versions."""
+
 DEPTH_BUFFER_BIT = 0x0100
 
 MODERN = 450
@@ -66,6 +77,11 @@ class Context:
         self.clear = self._function("glClear", "uint")
         self.max_size = int(self.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
         self.max_samples = int(self.ctx.max_samples)
+        has_statistics = (
+            self.ctx.version_code >= STATISTICS_VERSION
+            or STATISTICS_EXTENSION in self.ctx.extensions
+        )
+        self.statistics = STATISTICS if has_statistics else {}
 
     def _function(self, name: str, *kinds: str) -> Any:
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
@@ -179,6 +195,16 @@ class Context:
         value = ctypes.c_uint64()
         self._query_result(query, QUERY_RESULT, ctypes.byref(value))
         return value.value
+
+    def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
+        """Call `draw` once, and return the result of a query of each target."""
+        with self.queries(len(targets)) as queries:
+            for target, query in zip(targets.values(), queries, strict=True):
+                self.begin_query(target, query)
+            draw()
+            for target in targets.values():
+                self.end_query(target)
+            return dict(zip(targets, map(self.result, queries), strict=True))
 
     def wait(self) -> None:
         """Wait until the device has executed all commands.

@@ -43,6 +43,7 @@ _TABLE = (
     ),
     ("quads", "quads", "quads", "shaded 2x2 quads"),
     ("partial_quads", "partial quads", "quads", "shaded 2x2 quads with helper lanes"),
+    ("covering_triangles", "covering triangles", "triangles", "triangles that cover a sample"),
     ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks with a covered pixel"),
     ("fragments", "fragments", "pixels", "covered pixels"),
     ("hits", "hits", "pixels", "covered pixels, as found by testing"),
@@ -60,6 +61,14 @@ _TABLE = (
         "distinct vertices of each batch, summed",
     ),
     ("samples_passed", "samples passed", "samples", "covered samples, by the driver's query"),
+    *(
+        (name, f"{label}, driver", unit, f"{label}, by the driver's query")
+        for name, label, unit in (
+            ("vertex_shader_invocations", "vertex shader invocations", "invocations"),
+            ("clipping_input_primitives", "primitives before clipping", "triangles"),
+            ("clipping_output_primitives", "primitives after clipping", "triangles"),
+        )
+    ),
 )
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
 

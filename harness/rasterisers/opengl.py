@@ -111,7 +111,7 @@ class OpenGL(GLRasteriser):
     draws_indexed = True
     supports_scissor = True
     supports_depth = True
-    counters: ClassVar[tuple[str, ...]] = (*SHADED, "samples_passed")
+    counters: ClassVar[tuple[str, ...]] = (*SHADED, "samples_passed", *context.STATISTICS)
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -134,28 +134,29 @@ class OpenGL(GLRasteriser):
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(SHADED)), np.int64)
-        passed = 0
+        targets = {"samples_passed": context.SAMPLES_PASSED, **self.context.statistics}
+        driver = dict.fromkeys(targets, 0)
         for part in split_batches(frame, triangles):
             totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
             # Drawn again without counting, as storage writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
             mesh.bind()
-            with self.context.queries(1) as (query,):
-                self.context.begin_query(context.SAMPLES_PASSED, query)
-                mesh.draw()
-                self.context.end_query(context.SAMPLES_PASSED)
-                passed += self.context.result(query)
+            for name, result in self.context.measure(targets, mesh.draw).items():
+                driver[name] += result
         self.context.check("counting")
         counters = {name: totals[:, k].copy() for k, name in enumerate(SHADED)}
-        fragments, quads, helpers, _ = counters.values()
+        fragments, quads, helpers = (counters[name] for name in SHADED[:3])
         if (4 * quads != fragments + helpers).any():
             raise NoRasteriserError(
                 f"{self.device.name}: the OpenGL driver does not report helper invocations"
             )
-        counters["samples_passed"] = np.array(passed, np.int64)
+        counters |= {name: np.array(total, np.int64) for name, total in driver.items()}
         if frame.depths is not None:
             ties = predict_visible(frame, triangles)["depth_ties"]
-            if options.samples == 1 and abs(fragments.sum() - passed) > ties.sum():
+            if (
+                options.samples == 1
+                and abs(fragments.sum() - driver["samples_passed"]) > ties.sum()
+            ):
                 raise NoRasteriserError(
                     f"{self.device.name}: the OpenGL driver does not test depth before shading; "
                     "choose another device, or depth=none"
@@ -164,10 +165,11 @@ class OpenGL(GLRasteriser):
         return counters
 
     def _tally(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
-        """Return (p, 4) counts in the order of SHADED.
+        """Return (p, 5) counts in the order of SHADED.
 
-        The first covered lane of each quad counts the quad. On renderers whose lanes cannot detect
-        helper lanes, a buffer stores the last triangle of each quad.
+        The first covered lane of each quad counts the quad and sets the triangle's bit. On
+        renderers whose lanes cannot detect helper lanes, a buffer stores the last triangle of each
+        quad.
         """
         shape = (len(mesh.frame.grid), len(SHADED))
         counts = self.context.buffer(np.zeros(shape, np.uint32))
@@ -179,6 +181,8 @@ class OpenGL(GLRasteriser):
         if self._in_order:
             self._draw_in_order(mesh, len(triangles))
         else:
+            covering = self.context.buffer(np.zeros(len(triangles) // 32 + 1, np.uint32))
+            covering.bind_to_storage_buffer(1)
             mesh.draw()
         mesh.target.color_mask = WRITE_ALL
         self.ctx.memory_barrier()
@@ -191,7 +195,7 @@ class OpenGL(GLRasteriser):
 
     def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
-        last = self.context.buffer(np.zeros(columns * rows, np.uint32))
+        last = self.context.buffer(np.zeros(1 + columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
         mesh.program["columns"] = columns
         mesh.begin()
@@ -222,6 +226,7 @@ class Mesh(Drawing):
         self.software = owner.device.software
         self.frame = frame
         self.work = options.work
+        self.counting = counting
         self.draws = frame.draws(triangles)
         self.program = owner.programs(deep=deep)[counting]
         size = (frame.width, frame.height)
@@ -273,5 +278,7 @@ class Mesh(Drawing):
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
         """Submit some of the triangles, `instances` times in one call."""
         self.begin()
+        if self.counting:
+            self.program["start"] = rows.start
         count = 3 * (rows.stop - rows.start)
         self.vertices.render(vertices=count, first=3 * rows.start, instances=instances)

@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
 )
 from triangulators.compute.kernels import njit
 
-SHADED = ("fragments", "quads", "helper_lanes", "partial_quads")
+SHADED = ("fragments", "quads", "helper_lanes", "partial_quads", "covering_triangles")
 """Counters of devices that shade quads."""
 
 COUNTED = (*SHADED, "blocks", "bbox_tests")
@@ -42,6 +42,7 @@ def predict(
     quads : 2x2 blocks with a covered pixel
     helper_lanes : lanes of these quads whose pixel is not covered
     partial_quads : quads with a helper lane
+    covering_triangles : 1 if a pixel is covered, otherwise 0
     blocks : 4x4 blocks with a covered pixel
     bbox_tests : pixel centres in the bounding box
 
@@ -49,8 +50,16 @@ def predict(
     """
     counts = spans.count_triangles(points, triangles, window).T
     fragments, quads, partial, blocks, tests = counts
-    values = (fragments, quads, 4 * quads - fragments, partial, blocks, tests)
-    return dict(zip(COUNTED, values, strict=True))
+    return _shaded(fragments, quads, partial) | {"blocks": blocks, "bbox_tests": tests}
+
+
+def _shaded(
+    fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
+) -> dict[str, NDArray[np.int64]]:
+    """Return the counters `SHADED` of triangles, (m,) each."""
+    covering = (fragments > 0).astype(np.int64)
+    values = (fragments, quads, 4 * quads - fragments, partial, covering)
+    return dict(zip(SHADED, values, strict=True))
 
 
 def predict_visible(
@@ -58,7 +67,7 @@ def predict_visible(
 ) -> dict[str, NDArray[np.int64]]:
     """Return the counters of triangles (m, 3) drawn in their order with a depth test, (m,) each.
 
-    fragments, quads, helper_lanes, partial_quads : of shaded pixels
+    fragments, quads, helper_lanes, partial_quads, covering_triangles : of shaded pixels
     depth_ties : tests that depend on rounding; a device may differ in as many pixels and quads
     picture : (height, width), row 0 at the bottom; receives each polygon's colour
     """
@@ -70,8 +79,7 @@ def predict_visible(
     paint = polygon_colours(frame.owner(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
     fragments, quads, partial, ties = spans.count_visible(*arrays, picture).T
-    counts = (fragments, quads, 4 * quads - fragments, partial, ties)
-    return dict(zip((*SHADED, "depth_ties"), counts, strict=True))
+    return _shaded(fragments, quads, partial) | {"depth_ties": ties}
 
 
 def count_outline_quads(

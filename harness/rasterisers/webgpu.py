@@ -168,24 +168,25 @@ class WebGPU(Rasteriser):
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         frame = self._on_grid(frame)
         polygons = len(frame.grid)
-        totals = np.zeros((polygons, 3), np.int64)
+        totals = np.zeros((polygons, 4), np.int64)
         for part in split_batches(frame, triangles, MAX_LANES):
-            totals += self._tally_once(frame, part).reshape(polygons, 3)
-        fragments = totals[:, 0]
-        quads, full = np.rint(totals[:, 1:] / (QUAD_COUNT_SCALE, 4)).astype(np.int64).T
-        values = (fragments, quads, 4 * quads - fragments, quads - full)
+            totals += self._tally_once(frame, part).reshape(polygons, 4)
+        fragments, covering = totals[:, 0], totals[:, 3]
+        quads, full = np.rint(totals[:, 1:3] / (QUAD_COUNT_SCALE, 4)).astype(np.int64).T
+        values = (fragments, quads, 4 * quads - fragments, quads - full, covering)
         return dict(zip(SHADED, values, strict=True))
 
     def _tally_once(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self.buffer(rows, "VERTEX")
-        counts = self.buffer(np.zeros(3 * (len(frame.grid)), np.uint32), "STORAGE|COPY_SRC")
+        counts = self.buffer(np.zeros(4 * len(frame.grid), np.uint32), "STORAGE|COPY_SRC")
+        covering = self.buffer(np.zeros(len(part) // 32 + 1, np.uint32), "STORAGE")
         size = self.buffer(_size(frame), "UNIFORM")
         encoder = self.gpu.create_command_encoder()
         render = begin_pass(encoder, self.target(frame))
         render.set_pipeline(self._tally)
-        render.set_bind_group(0, self.group(self._tally, size, counts))
+        render.set_bind_group(0, self.group(self._tally, size, counts, covering))
         render.set_vertex_buffer(0, triangles)
         if frame.scissor is not None:
             render.set_scissor_rect(*frame.scissor)
@@ -193,7 +194,7 @@ class WebGPU(Rasteriser):
         render.end()
         self.gpu.queue.submit([encoder.finish()])
         totals = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
-        return totals[: 3 * len(frame.grid)]
+        return totals[: 4 * len(frame.grid)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _Timed(self, self._on_grid(frame), triangles, options.work)

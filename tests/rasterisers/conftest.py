@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from harness.errors import NoRasteriserError
 from harness.frame import Frame, bare_frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
+from harness.rasterisers.base import order_submission, sum_per_polygon
 from harness.rasterisers.reference import find_disagreements
 from harness.workers.worker import Worker
 
@@ -64,7 +66,32 @@ def require_reference_counts(on_device: tuple[str, Call], reference: Rasteriser,
     assert find_disagreements(frame, drawn, exact) == []
     if "samples_passed" in drawn:
         assert drawn["samples_passed"] == exact["fragments"].sum()
+        require_covering_triangles(call, frame, triangles, replace(options, samples=4))
     return exact
+
+
+def require_covering_triangles(call: Call, *case: Any) -> None:
+    """Check the covering triangles of polygons against the fragments of each triangle."""
+    counted, expected = call(_count_covering, *case)
+    assert counted.tolist() == expected.tolist()
+
+
+def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Count covering triangles inside the worker, as such and as polygons of one triangle."""
+    opened = tasks._opened(name, device)
+    counted = opened.count(*case)["covering_triangles"]
+    frame, triangles, options = case
+    rows = order_submission(frame, triangles, options)
+    single = bare_frame(frame.width, frame.points[rows].reshape(-1, 2), 3)
+    tiles = None if frame.tiles is None else np.searchsorted(frame.owner(rows), frame.tiles)
+    viewing = frame.viewing
+    if viewing is not None and viewing.depths is not None:
+        viewing = replace(viewing, depths=viewing.depths[rows.ravel()])
+    single = replace(single, scissor=frame.scissor, tiles=tiles, viewing=viewing)
+    fragments = opened._count(single, np.arange(rows.size, dtype=np.int32).reshape(-1, 3), options)[
+        "fragments"
+    ]
+    return counted, sum_per_polygon(frame, rows, (fragments > 0).astype(np.int64))
 
 
 def seconds(name: str, device: Device, case: Any) -> float:

@@ -117,6 +117,7 @@ def require_exact_counts(corners) -> None:
     assert counts["quads"][0] == blocks_touched(mask, 2)
     full = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
     assert counts["partial_quads"][0] == counts["quads"][0] - full
+    assert counts["covering_triangles"][0] == mask.any()
     assert counts["blocks"][0] == blocks_touched(mask, 4)
     assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
     centres = 256 * np.arange(SIZE) + 128

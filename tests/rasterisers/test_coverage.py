@@ -8,6 +8,7 @@ from shapely import Polygon, make_valid
 
 from harness.frame import View, make_frame
 from harness.rasterisers import Options
+from harness.rasterisers.reference import find_disagreements
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
@@ -61,7 +62,7 @@ def city() -> list[Polygon]:
 @pytest.mark.parametrize("polygons", [city, helsinki])
 @pytest.mark.parametrize("resolution", [256, 1024])
 def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
-    llvmpipe, polygons, resolution
+    llvmpipe, reference, polygons, resolution
 ):
     frame = make_frame(polygons(), View(resolution))
     expected = None
@@ -71,6 +72,8 @@ def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
         counted = llvmpipe.count(frame, frame.join(result.parts), Options())
         fragments, quads = counted["fragments"], counted["quads"]
         assert (4 * quads == fragments + counted["helper_lanes"]).all()
+        exact = reference.count(frame, frame.join(result.parts), Options())
+        assert find_disagreements(frame, counted, exact) == []
         conforming = np.array(
             [p is not None and not t for p, t in zip(result.parts, result.t_junctions, strict=True)]
         )

@@ -20,7 +20,12 @@ from harness.triangulating.triangulate import triangulate_polygons
 from harness.viewing import Viewing
 from tests.models.various import solid
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import require_reference_counts, seconds, worker_on
+from tests.rasterisers.conftest import (
+    require_covering_triangles,
+    require_reference_counts,
+    seconds,
+    worker_on,
+)
 
 NATIVE = Options()
 
@@ -79,11 +84,13 @@ def test_counters_with_depth_equal_the_reference_except_ties(on_device, depth_vi
             continue
         drawn = call(tasks.count, frame, rows, NATIVE)
         assert np.array_equal(drawn["depth_ties"], exact["depth_ties"])
-        for name in ("fragments", "quads", "partial_quads"):
+        for name in ("fragments", "quads", "partial_quads", "covering_triangles"):
             assert (np.abs(drawn[name] - exact[name]) <= exact["depth_ties"]).all()
             assert drawn[name].sum() > 0
         assert (drawn["helper_lanes"] == 4 * drawn["quads"] - drawn["fragments"]).all()
         assert abs(drawn["samples_passed"] - exact["fragments"].sum()) <= exact["depth_ties"].sum()
+        for samples in (1, 4):
+            require_covering_triangles(call, frame, rows, Options(samples=samples))
 
 
 def test_pictures_with_depth_equal_the_reference_except_ties(on_device, depth_views, reference):
@@ -191,7 +198,7 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
         with pytest.raises(NoRasteriserError, match="does not test depth before shading"):
             llvmpipe.count(*case)
     with monkeypatch.context() as without_helpers:
-        without_helpers.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0])
+        without_helpers.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0, 0])
         with pytest.raises(NoRasteriserError, match="does not report helper invocations"):
             llvmpipe.count(*case)
 

@@ -1,7 +1,8 @@
-// Count fragments, quads, helper lanes and partial quads of each polygon.
+// Count fragments, quads, helper lanes, partial quads and covering triangles of each polygon.
 //
 // Derivatives are differences between the lanes of a 2x2 quad. Derivatives of the helper flag show
-// each lane which of its three neighbours are helpers. The first covered lane counts the quad.
+// each lane which of its three neighbours are helpers. The first covered lane counts the quad, and
+// the triangle if it sets the triangle's bit.
 
 #ifdef DEPTH
 layout(early_fragment_tests) in;  // do not count hidden fragments
@@ -11,8 +12,14 @@ flat in uint owner;
 flat in vec4 colour;
 
 layout(std430, binding = 0) buffer Counts {
-    uint counts[];  // fragments, quads, helper lanes, partial quads of polygon 0, of polygon 1, ...
+    uint counts[];  // fragments, quads, helper lanes, partial quads, covering triangles of polygon 0, ...
 };
+
+layout(std430, binding = 1) buffer Covering {
+    uint covering[];  // a bit for each triangle
+};
+
+uniform int start;  // number of the draw's first triangle
 
 out vec4 fragment;
 
@@ -32,12 +39,19 @@ void main() {
 
     fragment = colour;
     if (!gl_HelperInvocation) {
-        atomicAdd(counts[4u * owner], 1u);
+        atomicAdd(counts[5u * owner], 1u);
         if (first) {
             uint helpers = uint(beside + beyond + across + 0.5);
-            atomicAdd(counts[4u * owner + 1u], 1u);
-            atomicAdd(counts[4u * owner + 2u], helpers);
-            if (helpers > 0u) atomicAdd(counts[4u * owner + 3u], 1u);
+            atomicAdd(counts[5u * owner + 1u], 1u);
+            atomicAdd(counts[5u * owner + 2u], helpers);
+            if (helpers > 0u) atomicAdd(counts[5u * owner + 3u], 1u);
+            uint triangle = uint(start + gl_PrimitiveID);
+            uint bit = 1u << (triangle & 31u);
+            // The plain read spares most quads the atomic operation.
+            if ((covering[triangle >> 5] & bit) == 0u
+                    && (atomicOr(covering[triangle >> 5], bit) & bit) == 0u) {
+                atomicAdd(counts[5u * owner + 4u], 1u);
+            }
         }
     }
 }

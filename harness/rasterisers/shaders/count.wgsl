@@ -1,31 +1,35 @@
-// Count fragments, quads and complete quads of each polygon if shaders cannot detect helper lanes.
+// Count fragments, quads, complete quads and covering triangles of each polygon if shaders cannot
+// detect helper lanes.
 //
 // Each covered pixel computes the number k of pixels of its 2x2 quad that the triangle covers, and
 // adds 12 / k to the polygon's counter. The k pixels of a quad together add 12, so the counter is
 // exactly 12 times the number of quads. If k is 4, the quad is complete, and its four pixels add 4
-// to another counter. An instance is a triangle.
+// to another counter. An instance is a triangle; the pixel that sets its bit counts the triangle.
 
 @group(0) @binding(0) var<uniform> size: vec2<f32>;  // of the viewport, in 1/256 px
-// fragments, 12 times the quads, 4 times the complete quads of polygon 0, of polygon 1, ...
+// fragments, 12 times the quads, 4 times the complete quads, covering triangles of polygon 0, ...
 @group(0) @binding(1) var<storage, read_write> counts: array<atomic<u32>>;
+@group(0) @binding(2) var<storage, read_write> covering: array<atomic<u32>>;  // a bit per triangle
 
 struct Covered {
     @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat) ab: vec4<i32>,
     @location(1) @interpolate(flat) c: vec2<i32>,
     @location(2) @interpolate(flat) polygon: u32,
+    @location(3) @interpolate(flat) triangle: u32,
 }
 
 @vertex
 fn place(
     @builtin(vertex_index) corner: u32,
+    @builtin(instance_index) triangle: u32,
     @location(0) ab: vec4<i32>,
     @location(1) c: vec2<i32>,
     @location(2) polygon: u32,
 ) -> Covered {
     let point = select(select(ab.xy, ab.zw, corner == 1u), c, corner == 2u);
     let unit = 2.0 * vec2<f32>(point) / size - 1.0;
-    return Covered(vec4<f32>(unit.x, -unit.y, 0.0, 1.0), ab, c, polygon);
+    return Covered(vec4<f32>(unit.x, -unit.y, 0.0, 1.0), ab, c, polygon, triangle);
 }
 
 // The sign of twice the area of the triangle a, b, p: 1 if it is counter-clockwise, 0 if flat.
@@ -82,10 +86,16 @@ fn count(pixel: Covered) -> @location(0) vec4<f32> {
             number += 1u;
         }
     }
-    atomicAdd(&counts[3u * pixel.polygon], 1u);
-    atomicAdd(&counts[3u * pixel.polygon + 1u], 12u / number);
+    atomicAdd(&counts[4u * pixel.polygon], 1u);
+    atomicAdd(&counts[4u * pixel.polygon + 1u], 12u / number);
     if (number == 4u) {
-        atomicAdd(&counts[3u * pixel.polygon + 2u], 1u);
+        atomicAdd(&counts[4u * pixel.polygon + 2u], 1u);
+    }
+    let word = pixel.triangle >> 5u;
+    let bit = 1u << (pixel.triangle & 31u);
+    // The load spares most pixels the second operation.
+    if ((atomicLoad(&covering[word]) & bit) == 0u && (atomicOr(&covering[word], bit) & bit) == 0u) {
+        atomicAdd(&counts[4u * pixel.polygon + 3u], 1u);
     }
     return vec4<f32>(1.0);
 }
