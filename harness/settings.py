@@ -22,7 +22,7 @@ MODEL_TRIANGULATORS = (
 )
 """Defaults for a model in views: edge length is proportional to H averaged over rotations."""
 
-COST_COUNTERS = ("helper_lanes", "quads", "bbox_tests")
+COST_COUNTERS = ("helper_lanes", "quads", "covering_triangles", "bbox_tests")
 """Counters that stand for the cost, the best first."""
 
 HISTORY_METRICS = (*COST_COUNTERS, "time")

@@ -28,7 +28,10 @@ MAX_COLUMNS = 4
 """Metrics in the table if no counter has a heading; metrics with headings fit 80 characters."""
 
 MIN_WIDE = 96
-"""Width of the terminal from which the table also has partial quads."""
+"""Width of the terminal from which the table also has the metrics `WIDE`."""
+
+WIDE = ("regret",)
+"""Metrics that a narrow table omits: regret only rescales helper lanes."""
 
 NAME_WIDTH = 24
 """Characters of a name that are not wrapped."""
@@ -97,15 +100,11 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
     If no counter of a rasteriser has a heading, its first counters are used.
     """
     available = find_metrics(records)
-    metrics = [m for m in available.values() if m.heading and any(map(m, records))]
-    replaced = {metric.instead_of for metric in metrics}
-    metrics = [metric for metric in metrics if metric.name not in replaced]
+    shown = [m for m in available.values() if m.heading and (wide or m.name not in WIDE)]
+    metrics = [metric for metric in shown if any(map(metric, records))]
     if not any(metric.kind == "counter" for metric in metrics):
         room = MAX_COLUMNS - len(metrics)
         metrics = [available[name] for name in list_costs(available)[:room]] + metrics
-    partial = available.get("partial_quads")
-    if wide and partial and partial not in metrics and any(map(partial, records)):
-        metrics.insert(1, partial)
     return metrics
 
 

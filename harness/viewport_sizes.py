@@ -66,6 +66,7 @@ COUNTED = (
     "quads",
     "helper_lanes",
     "partial_quads",
+    "covering_triangles",
     "vertex_batches",
     "transformed_vertices",
 )
@@ -301,7 +302,7 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),
-        ("partial_quads", "partial quads", 1.0, ",.0f"),
+        ("covering_triangles", "covering triangles", 1.0, ",.0f"),
         ("transformed_vertices", "transformed vertices", 1.0, ",.0f"),
     ]
     if sizes.device:

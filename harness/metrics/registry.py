@@ -49,7 +49,7 @@ class Metric:
     best_case : bound that no triangulation can beat, or None if it depends on the scene
     heading : its heading in the terminal's table, which omits the metric if it is ""
     form : format string for the table
-    instead_of : metric that it replaces in that table, which lacks room for both
+    gated : whether `compare` gates it; a driver's statistics are not exact
     """
 
     name: str
@@ -63,7 +63,7 @@ class Metric:
     description: str = ""
     heading: str = ""
     form: str = "{:,.0f}"
-    instead_of: str = ""
+    gated: bool = True
 
     def __call__(self, record: Record) -> float | None:
         """Return the value of `record`."""
@@ -82,7 +82,7 @@ class Metric:
     @property
     def is_shared(self) -> bool:
         """Whether all triangulations of a polygon have the same, so that a change is a defect."""
-        return self.kind == "counter" and self.better == "none"
+        return self.gated and self.kind == "counter" and self.better == "none"
 
     @property
     def has_direction(self) -> bool:
@@ -147,16 +147,15 @@ def _metric(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[R
     return register
 
 
-@_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0, heading="lanes/px", form="{:.3f}")
+@_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0)
 def overshading(record: Record) -> float | None:
     """Lanes shaded per covered pixel."""
     return _divide(_quads(record), _fragments(record), LANES_PER_QUAD)
 
 
-_REGRET = {"heading": "regret", "form": "{:.1%}", "instead_of": "overshading"}
-
-
-@_metric("helper lanes above the minimum", "x", "ratio", best_case=0.0, **_REGRET)
+@_metric(
+    "helper lanes above the minimum", "x", "ratio", best_case=0.0, heading="regret", form="{:.1%}"
+)
 def regret(record: Record) -> float | None:
     """Extra helper lanes relative to the triangulation with the minimum number of quads, over the
     polygons whose minimum is known.
@@ -246,6 +245,7 @@ def _of_counter(counter: counters.Counter) -> Metric:
         best_case=counter.best_case,
         description=counter.description or counter.label,
         heading=counter.heading,
+        gated=counter.gated,
     )
 
 

@@ -52,6 +52,7 @@ class CaseContent(TypedDict):
     fragments: str
     quads: str
     partial_quads: str
+    covering_triangles: str
     record: dict[str, Any]
 
 
@@ -199,7 +200,7 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
     """Return one triangulation: base64 of uint32 rows, and exact counters of each polygon."""
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
-    fragments, quads, partial = (
+    fragments, quads, partial, covering = (
         encoded(counts.astype("<u4")) for counts in count_exactly(geometry, rows)
     )
     return {
@@ -207,6 +208,7 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
         "fragments": fragments,
         "quads": quads,
         "partial_quads": partial,
+        "covering_triangles": covering,
         "record": {name: fields[name] for name in RECORD_FIELDS if name in fields},
     }
 

@@ -31,7 +31,7 @@ from harness.page.saved import (
     list_warnings,
 )
 from harness.page.saved import Times as SavedTimes
-from harness.rasterisers.reference import SHADED, predict
+from harness.rasterisers.reference import predict
 from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.parsing import parse_record, record_to_json
@@ -81,6 +81,11 @@ class _Counters(Part):
     fragments: list[Whole]
     quads: list[Whole]
     partial_quads: list[Whole]
+    covering_triangles: list[Whole] | None = None
+
+    def arrays(self) -> dict[str, NDArray[np.int64]]:
+        """Return the counters by name, (p,) each; results of older pages lack the last one."""
+        return {name: np.array(values, np.int64) for name, values in self if values is not None}
 
 
 RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fields)
@@ -104,15 +109,19 @@ class _Case(Part):
         """Raise ValueError if the counters are impossible for any polygons."""
         record = self.record
         polygons = record.polygons + record.polygons_skipped + record.polygons_failed
-        for _, values in self.counters:
+        counters = self.counters.arrays()
+        for values in counters.values():
             if len(values) != polygons:
                 raise ValueError(f"{polygons} polygons and counters of {len(values)}")
-        fragments, quads, partial = (np.array(values) for _, values in self.counters)
+        fragments, quads, partial = (counters[name] for name in COUNTERS[:3])
+        covering = counters.get(COUNTERS[3], np.sign(fragments))
         if ((quads > fragments) | (4 * quads < fragments)).any():
             raise ValueError("quads of fewer than one pixel, or more than four")
         lanes = 4 * quads - fragments
         if ((partial > lanes) | (lanes > 3 * partial) | (partial > quads)).any():
             raise ValueError("partial quads without a helper lane, or with more than three")
+        if ((covering > quads) | ((covering == 0) != (fragments == 0))).any():
+            raise ValueError("covering triangles without a quad, or more than quads")
         if polygons and not fragments.any():
             raise ValueError("nothing was drawn: all counters are zero")
         if (record.proven or 0) > record.polygons:
@@ -233,9 +242,9 @@ def _records(
     """Yield the record of each case of a view, with its counters of each polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
-        fragments, quads, partial = (np.array(values, np.int64) for _, values in case.counters)
-        values = (fragments, quads, 4 * quads - fragments, partial)
-        counters = dict(zip(SHADED, values, strict=True))
+        counters = case.counters.arrays()
+        fragments = counters["fragments"]
+        counters["helper_lanes"] = 4 * counters["quads"] - fragments
         error = None
         if base and case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
@@ -289,8 +298,9 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     geometry = drawings.read(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
         return
-    counted = np.array([values for _, values in case.counters])
-    exact = np.array(count_exactly(geometry, geometry.triangles[name]))
+    counters = case.counters.arrays()
+    counted = np.array(list(counters.values()))
+    exact = np.array(count_exactly(geometry, geometry.triangles[name])[: len(counted)])
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise InputError(
             f"{name}: counters do not differ from the exact reference in {case.differing} "

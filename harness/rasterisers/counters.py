@@ -17,6 +17,7 @@ class Counter:
     of_order : whether it depends on the order of triangles, which no criterion predicts
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
         the rasteriser has no other
+    gated : whether `compare` gates it; False for a driver's statistics, which are not exact
     """
 
     name: str
@@ -27,7 +28,15 @@ class Counter:
     of_order: bool = False
     heading: str = ""
     description: str = ""
+    gated: bool = True
 
+
+_STATISTICS = (
+    ("vertex_shader_invocations", "vertex shader invocations", "invocations"),
+    ("clipping_input_primitives", "primitives before clipping", "triangles"),
+    ("clipping_output_primitives", "primitives after clipping", "triangles"),
+)
+"""Names, labels and units of a driver's pipeline statistics."""
 
 _TABLE = (
     ("helper_lanes", "helper lanes", "lanes", "uncovered lanes of shaded 2x2 quads"),
@@ -63,11 +72,7 @@ _TABLE = (
     ("samples_passed", "samples passed", "samples", "covered samples, by the driver's query"),
     *(
         (name, f"{label}, driver", unit, f"{label}, by the driver's query")
-        for name, label, unit in (
-            ("vertex_shader_invocations", "vertex shader invocations", "invocations"),
-            ("clipping_input_primitives", "primitives before clipping", "triangles"),
-            ("clipping_output_primitives", "primitives after clipping", "triangles"),
-        )
+        for name, label, unit in _STATISTICS
     ),
 )
 """Names, labels, units and descriptions of the built-in rasterisers' counters."""
@@ -77,7 +82,9 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
     "bbox_tests": {"heading": "tests"},
     "partial_quads": {"best_case": 0.0},
     **{name: {"of_order": True} for name in ("vertex_batches", "transformed_vertices")},
+    "covering_triangles": {"heading": "covering"},
     **{name: {"better": "none"} for name in ("fragments", "hits", "depth_ties", "samples_passed")},
+    **{name: {"better": "none", "gated": False} for name, *_ in _STATISTICS},
 }
 """Further properties of some counters."""
 

@@ -61,6 +61,7 @@ def test_the_ranking_fits_eighty_columns_and_keeps_names_whole():
 
 def test_large_numbers_fit_eighty_columns():
     counters = {"fragments": 98765432, "quads": 26000000, "helper_lanes": 9876543}
+    counters["covering_triangles"] = 1234567
     complete = {"ear-clipping": 1098, "optimal:half-perimeter": 1098, "max-area": 1060}
     records = [record(name, 1.0, n, counters=counters) for name, n in complete.items()]
     text = printed(records)
@@ -82,15 +83,17 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
     assert order[:4] == ["optimal:half-perimeter", "ear-clipping", "worst:half-perimeter", "fan"]
 
 
-def test_partial_quads_stand_beside_helper_lanes_where_there_is_room():
-    counters = {"fragments": 9000, "quads": 4000, "helper_lanes": 7000, "partial_quads": 3456}
-    records = [record(name, counters=counters) for name in ("ear-clipping", "delaunay")]
+def test_regret_is_shown_after_covering_triangles_if_there_is_room():
+    counters = {"fragments": 9000, "quads": 4000, "helper_lanes": 7000, "covering_triangles": 3456}
+    least = {"polygons": 500, "quads": 3650, "shaded": 4000, "fragments": 9000}
+    names = ("ear-clipping", "optimal:half-perimeter")
+    records = [record(name, counters=counters, least=least) for name in names]
     wide, narrow = (printed(records, width=width) for width in (96, 95))
-    assert "helpers partial quads" in wide.splitlines()[1]
-    assert "7,000         3,456" in wide
+    assert "helpers covering regret draw ms" in wide.splitlines()[1]
+    assert "7,000    3,456  25.0%" in wide
     assert max(len(line) for line in wide.splitlines()) <= 96
-    assert "3,456" not in narrow
-    assert "partial" not in printed(RECORDS, width=120)  # a rasteriser that does not count them
+    assert "helpers covering draw ms" in narrow.splitlines()[1]
+    assert "covering" not in printed(RECORDS, width=120)  # a rasteriser that does not count them
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -49,7 +49,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
     lanes = {}
     for record in records:
         own = by_size[record["resolution"]][record["triangulator"]]
-        for name in ("fragments", "quads", "helper_lanes", "partial_quads"):
+        for name in sizes.COUNTED:
             assert own[name] == record["counters"][name], (record["resolution"], name)
         lanes[record["resolution"], record["triangulator"]] = 4 * record["counters"]["quads"]
     saved, size, best = max(
@@ -90,7 +90,7 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 3)
+        counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 1, 3)
         return {
             **dict(zip(sizes.COUNTED, counted, strict=True)),
             "triangulate_s": cut,

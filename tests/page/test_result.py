@@ -11,7 +11,7 @@ import pytest
 
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
 from harness.metrics.per_polygon import read_columns
-from harness.page.result import count_exactly, import_result
+from harness.page.result import COUNTERS, count_exactly, import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.results import drawings
@@ -180,7 +180,16 @@ def is_allowed(path: tuple[Any, ...], value: Any) -> bool:
     if value is True:
         return name in ("complete", "hidden", "timer", "fallback", "conforming")
     if value is None:
-        optional = ("step", "problem", "timer", "times", "reason", "conforming", "gpu_s")
+        optional = (
+            "step",
+            "problem",
+            "timer",
+            "times",
+            "reason",
+            "conforming",
+            "gpu_s",
+            *COUNTERS[3:],
+        )
         return name in (*optional, "triangulate_s", "proven", "largest_gap", "outline_quads")
     if isinstance(value, float | int):
         return "predicted" in path or (name == "rotation" and False)
@@ -222,6 +231,7 @@ IMPOSSIBLE = [
     (set_zero, "nothing was drawn: all counters are zero"),
     (lambda r: first_case(r)["record"].update(polygons=1000), "1000 polygons and counters of 20"),
     (add_fragment_beyond_lanes, "fewer than one pixel, or more than four"),
+    (lambda r: first_case(r)["counters"]["covering_triangles"].reverse(), "more than quads"),
     (add_partial_quad_without_helper, "without a helper lane, or with more than three"),
     (lambda r: first_case(r)["record"].update(proven=1_000_000), "1000000 of 20 polygons proven"),
     (lambda r: first_case(r)["record"].update(triangles=1), "too few for its polygons"),
@@ -259,6 +269,8 @@ def test_contradictions_to_the_run_are_refused(saved, small_run, tmp_path, chang
         ]
         lanes = [4 * q - f for f, q in zip(counters["fragments"], counters["quads"], strict=True)]
         counters["partial_quads"] = [-(-each // 3) for each in lanes]
+        pairs = zip(counters["quads"], counters["covering_triangles"], strict=True)
+        counters["covering_triangles"] = [min(q, max(c, 1)) for q, c in pairs]
 
     result = read_result(saved(make_consistent))
     with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|do not differ"):
@@ -312,8 +324,8 @@ def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
     geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
     counts = count_exactly(geometry, np.array([(0, 1, 2)], np.int32))
-    assert [len(each) for each in counts] == [2, 2, 2]
-    assert [each[1] for each in counts] == [0, 0, 0]
+    assert [len(each) for each in counts] == [2] * len(COUNTERS)
+    assert not any(each[1] for each in counts)
     assert min(each[0] for each in counts[:2]) > 0
 
 
@@ -323,7 +335,7 @@ def test_number_of_differing_polygons_is_verified(imported, small_run):
     def change_counts(result):
         counters = first_case(result)["counters"]
         numbers = enumerate(zip(*counters.values(), strict=True))
-        list_paths = [k for k, (f, q, partial) in numbers if f > q and 4 * q - f < 3 * partial]
+        list_paths = [k for k, (f, q, partial, _) in numbers if f > q and 4 * q - f < 3 * partial]
         for index in list_paths[:3]:
             counters["fragments"][index] -= 1
         first_case(result)["differing"] = 3
@@ -335,6 +347,16 @@ def test_number_of_differing_polygons_is_verified(imported, small_run):
     assert lines_of(imported(change_counts, small_run))
     with pytest.raises(InputError, match="do not differ from the exact reference in 2"):
         imported(miscount, small_run)
+
+
+def test_results_of_older_pages_lack_covering_triangles(imported, small_run):
+    def remove_counter(result):
+        for view in result["views"]:
+            for case in view["cases"].values():
+                del case["counters"]["covering_triangles"]
+
+    for record in imported(remove_counter, small_run).records:
+        assert set(record.counters) == {*SHADED} - {"covering_triangles"}
 
 
 def test_renderer_is_the_description_or_the_device_name(imported):
@@ -353,13 +375,13 @@ def use_only_triangles(result):
         record |= {"triangles": record["polygons"], "vertices": 3 * record["polygons"]}
         counters["fragments"][0] = 4 * counters["quads"][0]
         counters["partial_quads"][0] = counters["partial_quads"][1] = 0
-        counters["fragments"][1] = counters["quads"][1] = 0
+        counters["fragments"][1] = counters["quads"][1] = counters["covering_triangles"][1] = 0
 
 
 def remove_polygons(result):
     for case in result["views"][0]["cases"].values():
         case["record"] |= dict.fromkeys(("polygons", "triangles", "vertices", "proven"), 0)
-        case["counters"] = {"fragments": [], "quads": [], "partial_quads": []}
+        case["counters"] = {name: [] for name in COUNTERS}
 
 
 def remove_vertex(result):

@@ -91,18 +91,20 @@ class Painter {
     return content;
   }
 
-  /* Count each polygon's fragments, quads and partial quads; the counters of one draw stay below 3 * 2^30. */
+  /* Count each polygon's fragments, quads, partial quads and covering triangles; the counters of one draw stay below 3 * 2^30. */
   async count(frame, rows) {
-    const [fragments, quads, whole] = [0, 1, 2].map(() => new Array(frame.polygons).fill(0));
+    const [fragments, quads, full, covering_triangles] = [0, 1, 2, 3].map(() => new Array(frame.polygons).fill(0));
     for (const [first, last] of batches(frame, rows)) {
       const counts = await this.tallyOnce(frame, rows, first, last);
       for (let k = 0; k < frame.polygons; k++) {
-        fragments[k] += counts[3 * k];
-        quads[k] += counts[3 * k + 1] / 12;
-        whole[k] += counts[3 * k + 2] / 4;
+        fragments[k] += counts[4 * k];
+        quads[k] += counts[4 * k + 1] / 12;
+        full[k] += counts[4 * k + 2] / 4;
+        covering_triangles[k] += counts[4 * k + 3];
       }
     }
-    return { fragments, quads: quads.map(Math.round), partial_quads: quads.map((value, k) => Math.round(value) - Math.round(whole[k])) };
+    const partial_quads = quads.map((value, k) => Math.round(value) - Math.round(full[k]));
+    return { fragments, quads: quads.map(Math.round), partial_quads, covering_triangles };
   }
 
   async tallyOnce(frame, rows, first, last) {
@@ -115,20 +117,21 @@ class Painter {
       }
       triangles[7 * (t - first) + 6] = frame.owner[rows[3 * t]];
     }
-    const bytes = 12 * frame.polygons;
-    const counts = this.buffer(new Uint32Array(3 * frame.polygons), GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC);
+    const bytes = 16 * frame.polygons;
+    const counts = this.buffer(new Uint32Array(4 * frame.polygons), GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC);
     const size = this.buffer(new Float32Array([256 * frame.size, 256 * frame.size]), GPUBufferUsage.UNIFORM);
+    const covering = this.buffer(new Uint32Array(((last - first) >> 5) + 1), GPUBufferUsage.STORAGE);
     const drawn = this.buffer(triangles, GPUBufferUsage.VERTEX);
     const encoder = this.device.createCommandEncoder();
     const pass = this.pass(encoder, frame.size);
     pass.setPipeline(this.tally);
-    pass.setBindGroup(0, this.group(this.tally, size, counts));
+    pass.setBindGroup(0, this.group(this.tally, size, counts, covering));
     pass.setVertexBuffer(0, drawn);
     pass.draw(3, last - first);
     pass.end();
     this.device.queue.submit([encoder.finish()]);
     const found = new Uint32Array(await this.read(counts, bytes));
-    for (const buffer of [counts, size, drawn]) buffer.destroy();
+    for (const buffer of [counts, covering, size, drawn]) buffer.destroy();
     return found;
   }
 

@@ -9,17 +9,20 @@ const snapped = (points, step) => (step === 1 ? points : points.map((value) => M
 
 /* What the reference counts of each polygon. */
 function countExactly(frame, rows) {
-  const [fragments, quads, partial_quads] = [0, 1, 2].map(() => new Array(frame.polygons).fill(0));
+  const [fragments, quads, partial_quads, covering_triangles] = [0, 1, 2, 3].map(() => new Array(frame.polygons).fill(0));
   const corner = (index) => [frame.points[2 * index], frame.points[2 * index + 1]];
   for (let t = 0; t < rows.length; t += 3) {
-    const counted = countTriangle(corner(rows[t]), corner(rows[t + 1]), corner(rows[t + 2]));
-    [fragments, quads, partial_quads].forEach((values, k) => (values[frame.owner[rows[t]]] += counted[k]));
+    const polygon = frame.owner[rows[t]], counted = countTriangle(corner(rows[t]), corner(rows[t + 1]), corner(rows[t + 2]));
+    [fragments, quads, partial_quads].forEach((values, k) => (values[polygon] += counted[k]));
+    covering_triangles[polygon] += Number(counted[0] > 0);
   }
-  return { fragments, quads, partial_quads };
+  return { fragments, quads, partial_quads, covering_triangles };
 }
 
+const COUNTERS = ["fragments", "quads", "partial_quads", "covering_triangles"];
+
 /* Polygons in which two counts differ. */
-const differingOf = (p, q) => p.fragments.filter((_, k) => ["fragments", "quads", "partial_quads"].some((name) => p[name][k] !== q[name][k])).length;
+const differingOf = (p, q) => p.fragments.filter((_, k) => COUNTERS.some((name) => p[name][k] !== q[name][k])).length;
 
 /* The coarsest grid's step that is the device's, in 1/256 px; null if it counts by another rule on all of them. */
 async function findStep(painter) {

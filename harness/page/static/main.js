@@ -39,7 +39,7 @@ async function measureAll(result, painter, budget) {
       reportShare(0, `${conditionOf(view)}: counting ${name}`);
       rows.set(name, decode(each.rows, Uint32Array));
       const counters = await painter.count(frame, rows.get(name));
-      const expected = step === 1 ? { fragments: decode(each.fragments, Uint32Array), quads: decode(each.quads, Uint32Array), partial_quads: decode(each.partial_quads, Uint32Array) }
+      const expected = step === 1 ? Object.fromEntries(COUNTERS.map((counter) => [counter, decode(each[counter], Uint32Array)]))
         : countExactly(frame, rows.get(name));
       found.cases[name] = { record: each.record, counters, differing: differingOf(counters, expected) };
       show();

@@ -35,6 +35,7 @@ function rankingOf(view) {
     ["verdict", "verdict", (row) => (row.isBase ? "the base" : row.complete ? row.verdict : `${count(row.record.polygons)} polygons`)],
     ["draw [ms]", "number", (row) => (row.time?.samples_s.length ? digits(median(row.time.samples_s) * 1e3) : "")],
     ["helper lanes", "number", (row) => count(helpersOf(row.counters))],
+    ["covering triangles", "number", (row) => count(sum(row.counters.covering_triangles))],
     ["counters", null, (row) => (row.differing ? `differ in ${count(row.differing)} polygons` : "as expected")],
   ];
   const again = view.times?.[AGAIN], base = view.times?.[state.page.base];
