@@ -12,10 +12,11 @@ import pytest
 
 from harness.compare.comparison import _across, compare_runs, no_baseline
 from harness.compare.matching import Match, other_hardware
-from harness.compare.model import CaseChange, Settings
+from harness.compare.model import CaseChange, Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import classify
 from harness.compare.wording import groups, headline
+from harness.errors import UsageError
 from harness.metrics.groups import IDENTIFYING
 from harness.rasterisers.reference import Binning
 from harness.results.run_folder import Run, read_run
@@ -132,6 +133,16 @@ def test_pixels_that_every_triangulation_covers_may_not_change(tmp_path, shared,
     found = compared(tmp_path, counted({shared: 1000}), counted({shared: after}))
     assert found.exit_code == 1
     assert f"covers other pixels: {shared.replace('_', ' ')}" in str(groups(found))
+
+
+@pytest.mark.parametrize("after", [{"vertex_shader_invocations": 1001}, {}])
+def test_driver_statistics_are_not_gated(tmp_path, after):
+    before = counted({"vertex_shader_invocations": 1000, "hits": 9})
+    found = compared(tmp_path, before, counted({**after, "hits": 9}))
+    assert found.exit_code == 0
+    assert "no counter differs" in headline(found)
+    with pytest.raises(UsageError, match="neither more nor less"):
+        parse_threshold("vertex_shader_invocations=5%")
 
 
 def test_a_counter_that_is_no_longer_counted_is_a_regression(tmp_path):

@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.rasterisers import Device, Options, get
+from harness.frame import bare_frame
+from harness.rasterisers import Device, Options, get, opengl
 from harness.rasterisers.base import split_batches
 from harness.rasterisers.reference import SHADED
 from tests.rasterisers import pictures
@@ -97,6 +98,25 @@ def test_two_rasterisers_share_a_process(opened, reference):
         tested = opened("bounding-box").count(frame, triangles, Options())
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
+
+
+def test_driver_statistics_are_of_one_draw(llvmpipe, monkeypatch):
+    angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    frame = bare_frame(
+        64, (8192 + 7000 * np.column_stack([np.cos(angles), np.sin(angles)])).astype("i4")
+    )
+    fan = np.array([(0, k, k + 1) for k in range(1, 99)], np.int32)
+    whole = llvmpipe.count(frame, fan, Options())
+    assert whole["clipping_input_primitives"] == 98
+    assert whole["clipping_output_primitives"] <= 98
+    assert 100 <= whole["vertex_shader_invocations"] <= 3 * 98
+    # Batches do not change what is counted.
+    monkeypatch.setattr(opengl, "split_batches", lambda _, rows: np.split(rows, [7, 40]))
+    parts = llvmpipe.count(frame, fan, Options())
+    for name in (*SHADED, "samples_passed", "clipping_input_primitives"):
+        assert parts[name].tolist() == whole[name].tolist(), name
+    monkeypatch.setattr(llvmpipe.context, "statistics", {})
+    assert set(llvmpipe.count(frame, fan, Options())) == {*SHADED, "samples_passed"}
 
 
 def test_batches_cannot_overflow_32_bits():
