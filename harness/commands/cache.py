@@ -10,7 +10,7 @@ from harness.progress import Reporter
 
 def cache(
     action: Annotated[
-        str, typer.Argument(help="info: what the database holds; clear: empty it.")
+        str, typer.Argument(help="info: size of the database; clear: delete its content.")
     ] = "info",
 ) -> None:
     """Show or empty the model database of triangulations."""
@@ -18,11 +18,11 @@ def cache(
     from triangulators.compute import compiled_files
 
     if action not in ("info", "clear"):
-        raise UsageError(f"cache {action}: say info or clear")
+        raise UsageError(f"cache {action}: unknown action (choose from info, clear)")
     with ModelDatabase(say=Reporter().warn) as database:
         if action == "clear":
             count, old = database.clear(), compiled_files.remove_old()
-            typer.echo(f"forgot {count:,} triangulations in {database.path}")
+            typer.echo(f"deleted {count:,} triangulations in {database.path}")
             typer.echo(f"removed compiled code of {old:,} old modules")
             return
         kinds = database.info()

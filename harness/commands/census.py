@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from harness.scaling.census import Census, TileCensus
 
 MAX_DAMAGED_NAMED = 10
-"""Unreadable tiles that are named one by one."""
+"""Maximum number of unreadable tiles to name."""
 
 CENSUS = (
     "ear-clipping",
@@ -71,7 +71,7 @@ def census(
             min=1e-9,
             max=1e9,
             help="Edge of a cell of the picture's map, in the file's units; by default 1000, or "
-            "0.01 where the first file is in degrees.",
+            "0.01 if the first file is in degrees.",
         ),
     ] = None,
     layer: Layer = None,
@@ -80,12 +80,12 @@ def census(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say what each triangulator gains on every footprint of a data set, by exact counting.
+    """Report the gain of each triangulator on every footprint of a data set, by exact counting.
 
-    Footprints are drawn on the pixel grid of a map, each by itself, and counted by the CPU
-    reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. Map tiles are
-    drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
-    command, run again, processes the missing parts.
+    Footprints are drawn separately on the pixel grid of a map, and counted by the CPU reference.
+    Writes census.csv, cells.csv, and a plot and a map of the gains. Map tiles are drawn as maps
+    draw them, cut at the tile's edge, and reported by zoom and layer. The same command, run again,
+    processes the missing parts.
     """
     from harness.scaling.census import Census, TileCensus
     from harness.scaling.dataset import files
@@ -110,25 +110,25 @@ def census(
         "--where": where,
     }
     refuse_given(of_files, "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512")
-    name, what = tiles
-    _count(name, out, TileCensus(names, what), dask, reporter)
+    name, selection = tiles
+    _count(name, out, TileCensus(names, selection), dask, reporter)
 
 
 def _count(
     pattern: str,
     out: Path,
     census: Census | TileCensus,
-    where: str | None,
+    dask: str | None,
     reporter: Reporter,
 ) -> None:
-    """Count the polygons of many files or tiles, write what came out, and show a table.
+    """Count the polygons of many files or tiles, write the results, and print a table.
 
     Raises
     ------
     InputError, UsageError
-        if there is no file, or none with a polygon, or the folder is not for that
+        if no file matches, no file has a polygon, or the folder cannot be used
     NothingMeasuredError
-        if there are polygons, but none that all could do
+        if no polygon was triangulated by all triangulators
     InconclusiveError
         if parts were set aside
     """
@@ -140,37 +140,37 @@ def _count(
     from scenes.spec import format_suggestion
 
     dataset = Dataset(pattern, out / "parts", census)
-    summary = complete(dataset, out, where, reporter)
-    found = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
-    if summary.set_aside and not summary.parts_done and where is None:
+    summary = complete(dataset, out, dask, reporter)
+    totals = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
+    if summary.set_aside and not summary.parts_done and dask is None:
         raise InputError(next(iter(summary.set_aside.values())))
     warn_of_skipped(summary, dataset.out, reporter)
     counted = summary.polygons
     if not counted:
         asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
-        if missing := [name for name in asked if found.known and name not in found.known]:
-            hint = format_suggestion(missing[0], sorted(found.known), "it has")
+        if missing := [name for name in asked if totals.known and name not in totals.known]:
+            hint = format_suggestion(missing[0], sorted(totals.known), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
-        if not any(kind == "failed" or why == THIN for kind, why in summary.counts):
+        if not any(kind == "failed" or reason == THIN for kind, reason in summary.counts):
             condition = getattr(census, "where", None)
             filtered = f" for where={condition}: widen the filter" if condition else ""
             raise InputError(f"{pattern} holds no usable polygon{filtered}")
         raise NothingMeasuredError(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
         )
-    if not found.sum_groups().total("fragments")[0]:
-        what = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
+    if not totals.sum_groups().total("fragments")[0]:
+        option = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
         raise NothingMeasuredError(
-            f"{os.path.relpath(out)}: no pixel is covered: choose another {what}"
+            f"{os.path.relpath(out)}: no pixel is covered: choose another {option}"
         )
     with translate_errors(out, "run the same command again"), reporter.stage("drawing", 1):
-        written = census_report.write(out, found, census)
-    for name, why in found.damaged[:MAX_DAMAGED_NAMED]:
-        reporter.warn(f"tile {name} {why}")
-    Screen(highlight=False).print(census_report.table(found, census))
+        written = census_report.write(out, totals, census)
+    for name, reason in totals.damaged[:MAX_DAMAGED_NAMED]:
+        reporter.warn(f"tile {name} {reason}")
+    Screen(highlight=False).print(census_report.table(totals, census))
     typer.echo(
         f"{os.path.relpath(out)}: {counted:,} {census.noun} in {summary.seconds:.1f} s: "
         f"{', '.join(written)}"
     )
-    # A polygon that one triangulator cannot do is left out for all: a warning tells how many.
+    # A polygon on which one triangulator fails is skipped for all; a warning gives the number.
     refuse_set_aside(out, summary)

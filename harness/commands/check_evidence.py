@@ -9,13 +9,13 @@ from harness.errors import InconclusiveError, InputError
 
 
 def check_evidence(
-    file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
+    file: Annotated[Path, typer.Argument(help="File of triangulate --certify --evidence FILE.")],
 ) -> None:
-    """Check optimality proofs of triangulations in integer arithmetic; refuse invalid ones.
+    """Check optimality proofs of triangulations in integer arithmetic; refuse invalid proofs.
 
     Prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program,
-    harness/export/check_evidence.py, needs only Python and no other file of this project. It lists
-    all empty triangles: a polygon of 60 vertices takes seconds, one of 300 vertices hours.
+    harness/export/check_evidence.py, needs only Python and no other file of this project. All
+    empty triangles are listed: a polygon of 60 vertices takes seconds, 300 vertices take hours.
     """
     from harness.export.check_evidence import check_lines
 

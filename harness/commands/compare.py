@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 def compare(
     base: Annotated[Path, typer.Argument(help="The run to compare with: a folder or cases.jsonl.")],
-    head: Annotated[Path, typer.Argument(help="The run to judge: a folder or cases.jsonl.")],
+    head: Annotated[Path, typer.Argument(help="The run to test: a folder or cases.jsonl.")],
     gate: Annotated[
         str | None,
-        typer.Option(help="What can fail: counters, time, or counters,time, which is the default."),
+        typer.Option(help="Gates that can fail: counters, time, or counters,time (the default)."),
     ] = None,
     threshold: Annotated[
         list[str] | None,
-        typer.Option(help="Growth that is allowed, e.g. time=5% or quads=0%; repeatable."),
+        typer.Option(help="Tolerated increase, e.g. time=5% or quads=0%; repeatable."),
     ] = None,
     normalise: Annotated[
         Literal["auto", "reference", "none"] | None,
@@ -44,17 +44,17 @@ def compare(
         bool, typer.Option("--across-devices", help="Compare runs of different devices.")
     ] = False,
     require_all: Annotated[
-        bool, typer.Option("--require-all", help="Fail if HEAD's plan lacks a case of BASE, too.")
+        bool, typer.Option("--require-all", help="Also fail if HEAD's plan lacks a case of BASE.")
     ] = False,
     allow_inconclusive: Annotated[
         bool, typer.Option("--allow-inconclusive", help="Exit with 0 if times are too noisy.")
     ] = False,
     allow_missing_baseline: Annotated[
-        bool, typer.Option("--allow-missing-baseline", help="Exit with 0 if BASE is not there yet.")
+        bool, typer.Option("--allow-missing-baseline", help="Exit with 0 if BASE does not exist.")
     ] = False,
     output: Annotated[
         Literal["table", "markdown", "json"],
-        typer.Option("--format", help="What to write to standard output."),
+        typer.Option("--format", help="Format on standard output."),
     ] = "table",
     markdown: Annotated[Path | None, typer.Option(help="Write Markdown to this file.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
@@ -63,7 +63,7 @@ def compare(
     ] = None,
     html: Annotated[Path | None, typer.Option(help="Write one HTML page to this file.")] = None,
 ) -> None:
-    """Say what changed from BASE to HEAD; exit with 1 if something became slower or costs more.
+    """Report changes from BASE to HEAD; exit with 1 if a time or a counter regressed.
 
     Counters are exact: any difference is real. Times are statistical: regressed, improved,
     unchanged, or inconclusive. Settings are also read from pyproject.toml, table
@@ -89,15 +89,15 @@ def compare(
     before = _baseline(base, allow_missing=allow_missing_baseline)
     grown: list[Grown] = []
     if before is None:
-        found = no_baseline(str(base), after, settings)
+        comparison = no_baseline(str(base), after, settings)
     else:
-        found = compare_runs(before, after, settings)
-        if found.regressed():
+        comparison = compare_runs(before, after, settings)
+        if comparison.regressed():
             from harness.compare.polygons import most_grown
 
-            grown = most_grown(before, after, found)
+            grown = most_grown(before, after, comparison)
     try:
-        typer.echo(_text(found, output, grown), nl=False)
+        typer.echo(_text(comparison, output, grown), nl=False)
         sys.stdout.flush()
     except BrokenPipeError:  # a closed pipe does not change the exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -110,19 +110,19 @@ def compare(
         if file is not None:
             from harness.webpages import write_atomically
 
-            write_atomically(file, _text(found, kind, grown))
+            write_atomically(file, _text(comparison, kind, grown))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:
-            stream.write(_text(found, "markdown", grown))
-    raise typer.Exit(found.exit_code)
+            stream.write(_text(comparison, "markdown", grown))
+    raise typer.Exit(comparison.exit_code)
 
 
 def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     """Read BASE; return None if it does not exist and may be missing."""
     from harness.results.run_folder import read_run
 
-    there = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
-    if there:
+    exists = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
+    if exists:
         return read_run(path)
     if allow_missing:
         return None
@@ -132,19 +132,23 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _text(found: Comparison, kind: str, grown: Sequence[Grown]) -> str:
+def _text(comparison: Comparison, kind: str, grown: Sequence[Grown]) -> str:
     from harness.compare import outputs
 
     if kind == "table":
         console = Screen()
-        with console.capture() as shown:
-            outputs.print_comparison(found, console)
-        return shown.get()
+        with console.capture() as captured:
+            outputs.print_comparison(comparison, console)
+        return captured.get()
     if kind == "html":
-        return outputs.to_html(found, grown)
+        return outputs.to_html(comparison, grown)
     if kind == "json":
-        told = json.dumps(outputs.to_json(found), indent=2, ensure_ascii=False, allow_nan=False)
-        return told + "\n"
+        text = json.dumps(
+            outputs.to_json(comparison), indent=2, ensure_ascii=False, allow_nan=False
+        )
+        return text + "\n"
     return (
-        outputs.to_markdown(found, grown=grown) if kind == "markdown" else outputs.to_junit(found)
+        outputs.to_markdown(comparison, grown=grown)
+        if kind == "markdown"
+        else outputs.to_junit(comparison)
     )

@@ -9,7 +9,7 @@ STATUS_COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
 
 
 def doctor() -> None:
-    """Check devices, drivers, extensions and timers; say how to repair what does not work."""
+    """Check devices, drivers, extensions and timers; print a remedy for each problem."""
     from harness import rasterisers
     from harness.doctor import examine
     from harness.rasterisers import devices
@@ -25,4 +25,4 @@ def doctor() -> None:
         if finding.fix:
             console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
     if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
-        raise NoRasteriserError("no OpenGL or WebGPU device works here; see what to install, above")
+        raise NoRasteriserError("no OpenGL or WebGPU device works here; see the remedies above")

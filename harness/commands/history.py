@@ -25,7 +25,7 @@ def _only(kind: str) -> Any:
 def history(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR...", help="Runs, or folders with some in them."),
+        typer.Argument(metavar="DIR...", help="Runs, or folders that contain runs."),
     ],
     metrics: Annotated[
         Several,
@@ -43,18 +43,18 @@ def history(
     rasteriser: Annotated[Several | None, _only("rasterisers")] = None,
     everything: Annotated[
         bool,
-        typer.Option("--all", help="Everything, also studies, and what only one run measured."),
+        typer.Option("--all", help="Include studies, and cases that only one run measured."),
     ] = False,
     out: Annotated[Path, typer.Option(help="Folder for the plots and history.csv.")] = Path(
         "results/history"
     ),
 ) -> None:
-    """Show what changed over runs, in the order they were made.
+    """Show changes over runs, in the order of their creation.
 
-    Counters change wherever they differ. Times are taken beside those of the other cases of
-    their runs, and change where their level does for three runs or more. What changed most is
-    shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
-    --all. Studies are left out: they measure each case once.
+    A counter changes if its value differs. Times are taken relative to the other cases of the same
+    run, and change if their level shifts for three runs or more. At most a dozen series are
+    shown, those with the largest changes: select by --scene, --triangulator, --rasteriser,
+    --metric, or --all. Studies are skipped, as they measure each case once.
     """
     from harness import atomic
     from harness.history import find_runs, matching, plot_history, read_series, worth_showing
@@ -63,42 +63,44 @@ def history(
 
     runs, studies = find_runs(folders, studies=everything)
     if studies:
-        typer.echo(f"left out: {count(studies, 'study', 'studies')}; see --all")
+        typer.echo(f"skipped: {count(studies, 'study', 'studies')}; see --all")
     if not runs:
         raise NothingMeasuredError("all runs are studies, which measure each case once; see --all")
-    chosen = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
-    series = matching(read_series(runs, metrics), {k: v for k, v in chosen.items() if v})
+    filters = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
+    series = matching(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
     if not series:
         raise NothingMeasuredError(f"none of the {len(runs)} runs has any of: {metrics}")
-    shown = series if everything else worth_showing(series)
-    if shown:
-        with atomic.create_folder(out, merge=True) as made:
-            plot_history(runs, shown, made)
-            _write_csv(runs, shown, made / "history.csv")
+    shown_series = series if everything else worth_showing(series)
+    if shown_series:
+        with atomic.create_folder(out, merge=True) as folder:
+            plot_history(runs, shown_series, folder)
+            _write_csv(runs, shown_series, folder / "history.csv")
     for run in runs:
         for problem in run.problems:
             typer.echo(f"warning: {problem}")
     if mixed := find_mixed_processors(runs):
-        typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
-    for line in changes(runs, shown):
+        typer.echo(f"several processors, compared separately: {format_processors(mixed)}")
+    for line in changes(runs, shown_series):
         typer.echo(line)
-    left = len(series) - len(shown)
-    rest = f"; {left:,} more series: --all, or choose by --scene, --triangulator ..." * bool(left)
-    where = str(out) if shown else "no case was measured by two runs"
-    typer.echo(f"{count(len(runs), 'run')}, {len(shown)} series: {where}{rest}")
+    hidden = len(series) - len(shown_series)
+    hint = f"; {hidden:,} more series: --all, or choose by --scene, --triangulator ..." * bool(
+        hidden
+    )
+    destination = str(out) if shown_series else "no case was measured by two runs"
+    typer.echo(f"{count(len(runs), 'run')}, {len(shown_series)} series: {destination}{hint}")
 
 
 def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
-    """Return one line for each change: when, of what, from which level to which."""
+    """Return a line for each change: the run, the metric and case, and both levels."""
     from harness.history import run_label
     from harness.style import step
 
     lines = []
     for entry in series:
-        where = f"{entry.metric} of {entry.id.name}, {entry.id.group}"
-        for place, (before, after) in zip(entry.changes, entry.steps, strict=True):
-            label = run_label(runs[place]).replace("\n", ", ")
-            lines.append(f"{label}: {where}: {step(before, after)}")
+        subject = f"{entry.metric} of {entry.id.name}, {entry.id.group}"
+        for position, (before, after) in zip(entry.changes, entry.steps, strict=True):
+            label = run_label(runs[position]).replace("\n", ", ")
+            lines.append(f"{label}: {subject}: {step(before, after)}")
     return lines or ["nothing changed"]
 
 

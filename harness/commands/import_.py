@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="What a page saved, or a run's folder.")],
+    file: Annotated[Path, typer.Argument(help="File saved by a page, or a run's folder.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -32,29 +32,29 @@ def import_(
     run: Annotated[
         Path | None,
         typer.Option(
-            help="The run that the page was made of: its frames and predictions come along, so "
-            "that the report shows single polygons, too."
+            help="The run from which the page was made; its frames and predictions are copied, so "
+            "that the report also shows single polygons."
         ),
     ] = None,
     device: Annotated[
         str,
         typer.Option(
-            help="Name of the device, by default what the browser calls it; of a run's folder, "
+            help="Name of the device, by default the browser's name for it; for a run's folder, "
             "the device to summarise."
         ),
     ] = "",
     summary: Annotated[
         Path | None,
-        typer.Option(help="Write a small summary of the device, too, for results/devices/."),
+        typer.Option(help="Also write a small summary of the device, for results/devices/."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make a run folder, or a profile, of what a measuring page saved.
+    """Make a run folder, or a profile, from a file that a measuring page saved.
 
-    `report`, `compare`, `gains` and `history` read the run like any other. A page of --profile
-    gives a file as the command profile does: its draws, counters and law are computed again, and
-    refused if the page's contradict them. Given the folder of a run that was measured here, it
-    writes its --summary and nothing else.
+    `report`, `compare`, `gains` and `history` read the run like any other. The result of a page
+    made with --profile becomes a profile, as the command profile writes: draws, counters and law
+    are computed again, and the result is refused if it contradicts them. Given the folder of a
+    run, the command writes only the --summary of the run's device.
     """
     from harness.commands.outcome import folder_for, make_run
     from harness.page import profile_result
@@ -66,10 +66,13 @@ def import_(
     if file.is_dir():
         if summary is None:
             raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
-        here = read_latest(file, Reporter().warn)
+        measured_run = read_latest(file, Reporter().warn)
         if device:
-            here = replace(here, records=[r for r in here.records if r.id.device_name == device])
-        typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
+            measured_run = replace(
+                measured_run,
+                records=[r for r in measured_run.records if r.id.device_name == device],
+            )
+        typer.echo(f"summary: {os.path.relpath(write_summary(measured_run, summary))}")
         return
     kinds: dict[str, type[Measured]] = {
         FORMAT: Result,
@@ -85,7 +88,9 @@ def import_(
     assert isinstance(result, Result)
     origin = read_latest(run, Reporter().warn) if run else None
     folder = folder_for(name, out)
-    stored = make_run(folder, lambda made: import_result(result, made, name, origin), quiet=quiet)
+    stored = make_run(
+        folder, lambda folder: import_result(result, folder, name, origin), quiet=quiet
+    )
     for warning in stored.facts["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     if summary is not None:

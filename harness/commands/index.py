@@ -1,4 +1,4 @@
-"""The commands by name, in the order of `--help`, in which the everyday ones come first."""
+"""Commands by name, in the order of `--help`, frequent commands first."""
 
 from importlib import import_module
 from inspect import getdoc
@@ -18,7 +18,7 @@ class Entry(NamedTuple):
 
     panel : heading of `--help` that lists it
     function : "module:function" in `harness.commands`
-    examples : shown by its `--help`; a test runs each of them
+    examples : shown by the command's `--help`; a test runs each example
     """
 
     panel: str
@@ -114,9 +114,7 @@ COMMANDS = {
     "cache": Entry(MACHINE, "cache:cache", ("cache info",)),
 }
 
-GROUPS = {
-    "study": "Study criteria and choices: validate, gains and pareto; all of them on your data."
-}
+GROUPS = {"study": "Study criteria and choices: validate, gains and pareto, or all on your data."}
 """Help of command groups; names of their commands in `COMMANDS` begin with the group's name."""
 
 
@@ -130,16 +128,16 @@ def load(name: str) -> Any:
     function = getattr(import_module(f"harness.commands.{module}"), attribute)
     # Unwrap paragraphs, which click wraps at the terminal's width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
-    # Plain text: Rich's table of options cuts long defaults.
-    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-    alone.command(
+    # Plain text, as Rich's table of options cuts long defaults.
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    app.command(
         name.rpartition(" ")[2],
         cls=CheckedCommand,
         help="\n\n".join(paragraphs),
         epilog="\n\n".join(["Examples:", *(f"{PROGRAM} {line}" for line in entry.examples)]),
         rich_help_panel=entry.panel,
     )(function)
-    return typer.main.get_command(alone)
+    return typer.main.get_command(app)
 
 
 class CheckedCommand(typer.core.TyperCommand):
@@ -161,7 +159,7 @@ def _wrong(value: Any) -> str:
         return next(filter(None, map(_wrong, value)), "")
     if isinstance(value, float) and not isfinite(value):
         return f"{value} is not a finite number"
-    # The path of an empty text is ".", which is hardly meant.
+    # Path("") is ".", which the user hardly meant.
     if isinstance(value, str | Path) and (value == Path() or not str(value).strip()):
         return "is empty"
     return "contains a NUL byte" if "\0" in str(value) else ""
@@ -170,14 +168,14 @@ def _wrong(value: Any) -> str:
 class CommandGroup(typer.core.TyperGroup):
     """A group of commands, which are imported when they are called or listed.
 
-    before : prefix of the names of its commands in `COMMANDS`; "" for the root group
+    before : prefix of the commands' names in `COMMANDS`; "" for the root group
     """
 
     def __init__(self, before: str = "", **settings: Any) -> None:
         super().__init__(**settings)
         self._before = before
-        own = (name.removeprefix(before) for name in COMMANDS if name.startswith(before))
-        self.commands = dict.fromkeys((name.partition(" ")[0] for name in own), cast("Any", None))
+        names = (name.removeprefix(before) for name in COMMANDS if name.startswith(before))
+        self.commands = dict.fromkeys((name.partition(" ")[0] for name in names), cast("Any", None))
 
     def get_command(self, _ctx: Any, cmd_name: str) -> Any:
         """Import a command; return None if the name is unknown."""

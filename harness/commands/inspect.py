@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
 SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Default triangulators of the picture, and of --sizes, which compares them with the first."""
+"""Default triangulators of the picture, and of --sizes, whose base is the first."""
 
 
 def _parse_sizes(text: str) -> options.Several:
-    """Parse 16-1024 as 16, 32, ... 1024: doubling sizes and the last one."""
+    """Parse 16-1024 as 16, 32, ... 1024: doubling sizes, and the last size."""
     size = options.number(int, *RESOLUTIONS, " pixels")
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
@@ -68,8 +68,8 @@ def inspect(
         typer.Option(
             parser=_parse_sizes,
             metavar="PX-PX",
-            help="Instead, report whether the triangulator matters for the file, by counts at "
-            "doubling viewport sizes, for example 16-1024.",
+            help="Instead of a picture, report whether the triangulator matters for the file, by "
+            "counts at doubling viewport sizes, for example 16-1024.",
         ),
     ] = None,
     profile: Annotated[
@@ -83,19 +83,19 @@ def inspect(
     every: Annotated[
         Literal["conforming", "paper"] | None,
         typer.Option(
-            help="Instead, list every triangulation with its criteria: conforming, without "
-            "T-junctions, or paper, as in the paper."
+            help="Instead of a picture, list every triangulation with its criteria: conforming, "
+            "without T-junctions, or paper, as in the paper."
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Picture to write, PNG; named after the file if absent. With --sizes the chart, "
-            "PNG or SVG; none if absent. With --every, the folder."
+            help="Picture to write, PNG; named after the file if absent. With --sizes, the chart, "
+            "PNG or SVG; no chart if absent. With --every, the folder."
         ),
     ] = None,
 ) -> None:
-    """Draw where a polygon's triangulations cost, or report whether the choice matters for a file.
+    """Draw the costs of a polygon's triangulations, or report if the choice matters for a file.
 
     The picture shows overdraw and helper lanes of one polygon for several triangulators. With
     --sizes, all polygons are counted without drawing, and the result is one sentence.
@@ -147,7 +147,7 @@ def _draw(
     frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:
         raise InputError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
-    frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
+    frame = replace(frame, source=np.array([polygon]))  # the number in the scene, for the title
     file = _prepare_file(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
     drawn = {}
     for recipe in recipes:
@@ -182,13 +182,13 @@ def _compare_sizes(
 
     costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
     if len(recipes) < 2:
-        raise UsageError(f"{recipes[0]} alone cannot be compared; give two or more triangulators")
+        raise UsageError(f"{recipes[0]}: nothing to compare with; give two or more triangulators")
     file = _prepare_file(out, ".png", ".svg") if out else None
     reporter = Reporter(quiet=as_json)
     if costs and not costs.is_here:
         reporter.warn(
-            f"profile {profile}: measured on {costs.origin}, which is not this machine; times "
-            "here may differ (make a profile here: raster-harness profile)"
+            f"profile {profile}: measured on another machine ({costs.origin}), so times here may "
+            "differ; make a profile here: raster-harness profile"
         )
     for recipe in recipes:
         recipe.load()

@@ -12,7 +12,7 @@ from harness.errors import unknown
 from harness.progress import Screen
 
 Row = dict[str, Any]
-"""The fields of one name, by column heading."""
+"""Values of a table row, by column heading."""
 
 
 def _scenes() -> Iterator[Row]:
@@ -91,11 +91,11 @@ def _cell(value: object) -> str:
 
 def list_(
     kind: Annotated[
-        str | None, typer.Argument(help=f"One of: {', '.join(KINDS)}; all of them if absent.")
+        str | None, typer.Argument(help=f"One of: {', '.join(KINDS)}; all if absent.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List scenes, triangulators, rasterisers, criteria and metrics, or one kind of these."""
+    """List scenes, triangulators, rasterisers, criteria and metrics, or one kind."""
     from harness.style import plain_table
 
     if kind is not None and kind not in KINDS:

@@ -24,21 +24,21 @@ NOTE_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
 
 MAX_POLYGONS_NAMED = 3
-"""Polygons that are named on the screen for each reason."""
+"""Maximum number of polygons named on the screen for a reason."""
 
 MAX_PARTS_NAMED = 10
-"""Parts set aside that are named on the screen."""
+"""Maximum number of set-aside parts named on the screen."""
 
 
 @contextmanager
-def open_executor(where: str | None, reporter: Reporter) -> Iterator[Executor]:
+def open_executor(dask: str | None, reporter: Reporter) -> Iterator[Executor]:
     """Yield the executor for the value of --dask; None means this process."""
     from harness.scaling.executors import DaskExecutor, Executor
 
-    if not where:
+    if not dask:
         yield Executor()
         return
-    executor = DaskExecutor(where)
+    executor = DaskExecutor(dask)
     try:
         reporter.say(f"{executor.threads} workers; dashboard: {executor.dashboard}")
         yield executor
@@ -47,14 +47,14 @@ def open_executor(where: str | None, reporter: Reporter) -> Iterator[Executor]:
 
 
 def triangulate_many_files(
-    pattern: str, out: Path, work: Triangulating, where: str | None, reporter: Reporter
+    pattern: str, out: Path, work: Triangulating, dask: str | None, reporter: Reporter
 ) -> None:
     """Triangulate the parts of many files into a folder, and print a summary.
 
     Raises
     ------
     UsageError
-        if there is no file, or the folder cannot be used
+        if no file matches, or the folder cannot be used
     InconclusiveError
         if parts were set aside, or polygons failed
     """
@@ -62,8 +62,8 @@ def triangulate_many_files(
     from harness.scaling.dataset import Dataset
 
     if out.suffix.lower() in FORMATS and not out.is_dir():
-        raise UsageError(f"-o {out}: give a folder, for a file of each part")
-    summary = complete(Dataset(pattern, out, work), out, where, reporter)
+        raise UsageError(f"-o {out}: not a folder; give a folder, to which a file per part goes")
+    summary = complete(Dataset(pattern, out, work), out, dask, reporter)
     warn_of_skipped(summary, out, reporter)
     typer.echo(
         f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
@@ -76,21 +76,21 @@ def triangulate_many_files(
     raise_if_failed(summary.counts, out)
 
 
-def complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
+def complete(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) -> Summary:
     """Process the missing parts; if stopped, print how to continue and exit."""
     done = len(dataset.done)
     if done:
-        reporter.say(f"{out}: {done:,} of {len(dataset.parts):,} parts are done already")
+        reporter.say(f"{out}: {done:,} of {len(dataset.parts):,} parts exist already")
     try:
         with (
-            open_executor(where if dataset.missing else "", reporter) as executor,
+            open_executor(dask if dataset.missing else "", reporter) as executor,
             reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
         ):
             return dataset.complete(executor, reporter, cancel_note)
     except KeyboardInterrupt:
         typer.echo(
             f"stopped; {len(dataset.done):,} of {len(dataset.parts):,} parts are in {out}; "
-            "to go on, run the same command again",
+            "to continue, run the same command again",
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
@@ -99,15 +99,15 @@ def complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter)
 def format_notes(
     counts: Mapping[tuple[str, str], int], notes: Iterable[tuple[str, str, str]]
 ) -> Iterator[str]:
-    """Yield a line for each reason: the number of polygons, and the first of them.
+    """Yield a line for each reason: the number of polygons, and the first names.
 
     counts : polygons by (kind, reason); notes : (kind, polygon, reason)
     """
     from scenes.scene import general_reason
 
     named = defaultdict(list)
-    for kind, which, why in notes:
-        named[kind, general_reason(why)].append(which)
+    for kind, polygon, detail in notes:
+        named[kind, general_reason(detail)].append(polygon)
     for (kind, reason), count in sorted(counts.items()):
         more = f" and {count - MAX_POLYGONS_NAMED:,} more" if count > MAX_POLYGONS_NAMED else ""
         first = named[kind, reason][:MAX_POLYGONS_NAMED]
@@ -120,8 +120,8 @@ def refuse_set_aside(out: Path, summary: Summary) -> None:
     if summary.set_aside:
         number = len(summary.set_aside)
         raise InconclusiveError(
-            f"{number:,} {'parts were' if number > 1 else 'part was'} set aside; the rest is in "
-            f"{os.path.relpath(out)}; fix the cause and run the same command again"
+            f"{os.path.relpath(out)}: {number:,} {'parts were' if number > 1 else 'part was'} set "
+            "aside; fix the cause and run the same command again"
         )
 
 
@@ -130,14 +130,14 @@ def warn_of_skipped(summary: Summary, folder: Path, reporter: Reporter) -> None:
     from harness.scaling.dataset import LEFT_OUT
 
     notes = (
-        (kind, which if summary.parts == 1 else f"{which} of {file}", why)
-        for file, kind, which, why in summary.left_out
+        (kind, polygon if summary.parts == 1 else f"{polygon} of {file}", reason)
+        for file, kind, polygon, reason in summary.left_out
     )
     for line in format_notes(summary.counts, notes):
         reporter.warn(line)
     if len(summary.left_out) > MAX_POLYGONS_NAMED:
         reporter.say(f"all skipped polygons: {os.path.relpath(folder / LEFT_OUT)}")
     if summary.pruned:
-        reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
-    for which, reason in islice(summary.set_aside.items(), MAX_PARTS_NAMED):
-        reporter.warn(f"set aside {which}: {reason}")
+        reporter.say(f"skipped {summary.pruned:,} rows unread: --where excludes their row groups")
+    for name, reason in islice(summary.set_aside.items(), MAX_PARTS_NAMED):
+        reporter.warn(f"set aside {name}: {reason}")

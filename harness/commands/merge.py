@@ -18,23 +18,25 @@ def merge(
         typer.Option(
             parser=several(),
             metavar="NAME,...",
-            help="One for each run: the host it was measured on. Its devices are "
-            "called device@host then, so that one kind of device on several hosts stays apart.",
+            help="Names of the hosts that measured the runs, in the same order. Devices are then "
+            "named device@host, so that equal devices of several hosts are not merged.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Merge runs into one, by case; the order in which they are given does not matter.
+    """Merge runs by case; the order of the runs does not matter.
 
-    Counters of one kind of device must be equal on all hosts.
+    Counters of equal devices must agree on all hosts.
     """
     from harness.commands.outcome import make_run
     from harness.results.run_folder import read_latest
     from harness.scaling import merging
 
-    read = [read_latest(run, Reporter().warn) for run in runs]
+    stored = [read_latest(run, Reporter().warn) for run in runs]
     if hosts:
-        if len(hosts) != len(read):
-            raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
-        read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
-    make_run(out, lambda folder: merging.merge(read, folder), quiet=quiet)
+        if len(hosts) != len(stored):
+            raise UsageError(
+                f"--hosts: {len(hosts)} hosts for {len(stored)} runs; name one host for each run"
+            )
+        stored = [merging.on_host(run, name) for run, name in zip(stored, hosts, strict=True)]
+    make_run(out, lambda folder: merging.merge(stored, folder), quiet=quiet)

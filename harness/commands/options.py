@@ -1,6 +1,6 @@
-"""Options shared by commands: meaning, help, type and validation of each.
+"""Options that several commands share: type, help and validation.
 
-Invalid values are refused before anything is imported or created: one line, exit code 2.
+Invalid values are refused before any import, with one line and exit code 2.
 """
 
 import re
@@ -88,7 +88,7 @@ Force = Annotated[
 ]
 Resume = Annotated[
     Path | None,
-    typer.Option(help="Continue what is in this folder; failed cases are tried again."),
+    typer.Option(help="Continue the run in this folder; failed cases are measured again."),
 ]
 StudyFolder = Annotated[
     Path | None,
@@ -103,8 +103,8 @@ Quick = Annotated[
 Base = Annotated[
     str | None,
     typer.Option(
-        help="Triangulator that the others are compared with; by default ear-clipping, "
-        "original in a model's views, otherwise the one that triangulated most polygons.",
+        help="Triangulator to compare the others with; by default ear-clipping, in a model's "
+        "views original, otherwise the triangulator with most polygons.",
     ),
 ]
 Json = Annotated[
@@ -113,14 +113,14 @@ Json = Annotated[
 Layer = Annotated[str | None, typer.Option(help="Layer of the file to read.")]
 Where = Annotated[
     str | None,
-    typer.Option(help="Which polygons to read, as in SQL: height > 10."),
+    typer.Option(help="Condition on the polygons to read, as in SQL: height > 10."),
 ]
-Limit = Annotated[int | None, typer.Option(min=1, help="Polygons to read at high.")]
+Limit = Annotated[int | None, typer.Option(min=1, help="Maximum number of polygons to read.")]
 Dask = Annotated[
     str | None,
     typer.Option(
-        help="Spread the work: local for a process on each core, local:N for N of them, or the "
-        "address of a Dask scheduler.",
+        help="Distribute the work: local for a process on each core, local:N for N processes, or "
+        "the address of a Dask scheduler.",
     ),
 ]
 
@@ -139,11 +139,11 @@ Rasterisers = Annotated[
     _list_option(
         "NAME,...",
         str,
-        "By default OpenGL's, or webgpu where EGL is missing. See: raster-harness list rasterisers",
+        "By default opengl, or webgpu if EGL is missing. See: raster-harness list rasterisers",
     ),
 ]
 Devices = Annotated[
-    Several | None, _list_option("NAME,...", str, "Devices; the best one by default")
+    Several | None, _list_option("NAME,...", str, "Devices; the best device by default")
 ]
 Resolutions = Annotated[Several, _list_option("PX,...", _SIZE, "Width and height of the viewport")]
 Resolution = Annotated[
@@ -154,11 +154,11 @@ Resolution = Annotated[
 ]
 Rotations = Annotated[
     Several,
-    _list_option("DEGREES,...", _DEGREES, "Degrees by which it is turned, counter-clockwise"),
+    _list_option("DEGREES,...", _DEGREES, "Counter-clockwise rotation of the scene in degrees"),
 ]
 Rotation = Annotated[
     float,
-    typer.Option(parser=_DEGREES, metavar="DEGREES", help="Turned, counter-clockwise."),
+    typer.Option(parser=_DEGREES, metavar="DEGREES", help="Counter-clockwise rotation."),
 ]
 Samples = Annotated[Several, _list_option("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
 Works = Annotated[
@@ -170,7 +170,7 @@ Orders = Annotated[
     _list_option(
         "ORDER,...",
         one_of(*ORDERS),
-        "Orders of the triangles in a draw: native (as they were made), walk, vertex-cache, "
+        "Orders of the triangles in a draw: native (the triangulator's), walk, vertex-cache, "
         "morton, shuffled",
     ),
 ]
@@ -193,7 +193,9 @@ Timeout = Annotated[
         "--quick.",
     ),
 ]
-OneDevice = Annotated[str | None, typer.Option(help="Device that draws; the best one by default.")]
+OneDevice = Annotated[
+    str | None, typer.Option(help="Device that draws; the best device by default.")
+]
 
 OneRasteriser = Annotated[
     str | None,
@@ -206,15 +208,15 @@ Precision = Annotated[
         min=1e-9,
         max=1.0,
         metavar="SHARE",
-        help="Wanted half-width of the 95 % interval of a time, or of its ratio to the others.",
+        help="Target half-width of the 95 % interval of a time, or of a ratio of times.",
     ),
 ]
 
 
 def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple[str, ...]:
-    """Return the rasterisers of --rasterisers, or those that work on this machine.
+    """Return the rasterisers of --rasterisers, or the default for this machine.
 
-    with_opengl : added if opengl is the default
+    with_opengl : rasterisers to add if the default is opengl
     """
     if names:
         return tuple(names)

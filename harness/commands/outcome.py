@@ -1,4 +1,4 @@
-"""Results of a command that measures: their folder, summary, report and exit code."""
+"""Results of a command that measures: folder, summary, report and exit code."""
 
 import os
 import time
@@ -36,7 +36,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
     """
     if out and resume:
         raise UsageError(
-            "--out and --resume are mutually exclusive: --resume writes to its own folder"
+            "--out and --resume are mutually exclusive: --resume writes to the resumed folder"
         )
     name = before + file_stem(Path(format_label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
@@ -46,22 +46,22 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
     return resume or out or new
 
 
-def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> None:
+def require_finished(outcome: RunResult, resume_hint: str, *, quiet: bool = False) -> None:
     """Raise `NothingMeasuredError` if no case was measured.
 
-    If the run was stopped, print how to continue, and exit with `INTERRUPTED`.
+    If the run was stopped, print `resume_hint`, and exit with `INTERRUPTED`.
     """
     if outcome.interrupted:
         if not quiet:
-            typer.echo(f"stopped early; {how}")
+            typer.echo(f"stopped early; {resume_hint}")
         raise typer.Exit(INTERRUPTED)
     if not any(record.is_ok for record in outcome.records):
-        where = os.path.relpath(outcome.path)
+        path = os.path.relpath(outcome.path)
         first = next(iter(outcome.records), None)
-        why = f" ({first.name}: {first.reason})" if first and first.reason else ""
+        reason = f" ({first.name}: {first.reason})" if first and first.reason else ""
         raise NothingMeasuredError(
-            f"nothing was measured: every case was skipped or failed{why}; all reasons are in "
-            f"{where}/cases.jsonl"
+            f"nothing was measured: every case was skipped or failed{reason}; all reasons are in "
+            f"{path}/cases.jsonl"
         )
 
 
@@ -87,8 +87,8 @@ def measure_study(
         if no case was measured
     """
     folder = folder_for(plan.scene, out, resume, before=f"{kind}-")
-    how = RunOptions(resume=resume is not None, force=force, split=split)
-    outcome = carry_out(plan, folder, reporter, how)
+    run_options = RunOptions(resume=resume is not None, force=force, split=split)
+    outcome = carry_out(plan, folder, reporter, run_options)
     require_finished(outcome, f"continue with the same command and --resume {folder}")
     return read_run(folder)
 
@@ -97,10 +97,10 @@ def require_all(outcome: RunResult | Run) -> None:
     """Raise `InconclusiveError` if a case failed; a skipped case is not a failure."""
     failed = [record for record in outcome.records if record.status == "failed"]
     if failed:
-        named = ", ".join(dict.fromkeys(record.name for record in failed))
+        names = ", ".join(dict.fromkeys(record.name for record in failed))
         raise InconclusiveError(
-            f"{len(failed)} of {len(outcome.records)} cases failed ({named}); what was measured is "
-            f"in {os.path.relpath(outcome.path)}"
+            f"{len(failed)} of {len(outcome.records)} cases failed ({names}); the others are in "
+            f"{os.path.relpath(outcome.path)}"
         )
 
 
@@ -113,7 +113,7 @@ def finish_study(run: Run) -> None:
 
 
 def format_json(outcome: RunResult) -> dict[str, Any]:
-    """Return the content of `--json`: the run's folder, and its cases as in summary.csv."""
+    """Return the content of `--json`: the run's folder, and the cases as in summary.csv."""
     return {
         "results": os.path.relpath(outcome.path),
         "interrupted": outcome.interrupted,
@@ -129,31 +129,31 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     Raises
     ------
     NothingMeasuredError
-        if no case was measured, or no pixel is covered in any
+        if no case was measured, or no case covers a pixel
     """
-    where = os.path.relpath(outcome.path)
-    again = f"raster-harness report {where}; the measurements are safe"
+    path = os.path.relpath(outcome.path)
+    remedy = f"raster-harness report {path}; the measurements are safe"
     measured = [record for record in outcome.records if record.is_ok]
-    with translate_errors(outcome.path, again):
+    with translate_errors(outcome.path, remedy):
         write_csv(outcome.decided, outcome.path / "summary.csv")
     print_summary(outcome.decided, console)
     for line in describe_machine(outcome.run):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"results: {where}", markup=False, soft_wrap=True)
+    console.print(f"results: {path}", markup=False, soft_wrap=True)
     if measured and not outcome.aborted:
         from harness.report import matrix
         from harness.report.page import write_report
         from harness.report.plots import plot_run
 
-        with reporter.stage("judging criteria", 1), translate_errors(outcome.path, again):
+        with reporter.stage("evaluating criteria", 1), translate_errors(outcome.path, remedy):
             matrix.write_spread(outcome.run)
-        with reporter.stage("plotting", 1), translate_errors(outcome.path, again):
+        with reporter.stage("plotting", 1), translate_errors(outcome.path, remedy):
             write_report(outcome.run, decided=outcome.decided)
             if plots:
                 plot_run(outcome.run)
-        console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    how = f"continue with: raster-harness run --resume {outcome.path}"
-    require_finished(outcome, how, quiet=console.quiet)
+        console.print(f"to look at: {path}/report.html", markup=False, soft_wrap=True)
+    hint = f"continue with: raster-harness run --resume {outcome.path}"
+    require_finished(outcome, hint, quiet=console.quiet)
     covered = [record.counters.get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
         raise NothingMeasuredError(

@@ -18,15 +18,15 @@ def page(
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
     profile: Annotated[
         bool,
-        typer.Option("--profile", help="Of no run: a page that says what a triangle costs."),
+        typer.Option("--profile", help="Without a run: a page that measures a triangle's costs."),
     ] = False,
 ) -> None:
     """Write a page that measures a run's triangulations in any browser that has WebGPU.
 
-    With --profile it needs no run: it says what a triangle, a pixel and a helper lane cost on the
-    device that opens it, as the command profile does. One file, which needs no network and sends
-    nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
-    as a file for `raster-harness import`.
+    With --profile, no run is needed: the page measures the costs of a triangle, a pixel and a
+    helper lane on the device that opens the page, as the command profile does. The page is one
+    file, needs no network and sends no data. Open it on a phone, a Mac or a Windows machine; it
+    counts, times and saves a file for `raster-harness import`.
     """
     from harness.measuring.pool import MeasuringPool
     from harness.page.page_data import (
@@ -40,7 +40,7 @@ def page(
     from harness.workers.worker import Worker
 
     if profile == (run is not None):
-        raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
+        raise UsageError("RUN and --profile are mutually exclusive: give one of the two")
     content: PageContent | ProfileContent
     if run is None:
         with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:

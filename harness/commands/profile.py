@@ -37,10 +37,10 @@ def profile(
 ) -> None:
     """Measure the costs of triangles, pixels and helper lanes on a device; recommend a criterion.
 
-    About a hundred designed draws, each kind of which isolates one or two costs, are timed for
-    about a minute. Their exact counters and times give seconds for each cost, with intervals, and
-    the aspect ratio from which thin triangles are slow, with the reasons. The file also has the
-    costs that optimal:calibrated minimises (run --profile FILE); a chart is written next to it.
+    About a hundred designed draws, of kinds that isolate one or two costs, are timed for about a
+    minute. Exact counters and times give seconds for each cost, with intervals, and the aspect
+    ratio from which thin triangles are slow, with the reasons. The file also has the costs that
+    optimal:calibrated minimises (run --profile FILE); a chart is written next to the file.
     """
     from harness import rasterisers
     from harness.machine.environment import processor
@@ -93,13 +93,13 @@ def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> No
 def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
     """Write a profile's file and picture, and print the profile.
 
-    out : file to write, by default one in `options.PROFILES`
+    out : file to write, by default in `options.PROFILES`
     trouble : why the times cannot be trusted, or ""
 
     Raises
     ------
     InconclusiveError
-        if it is refused
+        if the profile is refused
     """
     from harness.profile import report
     from harness.profile.profile import write_profile as write_file

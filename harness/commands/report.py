@@ -21,7 +21,7 @@ def report(
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network.
 
-    Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
+    If the run has no plots, as after `run --quick`, they are added to its folder.
     """
     from harness.metrics.groups import set_base
     from harness.report.page import write_report

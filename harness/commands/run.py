@@ -56,8 +56,8 @@ def run(
         typer.Option(
             min=1,
             max=MAX_REPEATS,
-            help="Time everything in so many fresh processes, one after the other; intervals are "
-            "then over them. Five tell more than two.",
+            help="Number of fresh processes that repeat the timing, one after the other; "
+            "intervals are then over the processes. Five give narrower intervals than two.",
         ),
     ] = 1,
     budget: options.Budget = TimingSettings.budget_s,
@@ -85,8 +85,8 @@ def run(
         bool,
         typer.Option(
             "--draw-twice",
-            help="With --beside: draw twice also what both versions triangulate alike. This shows "
-            "how far times of equal drawings lie apart.",
+            help="With --beside: time equal triangulations of both versions separately, too. This "
+            "shows how much the times of equal drawings differ.",
         ),
     ] = False,
     cached: Annotated[
@@ -99,7 +99,7 @@ def run(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
+    """Measure triangulators on a scene, with exact counters and repeated times; store the run."""
     from harness.commands import outcome, run_inputs
     from harness.frame import View
     from harness.machine.system import database_path
@@ -129,31 +129,31 @@ def run(
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
             options=tuple(
-                Options(samples=count, work=iterations, order=each, seed=seed)
+                Options(samples=count, work=iterations, order=triangle_order, seed=seed)
                 for count in samples
                 for iterations in work
-                for each in order
+                for triangle_order in order
             ),
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
         )
     folder = outcome.folder_for(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    with run_inputs.open_baseline(beside, plan, resume, twice=draw_twice) as other:
-        how = RunOptions(
+    with run_inputs.open_baseline(beside, plan, resume, twice=draw_twice) as baseline:
+        run_options = RunOptions(
             resume=resume is not None,
             force=force,
             database=database_path() if cached else None,
-            beside=other,
+            beside=baseline,
             base=run_inputs.full_base_name(base, plan),
         )
-        result = carry_out(plan, folder, reporter, how)
+        result = carry_out(plan, folder, reporter, run_options)
     if as_json:
         typer.echo(
             json.dumps(outcome.format_json(result), indent=2, ensure_ascii=False, allow_nan=False)
         )
-    # Standard output is the other program's then.
+    # With --json, standard output holds nothing but the JSON.
     outcome.finish(result, Screen(stderr=as_json, quiet=as_json), reporter, plots=not quick)
-    if other and not as_json:
-        where = os.path.relpath(result.path)
-        typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")
+    if baseline and not as_json:
+        path = os.path.relpath(result.path)
+        typer.echo(f"to compare: raster-harness compare {path}/{BASE_FOLDER} {path}")

@@ -1,4 +1,4 @@
-"""Inputs of `harness run`: the plan of a stored run, triangulators, the baseline of --beside."""
+"""Inputs of `harness run`: a stored run's plan, triangulators, and the interleaved baseline."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,16 +22,16 @@ from scenes.registry import is_tiled
 def open_baseline(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
 ) -> Iterator[OtherVersion | None]:
-    """Yield the baseline of --beside, or of the run to resume; None if there is none."""
+    """Yield the interleaved baseline, of the option or of the run to resume, or None."""
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
     reference = reference or str(stored.get("base") or "")
     if not reference:
         if twice:
-            raise UsageError("--draw-twice is for runs --beside another version")
+            raise UsageError("--draw-twice requires --beside")
         yield None
         return
-    with version(reference, [recipe.base for recipe in plan.triangulators]) as other:
-        yield replace(other, twice=twice or bool(stored.get("twice")))
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as baseline:
+        yield replace(baseline, twice=twice or bool(stored.get("twice")))
 
 
 def full_base_name(name: str | None, plan: Plan) -> str | None:
@@ -50,7 +50,7 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
     recipes = parse_all(triangulators, seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
         if file is not None:
-            raise UsageError("--profile is for optimal:calibrated, which is not measured here")
+            raise UsageError("--profile requires optimal:calibrated among --triangulators")
         return recipes
     if file is None:
         raise UsageError(
@@ -74,4 +74,4 @@ def read_plan(folder: Path) -> Plan:
     try:
         return Plan.from_json(facts.get("plan", {}))
     except HarnessError as error:
-        raise InputError(f"{folder} holds no plan to resume: {error}") from error
+        raise InputError(f"{folder}: no plan to resume ({error})") from error

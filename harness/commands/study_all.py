@@ -28,7 +28,7 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Rotations of the study of turned triangulations, in degrees."""
 
 REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)
-"""Errors of one part of the study; the other parts are measured."""
+"""Errors that end one part of the study; the other parts are measured."""
 
 
 def study_all(
@@ -45,11 +45,11 @@ def study_all(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Say which of our findings hold on your data: validation, gains, regret and rotation, bundled.
+    """Report which of our findings hold on your data: validation, gains, regret and rotation.
 
-    Each study has a folder in the output folder, with its report; findings.md compares the results
+    Each study has a folder in the output folder, with a report; findings.md compares the results
     with ours. A finished study is not measured again. The exit code is 5 if cases failed or times
-    were disturbed, and 4 if nothing could be judged.
+    were disturbed, and 4 if no finding could be evaluated.
     """
     from harness.results.run_folder import file_stem
     from harness.study import replication
@@ -104,7 +104,7 @@ def study_all(
     console.print(f"to read: {file}", markup=False, soft_wrap=True)
     if not judged:
         raise NothingMeasuredError(
-            "no finding could be judged: no part of the study has its figures"
+            "no finding could be evaluated: no part of the study has the necessary metrics"
         )
     if inconclusive:
         raise InconclusiveError(f"{inconclusive} of {parts} parts of the study are incomplete")
@@ -126,18 +126,18 @@ class _Settings:
 def _parts(
     scene: str, folder: Path, settings: _Settings
 ) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Yield (folder name, function that measures) of each part of the study of a scene."""
+    """Yield (folder name, measuring function) of each part of the study of a scene."""
     from harness.study.replication import CHOICE, DELAUNAY, ONCE, TURNED, USUAL
 
     bases = [USUAL, DELAUNAY]
     largest = replace(settings, resolution=(max(settings.resolution),))
-    once = [f"{USUAL}{TURNED}"]
+    turned_bases = [f"{USUAL}{TURNED}"]
     yield "validate", partial(_validate, scene, folder / "validate", settings)
     yield "choice", partial(_measure_gains, scene, folder / "choice", settings, CHOICE, bases)
-    walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
-    yield "walked", partial(walked, order="walk")
-    turned = partial(_measure_gains, scene, folder / "turned", largest, ONCE, once)
-    yield "turned", partial(turned, turned=True)
+    measure_walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
+    yield "walked", partial(measure_walked, order="walk")
+    measure_turned = partial(_measure_gains, scene, folder / "turned", largest, ONCE, turned_bases)
+    yield "turned", partial(measure_turned, turned=True)
 
 
 def _validate(scene: str, folder: Path, settings: _Settings) -> None:
@@ -203,9 +203,9 @@ def _measure_gains(
         timeout_s=QUICK_TIMEOUT_S if settings.quick else TIMEOUT_S,
     )
     is_begun = (folder / "run.json").is_file()
-    how = RunOptions(resume=is_begun, database=database_path())
+    run_options = RunOptions(resume=is_begun, database=database_path())
     reporter = Reporter(quiet=True, verbose=settings.verbose)
-    result = carry_out(plan, folder, reporter, how)
+    result = carry_out(plan, folder, reporter, run_options)
     incomplete = None
     try:
         outcome.finish(result, Screen(quiet=True), reporter, plots=not settings.quick)

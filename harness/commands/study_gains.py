@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
 
 BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
+"""Default bases of the ratios: common triangulators, and the best of this project."""
 
 MAX_VIEWS_NAMED = 12
-"""Views with a faster triangulator that are printed for each base; gains.csv has all of them."""
+"""Maximum number of views printed for a base; gains.csv has all views."""
 
 
 def study_gains(
@@ -36,7 +36,7 @@ def study_gains(
         ),
     ] = options.Several(BASES),
 ) -> None:
-    """Compare each triangulator's time with the bases', in all views; say which one was faster."""
+    """Compare each triangulator's time with the bases' in all views; print the faster ones."""
     from harness.metrics.processors import find_mixed_processors, format_processors
     from harness.progress import Reporter
     from harness.results.run_folder import read_latest
@@ -46,9 +46,9 @@ def study_gains(
     names = [str(recipe) for recipe in parse_all(bases)]
     gains = write_gains(stored, names, out)
     if mixed := find_mixed_processors(stored):
-        typer.echo(f"several processors, whose times stay apart: {format_processors(mixed)}")
+        typer.echo(f"several processors, compared separately: {format_processors(mixed)}")
     for line in gains.disturbances:
-        typer.echo(f"left out: {line}")
+        typer.echo(f"skipped: {line}")
     for name in names:
         _print_faster_views(gains.table, name)
     typer.echo(f"{len(gains.table)} ratios in {out}/gains.csv, {gains.plots} plots")
@@ -69,9 +69,9 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     Raises
     ------
     InconclusiveError
-        if there is no ratio, because times were disturbed
+        if disturbances leave no ratio
     NothingMeasuredError
-        if there is no ratio for any other reason
+        if no two triangulators were timed together
     """
     import pandas as pd
 
@@ -109,8 +109,10 @@ def _print_faster_views(table: pd.DataFrame, base: str) -> None:
     if views.empty:
         return
     faster = views[views["faster"] != ""]
-    kept = len(views) - len(faster)
-    typer.echo(f"{base}: no other is significantly faster in {kept} of {len(views)} views")
+    not_faster = len(views) - len(faster)
+    typer.echo(
+        f"{base}: no triangulator is significantly faster in {not_faster} of {len(views)} views"
+    )
     for row in faster.head(MAX_VIEWS_NAMED).to_dict("records"):
         view = View(int(row["resolution"]), float(row["rotation"]), row["fit"])
         options = Options(int(row["samples"]), int(row["work"]), row["order"])

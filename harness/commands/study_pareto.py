@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def study_pareto(
     scene: options.SceneName = "paper",
     polygons: Annotated[
-        int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
+        int, typer.Option(min=0, help="Number of polygons whose full front is measured.")
     ] = 6,
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,
@@ -37,7 +37,7 @@ def study_pareto(
     """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
 
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
-    triangulations of a polygon that no other beats in both.
+    triangulations of a polygon that no other triangulation improves in both.
     """
     import pandas as pd
 
@@ -62,12 +62,12 @@ def study_pareto(
     reporter = Reporter(quiet=quiet, verbose=verbose)
     fronts: dict[str, pd.DataFrame] = {}
 
-    def take_apart(label: str, whole: Scene) -> list[Part]:
-        parts, part_fronts = pareto.make_parts(label, whole, polygons, view)
+    def split_scene(label: str, full_scene: Scene) -> list[Part]:
+        parts, part_fronts = pareto.make_parts(label, full_scene, polygons, view)
         fronts.update(part_fronts)
         return parts
 
-    run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
+    run = measure_study(plan, split_scene, "pareto", reporter, out=out, resume=resume, force=force)
     table = pareto.pareto_table(run, fronts)
     with reporter.stage("writing", 1):
         with atomic.create_folder(run.path, merge=True) as folder:

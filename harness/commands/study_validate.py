@@ -27,7 +27,7 @@ EXACT_RASTERISERS = ("reference", "binning")
 QUICK = StudySize(polygons=6, random=10, most_vertices=60)
 BUDGET_S = 0.1
 QUICK_S = 0.02
-"""Seconds of drawing each triangulation, with --quick; also the longest warm-up."""
+"""Seconds of drawing per triangulation with --quick; also the longest warm-up."""
 
 
 def study_validate(
@@ -49,11 +49,11 @@ def study_validate(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Say how well each criterion predicts the measured cost, within single polygons.
+    """Report how well each criterion predicts the measured cost, within single polygons.
 
-    Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
-    ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
-    best costs little more than the best there is: its regret.
+    Each polygon is drawn with many triangulations, of triangulators and at random. A criterion is
+    good if it ranks the triangulations of a polygon as the measured cost does, and if its best
+    triangulation costs little more than the cheapest one measured (regret).
     """
     from harness.commands.outcome import finish_study
     from harness.report import matrix
@@ -136,13 +136,15 @@ def measure_validation(
     from harness.study import correlations, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
 
-    def take_apart(label: str, whole: Scene) -> list[Part]:
+    def split_scene(label: str, full_scene: Scene) -> list[Part]:
         return [
             Part(f"{label}#{number}", part, choose_triangulators(size, part.polygons[0]))
-            for number, part in choose_polygons(whole, size)
+            for number, part in choose_polygons(full_scene, size)
         ]
 
-    run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
+    run = measure_study(
+        plan, split_scene, "validate", reporter, out=out, resume=resume, force=force
+    )
     with reporter.stage("correlating", 1):
         table = correlations.make_measure_table(run.records)
         with atomic.create_folder(run.path, merge=True) as folder:

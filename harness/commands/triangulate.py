@@ -24,7 +24,7 @@ from harness.errors import (
 from harness.progress import Reporter
 
 NOTE_AFTER_S = 3.0
-COMPILING = "still busy at the first; a first run also compiles what it needs ..."
+COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
 
 
 def triangulate(
@@ -39,7 +39,7 @@ def triangulate(
         typer.Option(
             "--out",
             "-o",
-            help="File to write: .glb, .gltf, .obj, .npz, .geojson or .parquet; of many "
+            help="File to write: .glb, .gltf, .obj, .npz, .geojson or .parquet; for many "
             "files, and with --dask, a folder for GeoParquet parts.",
         ),
     ] = None,
@@ -47,14 +47,14 @@ def triangulate(
         str | None,
         typer.Option(
             help="name or name:criterion, by default optimal:half-perimeter; "
-            "optimal alone is optimal:overdraw. See: raster-harness list triangulators."
+            "optimal means optimal:overdraw. See: raster-harness list triangulators."
         ),
     ] = None,
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="The criterion, if it is not in the triangulator's name; alone it means optimal. "
-            "E.g. mixed=1/0.5/0; see: raster-harness list criteria."
+            help="Criterion, if the triangulator's name has none; without --triangulator, of "
+            "optimal. E.g. mixed=1/0.5/0; see: raster-harness list criteria."
         ),
     ] = None,
     layer: Layer = None,
@@ -62,15 +62,13 @@ def triangulate(
     limit: Limit = None,
     certify: Annotated[
         bool,
-        typer.Option(
-            "--certify", help="Say how far the triangulations are from the optimum, with proof."
-        ),
+        typer.Option("--certify", help="Print a proven bound on the distance from the optimum."),
     ] = False,
     evidence: Annotated[
         Path | None,
         typer.Option(
-            help="With --certify: a file for the proofs, a line of JSON for each polygon, which "
-            "check-evidence checks."
+            help="With --certify: file for the proofs, a line of JSON for each polygon; see the "
+            "command check-evidence."
         ),
     ] = None,
     device: Annotated[
@@ -82,7 +80,7 @@ def triangulate(
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Of a 3D model: only say what would change; write nothing."),
+        typer.Option("--check", help="For a 3D model: only print the changes; write no file."),
     ] = False,
     dask: Dask = None,
     quiet: Quiet = False,
@@ -90,31 +88,37 @@ def triangulate(
 ) -> None:
     """Triangulate a file of polygons and write the triangles.
 
-    Of many files, and with --dask, each part becomes a GeoParquet file in the folder -o. The same
+    With many files, or --dask, each part becomes a GeoParquet file in the folder -o. The same
     command, run again, processes the missing parts. Polygons that fail are named and skipped, and
     the exit code is 5.
 
-    The flat faces of a 3D model (.glb, .gltf, .obj) are triangulated again in place,
-    for the shortest edges: the file keeps its format, every vertex, and what is seen.
+    The flat faces of a 3D model (.glb, .gltf, .obj) are triangulated again in place, for the
+    shortest edges; the file's format, vertices and appearance stay the same.
     """
     source = Path(file)
     refuse_own_source(file, out)
-    of_one: dict[str, object] = {"--limit": limit, "--device": device, "--evidence": evidence}
+    single_file_options: dict[str, object] = {
+        "--limit": limit,
+        "--device": device,
+        "--evidence": evidence,
+    }
     if _stays_model(source, out, check):
-        of_polygons: dict[str, object] = {
+        polygon_options: dict[str, object] = {
             "--triangulator": triangulator,
             "--layer": layer,
             "--where": where,
             "--certify": certify,
             "--dask": dask,
         }
-        why = "is for polygons; for a 3D model choose --criterion only"
-        refuse_given(of_one | of_polygons, why)
+        refuse_given(
+            single_file_options | polygon_options,
+            "is for polygons; for a 3D model give only --criterion",
+        )
         _in_place(source, out, criterion, Reporter(quiet=quiet, verbose=verbose))
         return
     assert out is not None
     if evidence is not None and not certify:
-        raise UsageError("--evidence needs --certify: give both")
+        raise UsageError("--evidence requires --certify: give both")
     from harness.export.export import export_file, full_triangulator_name
     from scenes.spec import join_name
     from triangulators.devices import CPU
@@ -122,7 +126,7 @@ def triangulate(
     reporter = Reporter(quiet=quiet, verbose=verbose)
     name = full_triangulator_name(triangulator, criterion)
     if dask or _many(file, out):
-        refuse_given(of_one, "is for one file, without --dask")
+        refuse_given(single_file_options, "is for one file, without --dask")
         from harness.export.geo import parquet_module
         from harness.scaling.triangulated import Triangulating
 
@@ -194,7 +198,7 @@ def _in_place(
     ):
         result = retriangulate(source, out, criterion or CRITERION, tick=stage.complete)
     for reason, count in sorted(result.left.items()):
-        typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
+        typer.echo(f"{source}: {count:,} unchanged: {reason}", err=True)
     share = result.flat_area / result.area if result.area else 0.0
     typer.echo(
         f"{source}: {result.triangles:,} triangles, {result.flat:,} of them in {result.faces:,} "
@@ -203,12 +207,12 @@ def _in_place(
     if not result.triangles:
         raise NothingMeasuredError(f"{source} has no triangles")
     if not result.changed:
-        typer.echo(f"{out or source}: nothing to gain: no flat face has cheaper diagonals")
+        typer.echo(f"{out or source}: no change: no flat face has cheaper diagonals")
         return
     typer.echo(
         f"{out or source}: {result.changed:,} faces "
         f"{'get' if out else 'would get'} other diagonals; "
-        f"their triangles' sides are {1.0 - result.after / result.before:.1%} shorter in all. "
+        f"the sum of their triangles' edges is {1.0 - result.after / result.before:.1%} shorter. "
         "No vertex changes"
     )
     for view in result.seen:
@@ -217,12 +221,12 @@ def _in_place(
             for before, after in zip(view.before, view.after, strict=True)
         )
         typer.echo(
-            f"seen from {VIEWS} sides at {view.pixels} px, without depth: helper lanes {lanes}, "
-            f"shaded quads {quads}"
+            f"from {VIEWS} directions at {view.pixels} px, without depth test: "
+            f"helper lanes {lanes}, shaded quads {quads}"
         )
 
 
 def _many(file: str, out: Path) -> bool:
-    """Return whether a name means many files: a pattern or a folder, not a file called [1]."""
+    """Return whether a name means many files: a folder, or a pattern that is no file's name."""
     pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
     return pattern or (Path(file).is_dir() and not out.suffix)

@@ -147,7 +147,7 @@ def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, yea
     assert len(find_runs([year], studies=True)[0]) == 18
     assert len(find_runs([year / "pareto"])[0]) == 1  # named, so wanted
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
-    assert out.startswith("left out: 2 studies; see --all")
+    assert out.startswith("skipped: 2 studies; see --all")
 
 
 def test_what_one_run_alone_measured_has_no_history(harness):

@@ -215,7 +215,7 @@ def test_an_option_that_is_not_used_is_refused(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
     assert_refused(
         harness(*run, "--triangulators", "fan", "--profile", "c.json"),
-        "--profile is for optimal:calibrated",
+        "--profile requires optimal:calibrated",
     )
     assert_refused(harness("run", "--scene", "city", "--layer", "x"), "layer")
     assert_refused(harness("inspect", str(block), "--out", "a.foo"), ".png")
@@ -244,7 +244,7 @@ def test_a_triangulator_that_fails_is_told_by_exit_code_and_place(harness, block
     assert "delaunay" in out
     errors = [line for line in err.splitlines() if line.startswith("error:")]
     assert len(errors) == 1
-    assert "1 of 2 cases failed (mine:cut); what was measured is in o" in errors[0]
+    assert "1 of 2 cases failed (mine:cut); the others are in o" in errors[0]
     assert "mine.py:3" in err
     assert "return table['x' * 100_000]" in err
     (reason,) = [

@@ -78,7 +78,7 @@ def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
     assert "delaunay" in out
     assert harness("cache", "clear")[0] == 0
     assert "0 triangulations" in harness("cache", "info")[1]
-    assert_refused(harness("cache", "burn"), "info or clear")
+    assert_refused(harness("cache", "burn"), "choose from info, clear")
 
 
 @pytest.mark.parametrize("many", [False, True])
@@ -176,7 +176,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     for base in ("optimal:overdraw", "ear-clipping"):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
-        assert f"{base}: no other is significantly faster in {2 - beaten} of 2 views" in out
+        assert f"{base}: no triangulator is significantly faster in {2 - beaten} of 2 views" in out
     assert_refused(
         harness("study", "gains", "run", "--out", "gains", "--bases", "nothing"),
         "unknown triangulator",

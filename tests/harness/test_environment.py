@@ -175,7 +175,7 @@ def test_gains_and_comparisons_say_so(two, harness):
         file.write_text(json.dumps(run.facts))
     folders = [str(run.path) for run in two]
     out, _ = require_ok(harness("study", "gains", *folders, "--out", "gains"))
-    assert f"several processors, whose times stay apart: llvmpipe on {EPYC}, {XEON}" in out
+    assert f"several processors, compared separately: llvmpipe on {EPYC}, {XEON}" in out
     table = Path("gains/gains.csv").read_text()
     assert f'"llvmpipe ({EPYC})"' in table
     assert ",llvmpipe," not in table

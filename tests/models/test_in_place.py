@@ -56,7 +56,7 @@ def test_check_writes_nothing(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
     told, _ = require_ok(harness("triangulate", "plate.glb", "--check"))
     assert "2 faces would get other diagonals" in told
-    lines = [line for line in told.splitlines() if line.startswith("seen from 24 sides")]
+    lines = [line for line in told.splitlines() if line.startswith("from 24 directions")]
     assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
     assert all("helper lanes -" in line and "quads -" in line for line in lines)
     assert_refused(

@@ -110,7 +110,7 @@ def test_where_nothing_changes_nothing_is_looked_at(tmp_path, harness, monkeypat
     monkeypatch.setattr("harness.models.in_place.look", None)
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
     told, _ = require_ok(harness("triangulate", "ball.glb", "--check"))
-    assert "nothing to gain" in told
+    assert "no change: no flat face" in told
 
 
 @pytest.fixture(scope="module")

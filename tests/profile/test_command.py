@@ -181,7 +181,7 @@ def test_inspect_warns_about_a_profile_of_another_machine(harness, monkeypatch):
         monkeypatch.setattr("harness.profile.profile.processor", lambda facts=facts: facts)
         command = ("inspect", "paper", "--sizes", "64", "--profile", "opengl-llvmpipe")
         _, err = require_ok(harness(*command))
-        warning = f"measured on llvmpipe, on {cpu}, which is not this machine"
+        warning = f"measured on another machine (llvmpipe, on {cpu})"
         assert (warning in err) is (label != cpu)
     gpu = {"name": "gpu0", "rasteriser": "os:system", "details": {"renderer": "NVIDIA H200/PCIe"}}
     assert (origin_of(gpu), is_of_this_machine(gpu)) == ("NVIDIA H200", False)

@@ -134,7 +134,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     (tmp_path / "out" / "census.csv").unlink()
     next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
     _, error = require_ok(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
-    assert "5 of 6 parts are done already" in error
+    assert "5 of 6 parts exist already" in error
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
     assert_refused(
         harness("census", f"{parts}", "-o", "other", "--triangulators", "fan"), "give two or more"

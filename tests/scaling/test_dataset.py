@@ -125,7 +125,7 @@ def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
     assert len(lines) == 2
     assert "2-torn.parquet is truncated" in lines[0]
     assert "3-plain.parquet has no geometry column" in lines[1]
-    assert error.splitlines()[-1].startswith("error: 2 parts were set aside; the rest is in out")
+    assert error.splitlines()[-1].startswith("error: out: 2 parts were set aside")
     aside = json.loads((tmp_path / "out" / MANIFEST).read_text())["summary"]["set_aside"]
     assert set(aside) == {str(torn), str(parts / "3-plain.parquet")}
 
@@ -212,17 +212,17 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
     monkeypatch.setattr(Triangulating, "make", stopping)
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 130
-    assert "stopped; 3 of 6 parts are in out; to go on, run the same command again" in error
+    assert "stopped; 3 of 6 parts are in out; to continue, run the same command again" in error
     assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
     _, error = require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
-    assert "3 of 6 parts are done already" in error
+    assert "3 of 6 parts exist already" in error
     assert ids(tmp_path / "out") == list(range(EVERY))
 
 
 def test_wrong_uses_are_one_line(harness, parts):
     for arguments, message in (
         (["nothing-*.parquet", "-o", "out"], "nothing-*.parquet: no such file"),
-        ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, for a file of each part"),
+        ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, to which a file per part goes"),
         ([f"{parts}/*.parquet", "-o", "out", "--limit", "3"], "--limit is for one file"),
         ([f"{parts}/*.parquet", "-o", "out", "--where", "colour = 3"], None),
     ):

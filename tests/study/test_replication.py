@@ -252,7 +252,7 @@ def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkey
     code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 4
     assert err.count("error: ") == 1
-    assert "no finding could be judged" in err
+    assert "no finding could be evaluated" in err
     assert Path("out/findings.md").exists()
 
 
