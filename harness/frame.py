@@ -198,7 +198,7 @@ def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
     """Lay all views of a model on each other."""
     frame = frame_of_grid(viewing.pixels, viewing.pieces)
     flat = frame_of_grid(RESOLUTIONS[1], to_grid(scene.polygons))
-    source, tiles = viewing.source, viewing.first
+    source, tiles = viewing.source, viewing.piece_offsets
     return replace(frame, view=view, source=source, tiles=tiles, flat=flat, viewing=viewing)
 
 

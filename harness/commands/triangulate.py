@@ -197,7 +197,7 @@ def _in_place(
         reporter.if_long(COMPILING, NOTE_AFTER_S),
     ):
         result = retriangulate(source, out, criterion or CRITERION, tick=stage.complete)
-    for reason, count in sorted(result.left.items()):
+    for reason, count in sorted(result.unchanged.items()):
         typer.echo(f"{source}: {count:,} unchanged: {reason}", err=True)
     share = result.flat_area / result.area if result.area else 0.0
     typer.echo(
@@ -215,7 +215,7 @@ def _in_place(
         f"the sum of their triangles' edges is {1.0 - result.after / result.before:.1%} shorter. "
         "No vertex changes"
     )
-    for view in result.seen:
+    for view in result.views:
         lanes, quads = (
             f"{after / before - 1.0:+.1%}" if before else "none"
             for before, after in zip(view.before, view.after, strict=True)

@@ -1,8 +1,8 @@
 """Lower bounds of the quads that triangulations of a frame's polygons shade.
 
-There are two exact bounds: polygons drawn in one piece, and, slightly above it, the triangulation
-of their vertices with the fewest quads. The first gives the cost of diagonals, the second the
-possible savings by other diagonals.
+Two bounds are exact: the quads of polygons drawn in one piece, and, slightly higher, the minimum
+quads over all triangulations. The first gives the cost of diagonals, the second the possible
+savings by other diagonals.
 """
 
 from collections.abc import Sequence
@@ -29,12 +29,11 @@ MAX_SEARCH_S = 2.0
 
 ROW_S = 6e-9
 """Seconds for one row of pixels of one triangle. The dynamic program over n vertices evaluates
-n^3 / 6 triangles, each about half as high as the polygon (measured: 2 to 6 ns)."""
+n^3 / 6 triangles, on average half as high as the polygon (measured: 2 to 6 ns)."""
 
 HOLES_S = 2e-7
 """Seconds per cubed vertex count of polygons with holes, whose optimum a linear program proves
 (measured: 10 to 450 ns, the maximum for the largest)."""
-
 
 Pending = dict[str, Future[NDArray[np.int64]]]
 """Quads (p,) by bound, computed in another process."""
@@ -50,23 +49,23 @@ def collect(pending: Pending) -> dict[str, NDArray[np.int64]]:
     """Return the computed bounds, -1 for each polygon without one."""
     bounds = {}
     for name, future in pending.items():
-        with suppress(TaskError):  # measurements do not depend on it
+        with suppress(TaskError):  # measurements do not depend on the bounds
             bounds[name] = result_of(future)
     return bounds
 
 
 def outline_limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
-    """Return the quads that each polygon's outline covers, (p,), or -1 if that is no bound.
+    """Return the quads that each polygon's outline covers, (p,), or -1 without a bound.
 
-    The rest of a view has no outline: its triangles' quads are used. With a depth test there is no
-    bound, because hidden quads are not shaded.
+    The loose triangles of a view have no outline; the quads of these triangles are used. With a
+    depth test the outline gives no bound, because hidden quads are not shaded.
     """
     if frame.viewing is None:
         return count_outline_quads(frame, parts)
     if frame.viewing.depths is not None:
         return np.full(len(parts), -1)
-    rest = frame.viewing.source == len(frame.viewing.given)
-    return np.where(rest, count_quads(frame, parts), count_outline_quads(frame, parts))
+    is_loose = frame.viewing.source == len(frame.viewing.polygon_triangles)
+    return np.where(is_loose, count_quads(frame, parts), count_outline_quads(frame, parts))
 
 
 def estimate_seconds(frame: Frame) -> NDArray[np.float64]:

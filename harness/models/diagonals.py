@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.models.flat_faces import THIN, Faces, Ints
+from harness.models.flat_faces import MIN_HEIGHT, Faces, Ints
 from triangulators import TriangulationError, criteria
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, plain_cost, total_cost
@@ -19,15 +19,14 @@ from triangulators.methods.flips import cheaper
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _ROUNDING = 1e-6
-"""Relative cost change that may be caused by rounding a face's points: not a gain."""
-
+"""Minimum relative gain; smaller differences may be caused by rounding a face's points."""
 
 WORK_NS = (1.0, 10.0, 20.0, 45.0)
 """Nanoseconds per cubed vertex count for the optimum, by the number of holes (measured)."""
 
 MAX_WORK_NS = 1e9
-"""Budget for a part by `WORK_NS`; further faces get flips. It is estimated, not timed, so that a
-model gets the same diagonals on every machine."""
+"""Budget for a part by `WORK_NS`; further faces get flips. The work is estimated, not timed, so
+that a model gets the same diagonals on every machine."""
 
 
 @njit(nogil=True)
@@ -41,10 +40,10 @@ def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 @njit(nogil=True)
 def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Return whether triangles a, b, d and a, d, c are safely oriented, and neither is thin."""
+    """Return whether triangles a, b, d and a, d, c are counter-clockwise, and not thin."""
     if not convex(points, a, b, c, d):
         return False
-    return _height(points, a, b, d) > THIN and _height(points, a, d, c) > THIN
+    return _height(points, a, b, d) > MIN_HEIGHT and _height(points, a, d, c) > MIN_HEIGHT
 
 
 @njit(nogil=True)
@@ -69,7 +68,7 @@ class FaceDiagonals:
 def find_cost(criterion: str) -> Cost:
     """Return the cost function of a criterion.
 
-    Raises UsageError if it is unknown, or if its weights depend on the polygon.
+    Raises UsageError if the criterion is unknown, or if its weights depend on the polygon.
     """
     try:
         entry = criteria.find(criterion)
@@ -84,24 +83,24 @@ def find_cost(criterion: str) -> Cost:
     return cost
 
 
-def choose(faces: Faces, criterion: str) -> FaceDiagonals:
-    """Choose each face's diagonals by a criterion; raises as `find_cost` does."""
+def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
+    """Choose the diagonals of each face by a criterion; raises as `find_cost` does."""
     cost = find_cost(criterion)
     sizes = np.diff(faces.triangle_offsets)
     result, unsolved = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
-    clean = _affordable(outlines(faces))
-    optima = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
-    done = optima.compiled
+    outlines = _take_affordable(find_outlines(faces))
+    optima = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
+    solved = optima.compiled
     counts = np.diff(optima.triangle_offsets)
-    polygon = np.repeat(np.arange(len(done)), counts)
-    compiled = done[polygon]  # the other rows of `optima` are uninitialised
-    first = clean.polygons.vertex_offsets[polygon[compiled]]
-    rows = clean.vertices[optima.triangles[compiled] + first[:, None]]
+    polygon = np.repeat(np.arange(len(solved)), counts)
+    is_initialised = solved[polygon]  # the other rows of `optima` are uninitialised
+    first = outlines.polygons.vertex_offsets[polygon[is_initialised]]
+    rows = outlines.vertices[optima.triangles[is_initialised] + first[:, None]]
     _copy_triangles(
         faces.points,
         faces.triangle_offsets,
-        clean.face[done],
-        (rows, offsets_of(counts[done])),
+        outlines.face[solved],
+        (rows, offsets_of(counts[solved])),
         result,
         unsolved,
     )
@@ -109,7 +108,9 @@ def choose(faces: Faces, criterion: str) -> FaceDiagonals:
     corner = result[rows].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
     result[rows] = corner.reshape(-1, 3)
-    changed = np.asarray(gains(faces.points, faces.triangles, result, faces.triangle_offsets, cost))
+    changed = np.asarray(
+        is_cheaper(faces.points, faces.triangles, result, faces.triangle_offsets, cost)
+    )
     same = ~np.repeat(changed, sizes)
     result[same] = faces.triangles[same]
     return FaceDiagonals(result, changed, int((~unsolved).sum()))
@@ -126,41 +127,42 @@ def _copy_triangles(
 ) -> None:
     """Copy triangles of faces into `result` (t, 3), except for faces with a thin triangle.
 
-    face: (c,) face numbers; optimal: their triangles (k, 3) as point indices, and the offsets of
-    each face's; triangle_offsets: of each face in `result`. unsolved: (f,) becomes False for copied
-    faces.
+    face: (c,) face numbers; optimal: the faces' triangles (k, 3) as point indices, and the offset
+    of each face in these; triangle_offsets: offsets of faces in `result`. unsolved: (f,) is set to
+    False for copied faces.
     """
     triangles, row_offsets = optimal
     for number in range(len(face)):
         rows = triangles[row_offsets[number] : row_offsets[number + 1]]
-        thin = False
+        has_thin = False
         for row in range(len(rows)):
-            thin |= _height(points, rows[row, 0], rows[row, 1], rows[row, 2]) <= THIN
-        if not thin:
+            has_thin |= _height(points, rows[row, 0], rows[row, 1], rows[row, 2]) <= MIN_HEIGHT
+        if not has_thin:
             first = triangle_offsets[face[number]]
             result[first : first + len(rows)] = rows
             unsolved[face[number]] = False
 
 
 @njit(nogil=True)
-def gains(
+def is_cheaper(
     points: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
     triangle_offsets: np.ndarray,
     cost: Cost,
 ) -> np.ndarray:
-    """Return whether each face's triangles cost less, (f,), by more than the rounding of points."""
-    gained = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
-    for face in range(len(gained)):
+    """Return flags (f,) of faces whose triangles cost less, by more than the rounding of points."""
+    cheaper_faces = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
+    for face in range(len(cheaper_faces)):
         first, last = triangle_offsets[face], triangle_offsets[face + 1]
         old = total_cost(points, before[first:last], cost)
-        gained[face] = total_cost(points, after[first:last], cost) < old - _ROUNDING * abs(old)
-    return gained
+        new = total_cost(points, after[first:last], cost)
+        cheaper_faces[face] = new < old - _ROUNDING * abs(old)
+    return cheaper_faces
 
 
 class Outlines(NamedTuple):
-    """Faces whose outline is a valid polygon with all of their vertices once.
+    """Faces whose outline is a valid polygon that visits each vertex of the face once.
 
     face : (c,) face numbers; vertices : (n,) index in `Faces.points` of each polygon vertex
     """
@@ -175,46 +177,46 @@ class Outlines(NamedTuple):
         return Outlines(self.face[flags], self.polygons.take(flags), vertices)
 
 
-def _affordable(clean: Outlines) -> Outlines:
-    """Return as many outlines as `MAX_WORK_NS` allows, in order of their estimated time."""
-    sizes = clean.polygons.vertex_counts
-    factors = np.append(WORK_NS, 0.0)[np.minimum(clean.polygons.ring_counts - 1, len(WORK_NS))]
+def _take_affordable(outlines: Outlines) -> Outlines:
+    """Return the outlines of the least estimated time that `MAX_WORK_NS` allows together."""
+    sizes = outlines.polygons.vertex_counts
+    factors = np.append(WORK_NS, 0.0)[np.minimum(outlines.polygons.ring_counts - 1, len(WORK_NS))]
     work = factors * sizes.astype(np.float64) ** 3
     quickest = np.argsort(work, kind="stable")
     affordable = np.zeros(len(work), np.bool_)
     affordable[quickest[np.cumsum(work[quickest]) <= MAX_WORK_NS]] = True
-    return clean.take(affordable)
+    return outlines.take(affordable)
 
 
-def outlines(faces: Faces) -> Outlines:
+def find_outlines(faces: Faces) -> Outlines:
     """Return the faces with valid outlines; the outer, counter-clockwise ring comes first."""
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
-    # An interior vertex has no outline edge, a vertex where the outline touches itself has several.
-    leaving = np.bincount(corner[outer], minlength=len(faces.points))
+    # No outline edge leaves an interior vertex; several leave a vertex at which outlines touch.
+    outline_edges = np.bincount(corner[outer], minlength=len(faces.points))
     following = np.zeros(len(faces.points), dtype=np.int64)
     following[corner[outer]] = ahead[outer]
     owner = np.zeros(len(faces.points), dtype=np.int64)
     owner[corner] = np.repeat(np.arange(faces.face_count), 3 * np.diff(faces.triangle_offsets))
-    sound = np.bincount(owner[leaving != 1], minlength=faces.face_count) == 0
+    sound = np.bincount(owner[outline_edges != 1], minlength=faces.face_count) == 0
     vertex_offsets = np.searchsorted(owner, np.arange(faces.face_count + 1))
-    vertices, *offsets = _rings(faces.points, following, vertex_offsets, sound)
+    vertices, *offsets = _trace_rings(faces.points, following, vertex_offsets, sound)
     polygons = PolygonArray(faces.points[vertices], *offsets)
     valid = shapely.is_valid(polygons.geometries)
     return Outlines(np.flatnonzero(sound), polygons, vertices).take(valid)
 
 
 @njit(nogil=True)
-def _rings(
+def _trace_rings(
     points: np.ndarray, following: np.ndarray, vertex_offsets: np.ndarray, sound: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
 
-    following: the next vertex of the outline; vertex_offsets (f + 1,): of each face's vertices.
-    `following` permutes a face's vertices, so its cycles are rings. The outer ring, which is
+    following: (p,) next vertex of the outline; vertex_offsets: (f + 1,) of the faces' vertices.
+    `following` permutes a face's vertices, so the cycles are rings. The outer ring, which is
     counter-clockwise, comes first: rings are traversed twice, and the first pass only finds the
-    outer one. A face without exactly one counter-clockwise ring becomes unsound.
+    outer ring. A face without exactly one counter-clockwise ring becomes unsound.
     """
     vertices = np.empty(len(points), dtype=np.int64)
     ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)
@@ -223,19 +225,19 @@ def _rings(
     size, rings, polygons = 0, 0, 0
     for face in range(len(sound)):
         first, last = vertex_offsets[face], vertex_offsets[face + 1]
-        outer, left_turning = -1, 0
+        outer, counter_clockwise = -1, 0
         for start in range(first, last if sound[face] else first):
             if seen[start]:
                 continue
-            twice, at = 0.0, start
+            doubled_area, at = 0.0, start
             while not seen[at]:
                 seen[at] = True
                 to = following[at]
-                twice += points[at, 0] * points[to, 1] - points[at, 1] * points[to, 0]
+                doubled_area += points[at, 0] * points[to, 1] - points[at, 1] * points[to, 0]
                 at = to
-            if twice > 0.0:
-                outer, left_turning = start, left_turning + 1
-        if left_turning != 1:
+            if doubled_area > 0.0:
+                outer, counter_clockwise = start, counter_clockwise + 1
+        if counter_clockwise != 1:
             sound[face] = False
             continue
         for start in range(first - 1, last):

@@ -1,4 +1,4 @@
-"""Finds the flat faces of a mesh: connected triangles in one plane with affine vertex attributes.
+"""Flat faces of a mesh: connected triangles in one plane with affine vertex attributes.
 
 The diagonals of a flat face do not change the picture: position, texture coordinates and all other
 interpolated attributes are affine functions on the face, which every triangulation reproduces.
@@ -26,11 +26,10 @@ from scipy.sparse.csgraph import connected_components
 from triangulators.geometry.half_edges import link
 from triangulators.polygon_arrays import offsets_of
 
-STEPS = 4.0
+TOLERANCE_ULPS = 4.0
 """Flatness tolerance, in units of single precision at the largest coordinate."""
 
-
-HALF = 32
+INDEX_BITS = 32
 """Bits of a vertex index in the number of an edge."""
 
 
@@ -44,8 +43,8 @@ class ModelMesh:
         each column in units of its tolerance
     fixed : (n, j) attributes that must be constant on a face (joints, identifiers)
     tolerance : flatness tolerance, in the units of positions
-    uses : (n,) number of faces at each vertex whose normal is computed from them; 0 if the file has
-        the normal; None if it has all normals
+    uses : (n,) number of triangles from which each vertex's normal is computed; 0 if the file has
+        the normal; None if the file has all normals
     """
 
     positions: NDArray[np.float64]
@@ -57,47 +56,47 @@ class ModelMesh:
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """Return normals (m, 3) of the triangles, of twice the length of their area."""
+        """Normals (m, 3) of the triangles; the length is twice the area."""
         sides = np.diff(self.positions[self.triangles], axis=1)
         return np.asarray(np.cross(sides[:, 0], sides[:, 1]))
 
 
 @dataclass(frozen=True)
 class ModelPart:
-    """Triangles of one draw; other parts may touch them.
+    """Triangles of one draw, which other parts may touch.
 
-    source : identifies the triangles in the model
-    left : reason why they cannot be changed, or ""
+    source : the model's reference to the triangles
+    reason_unchanged : reason why the triangles cannot be changed, or ""
     placements : (4, 4) matrices, one for each instance
     """
 
     mesh: ModelMesh
     source: Any
-    left: str = ""
+    reason_unchanged: str = ""
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
 def single_precision_tolerance(values: NDArray[np.float64]) -> float:
     """Return the rounding error of single precision in the units of the values (n, k)."""
     finite = np.abs(values[np.isfinite(values)])
-    return STEPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
+    return TOLERANCE_ULPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
 
 
 def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return numbers (d,) of undirected edges (d, 2)."""
-    one, other = ends.T
-    return np.asarray((np.minimum(one, other) << HALF) + np.maximum(one, other))
+    a, b = ends.T
+    return np.asarray((np.minimum(a, b) << INDEX_BITS) + np.maximum(a, b))
 
 
-def sides_of(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def side_numbers(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the numbers (3 m,) of the sides of triangles (m, 3)."""
     return edge_numbers(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
 
 
-UNIT = 0.25
+GRID_STEP = 0.25
 """Grid step of a face's integer coordinates in its plane, in tolerances."""
 
-THIN = 16.0
+MIN_HEIGHT = 16.0
 """Lower bound of a triangle's height, in grid steps, for a defined orientation."""
 
 BATCH_EDGES = 1 << 17
@@ -109,7 +108,7 @@ Floats = NDArray[np.float64]
 class Faces(NamedTuple):
     """Flat faces of two or more triangles; vertices are numbered face by face.
 
-    points : (p, 2) integers, steps of `UNIT` tolerances in the face's plane
+    points : (p, 2) integers, steps of `GRID_STEP` tolerances in the face's plane
     vertices : (p,) index of each point's vertex in the mesh
     triangles : (t, 3) indices into points, counter-clockwise, face after face
     slots : (t,) index of each triangle in the mesh
@@ -128,9 +127,9 @@ class Faces(NamedTuple):
         return len(self.triangle_offsets) - 1
 
 
-def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
+def find_flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     """Return the flat faces, and the numbers of other triangles by reason."""
-    pairs, skipped = _neighbours(mesh)
+    pairs, skipped = _find_neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
     _, group = connected_components(graph, directed=False)
@@ -142,36 +141,36 @@ def flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     return faces, skipped + rejected
 
 
-def _thick(mesh: ModelMesh) -> NDArray[np.bool_]:
+def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
     """Return flags (m,) of triangles with finite vertices that are not thin."""
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
-    high = np.linalg.norm(mesh.normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
+    high = np.linalg.norm(mesh.normals, axis=1) > MIN_HEIGHT * GRID_STEP * mesh.tolerance * longest
     return np.asarray(high & np.isfinite(corners).all(axis=(1, 2)))
 
 
-def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """Return pairs of triangles (e, 2) of one face, and numbers of edges without one by reason.
+def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
+    """Return pairs of adjacent triangles (e, 2) of one face, and counts of the others by reason.
 
     Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
     """
     a, b, c = mesh.triangles.T
     proper = np.flatnonzero((a != b) & (b != c) & (c != a))
     if len(proper) < len(mesh.triangles):
-        pairs, skipped = _neighbours(replace(mesh, triangles=mesh.triangles[proper]))
+        pairs, skipped = _find_neighbours(replace(mesh, triangles=mesh.triangles[proper]))
         return proper[pairs], skipped
-    thick = _thick(mesh)
+    thick = _has_height(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
     twin = np.asarray(link(corner), dtype=np.int64)
     edges = np.flatnonzero(twin > np.arange(len(twin)))
     edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
-    sides = sides_of(mesh.triangles)
+    sides = side_numbers(mesh.triangles)
     ordered = np.sort(sides)
     crowded = np.unique(ordered[2:][ordered[2:] == ordered[:-2]])
     edges = edges[~np.isin(sides[edges], crowded)]
     inner = [
-        part[_belong_together(mesh, part, twin[part])]
+        part[_is_same_face(mesh, part, twin[part])]
         for part in np.split(edges, range(BATCH_EDGES, len(edges), BATCH_EDGES))
     ]
     inner_edges = np.concatenate(inner)
@@ -184,14 +183,14 @@ def _neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
     return np.stack([inner_edges // 3, twin[inner_edges] // 3], axis=1), +skipped
 
 
-def _belong_together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Return whether the triangles on both sides of each half-edge belong to one face."""
+def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
+    """Return flags (e,) of half-edges between two triangles of one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
-    one, other = mesh.normals[edge // 3], mesh.normals[twin // 3]
-    normal = one + other
-    alike = ((one * normal).sum(axis=1) > 0.0) & ((other * normal).sum(axis=1) > 0.0)
+    normals = mesh.normals[edge // 3], mesh.normals[twin // 3]
+    normal = normals[0] + normals[1]
+    aligned = np.logical_and(*((n * normal).sum(axis=1) > 0.0 for n in normals))
     points = mesh.positions[quads]
     points = points - points[:, :1]
 
@@ -206,20 +205,23 @@ def _belong_together(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool
     off = np.abs((weights[:, :, None] * attributes).sum(axis=1)).max(axis=1, initial=0.0)
     fixed = mesh.fixed[quads]
     same = (fixed == fixed[:, :1]).all(axis=(1, 2))
-    return np.asarray(alike & (bend <= mesh.tolerance) & (off <= 1.0) & same)
+    return np.asarray(aligned & (bend <= mesh.tolerance) & (off <= 1.0) & same)
 
 
 def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
-    """Return the groups of triangles that are flat faces; slots, face : (t,), sorted by group."""
+    """Return the flat faces among groups of triangles, and counts of other groups by reason.
+
+    slots, face : (t,) triangle and group numbers, sorted by group
+    """
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(
         face[:, None] * len(mesh.positions) + mesh.triangles[slots], return_inverse=True
     )
     owner, vertices = np.divmod(keys, max(len(mesh.positions), 1))
     triangles = triangles.reshape(-1, 3)
-    normal = _sums(mesh.normals[slots], face, count)
+    normal = _group_sums(mesh.normals[slots], face, count)
     points, bend = _project_to_planes(mesh.positions[vertices], owner, normal)
-    rounded = np.rint(points / (UNIT * mesh.tolerance))
+    rounded = np.rint(points / (GRID_STEP * mesh.tolerance))
     a, b, c = np.moveaxis(rounded[triangles], 1, 0)
     oriented = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
     off = _affine_residuals(mesh.affine[vertices], points, owner, count)
@@ -227,11 +229,11 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
     uses_in_face = np.bincount(triangles.reshape(-1), minlength=len(keys))
     shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > uses_in_face
     reasons = {
-        "bent beyond the tolerance": _any(bend > mesh.tolerance, owner, count)
-        | _any(~oriented, face, count),
-        "texture coordinates, normals or the like differ": _any(off > 1.0, owner, count),
-        "triangles on the same side of an edge": _any(repeated, face, count),
-        "smooth, without normals in the file": _any(shaded, owner, count),
+        "bent beyond the tolerance": _flag_groups(bend > mesh.tolerance, owner, count)
+        | _flag_groups(~oriented, face, count),
+        "texture coordinates, normals or the like differ": _flag_groups(off > 1.0, owner, count),
+        "triangles on the same side of an edge": _flag_groups(repeated, face, count),
+        "smooth, without normals in the file": _flag_groups(shaded, owner, count),
     }
     bad = np.zeros(count, dtype=np.bool_)
     rejected: Counter[str] = Counter()
@@ -252,9 +254,9 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
 
 
 def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
-    """Return positions (p, 2) in the faces' planes, from the centre, and distances (p,) to these.
+    """Return coordinates (p, 2) in the faces' planes, from the centre, and distances (p,) to these.
 
-    The axes are right-handed with the normal; the first is horizontal if z is up.
+    The axes are right-handed with the normal; the first axis is horizontal if z is up.
     """
     count = len(normal)
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -262,7 +264,7 @@ def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[
     length = np.linalg.norm(level, axis=1, keepdims=True)
     level = np.where(length > 1e-9, level / np.maximum(length, 1e-300), [1.0, 0.0, 0.0])
     upward = np.cross(unit, level)
-    local = positions - _means(positions, owner, count)[owner]
+    local = positions - _group_means(positions, owner, count)[owner]
     flat = [(local * axis[owner]).sum(axis=1) for axis in (level, upward)]
     return np.stack(flat, axis=1), np.abs((local * unit[owner]).sum(axis=1))
 
@@ -272,9 +274,9 @@ def _affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
-    centred = values - _means(values, owner, count)[owner]
-    xx, xy, yy = (_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
-    xa, ya = (_sums(u[:, None] * centred, owner, count) for u in (x, y))
+    centred = values - _group_means(values, owner, count)[owner]
+    xx, xy, yy = (_group_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
+    xa, ya = (_group_sums(u[:, None] * centred, owner, count) for u in (x, y))
     across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
     fitted = across[owner] * x[:, None] + up[owner] * y[:, None]
     off = np.abs(centred - fitted).max(axis=1)
@@ -288,15 +290,15 @@ def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
     return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
 
 
-def _sums(values: Floats, owner: Ints, count: int) -> Floats:
+def _group_sums(values: Floats, owner: Ints, count: int) -> Floats:
     return np.stack(
         [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
     )
 
 
-def _means(values: Floats, owner: Ints, count: int) -> Floats:
-    return _sums(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
+def _group_means(values: Floats, owner: Ints, count: int) -> Floats:
+    return _group_sums(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
 
 
-def _any(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
+def _flag_groups(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
     return np.bincount(owner[flags], minlength=count) > 0

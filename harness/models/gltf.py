@@ -1,4 +1,4 @@
-"""The drawn meshes of a glTF file, and replacement of their indices."""
+"""Meshes of a glTF file, and replacement of their triangles."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -23,42 +23,42 @@ _MIN_TOLERANCES = {
     "TEXCOORD": 2.0**-18,
     "POSITION": 0.0,
 }
-"""Minimum tolerance for the deviation of an attribute from an affine function: it is invisible."""
+"""Deviation of an attribute from an affine function that is invisible: the minimum tolerance."""
 
 _MAX_INTEGER_STEP = 1e-4
 """Upper bound of the tolerance for integer coordinates, as a share of the mesh's extent."""
 
 
 class GltfModel(GltfEditor):
-    """A glTF model; `groups` yields the parts of each mesh, `replace` and `write` change them."""
+    """A glTF model whose parts can be replaced."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.left: Counter[str] = Counter()
+        self.unchanged: Counter[str] = Counter()
 
     def groups(self) -> Iterator[list[ModelPart]]:
         """Yield the parts of each mesh."""
         seen: set[str] = set()
         meshes = self.json.get("meshes", [])
-        alike: dict[str, list[dict[str, Any]]] = {}
-        places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        primitives: dict[str, list[dict[str, Any]]] = {}
+        placements: dict[str, tuple[NDArray[np.float64], ...]] = {}
         reasons: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self.placements(), strict=True):
             for primitive in mesh["primitives"]:
                 key = _key(primitive)
-                alike.setdefault(key, []).append(primitive)
-                places[key] = places.get(key, ()) + matrices
+                primitives.setdefault(key, []).append(primitive)
+                placements[key] = placements.get(key, ()) + matrices
                 reasons[key] = reasons.get(key) or self._reason_unchanged(mesh, primitive)
         for mesh in meshes:
-            keys = [_key(primitive) for primitive in mesh["primitives"]]
-            fresh = [key for key in dict.fromkeys(keys) if key not in seen]
-            seen.update(fresh)
-            parts = [self._part(alike[key], places[key], reasons[key]) for key in fresh]
+            keys = dict.fromkeys(_key(primitive) for primitive in mesh["primitives"])
+            new_keys = [key for key in keys if key not in seen]
+            seen.update(new_keys)
+            parts = [self._part(primitives[key], placements[key], reasons[key]) for key in new_keys]
             yield [part for part in parts if part is not None]
 
     def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles of a part by (m, 3) `triangles`."""
-        self.refer(part.source, triangles.reshape(-1))
+        self.replace_indices(part.source, triangles.reshape(-1))
 
     def _reason_unchanged(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
         """Return the reason why a primitive's triangles must not change, or ""."""
@@ -67,19 +67,19 @@ class GltfModel(GltfEditor):
             if name not in HARMLESS:
                 return f"extension {name}"
         materials = self.json.get("materials", [])
-        for user in (primitive, *extensions.get(_VARIANTS, {}).get("mappings", [])):
+        for entry in (primitive, *extensions.get(_VARIANTS, {}).get("mappings", [])):
             if (
-                "material" in user
-                and materials[index(user["material"])].get("alphaMode") == "BLEND"
+                "material" in entry
+                and materials[index(entry["material"])].get("alphaMode") == "BLEND"
             ):
-                return "a blended material shows in which order triangles are drawn"
+                return "with a blended material the order of triangles is visible"
         return ""
 
     def _part(
         self,
         primitives: list[dict[str, Any]],
         placements: tuple[NDArray[np.float64], ...],
-        left: str,
+        reason_unchanged: str,
     ) -> ModelPart | None:
         """Return the part that primitives draw, or None for lines, points and missing positions."""
         primitive = primitives[0]
@@ -97,22 +97,25 @@ class GltfModel(GltfEditor):
         else:
             tolerance = min(1.0, _MAX_INTEGER_STEP * float(np.ptp(used, axis=0).max()))
         mesh = ModelMesh(exact, triangles, *attributes, tolerance)
-        return ModelPart(mesh, primitives, left, placements)
+        return ModelPart(mesh, primitives, reason_unchanged, placements)
 
     def _vertex_attributes(
         self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the attributes of `count` vertices except positions; used : used vertices.
+        """Return the affine and the fixed attributes of `ModelMesh` for `count` vertices.
 
-        Returns (n, k) attributes that must be affine, in units of their tolerance, and (n, j) that
-        must be constant: joints, weights and non-standard attributes. A skinned vertex moves by
+        Fixed attributes are joints, weights and non-standard attributes: a skinned vertex moves by
         products of weights and position, which are not affine.
+
+        used : indices of vertices in triangles; only their values determine the tolerance
         """
         affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
-        named = sorted(item for item in primitive["attributes"].items() if item[0] != "POSITION")
+        accessors = sorted(
+            item for item in primitive["attributes"].items() if item[0] != "POSITION"
+        )
         for target in primitive.get("targets", []):
-            named += sorted(target.items())
-        for name, accessor in named:
+            accessors += sorted(target.items())
+        for name, accessor in accessors:
             values, normalized = self.values(accessor)
             column = values.astype(np.float64)
             if len(column) != count:
@@ -128,6 +131,6 @@ class GltfModel(GltfEditor):
 
 
 def _key(primitive: dict[str, Any]) -> str:
-    """Return a key that is equal for primitives that draw the same triangles."""
+    """Return a key that equals the key of primitives with the same triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])

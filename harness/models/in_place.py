@@ -1,4 +1,4 @@
-"""Replaces the diagonals of a 3D model's flat faces; vertices and file format stay the same."""
+"""New diagonals for a 3D model's flat faces; vertices and file format stay the same."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -10,25 +10,24 @@ import pandas as pd
 from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
-from harness.models.diagonals import choose, find_cost
+from harness.models.diagonals import choose_diagonals, find_cost
 from harness.models.flat_faces import (
-    HALF,
+    INDEX_BITS,
     Ints,
     ModelMesh,
     ModelPart,
     edge_numbers,
-    flat_faces,
-    sides_of,
+    find_flat_faces,
+    side_numbers,
 )
 from harness.models.gltf import GltfModel
 from harness.models.obj import ObjModel
-from harness.models.views import PIXELS, Drawn, Seen, look
+from harness.models.views import PIXELS, DrawnPart, ViewCounts, count_views
 from scenes.readers import guard
 from scenes.readers.guard import check_path
 
 CRITERION = "edge-length"
 """Default criterion; proportional to the half-perimeter averaged over all rotations."""
-
 
 Model = GltfModel | ObjModel
 """A model with replaceable triangles."""
@@ -47,12 +46,13 @@ _KIND = "a model"
 class Changes:
     """Statistics of the flat faces of a model, and of their new diagonals.
 
-    triangles : number of triangles; flat : those in flat faces of two or more triangles
-    faces : flat faces; changed : those with new diagonals; optimal : proven optimal
+    triangles : number of triangles; flat : number in flat faces of two or more triangles
+    faces : number of flat faces; changed : number with new diagonals; optimal : with an optimum
     area, flat_area : in the model's units
     before, after : total side length of the changed faces' triangles, in the model's units
-    left : unchanged faces and parts by reason
-    seen : counters before and after in views from several sides, if no file is written
+    unchanged : number of unchanged faces and parts by reason
+    views : counters before and after in views from several directions, if no file is written
+    files : written files
     """
 
     triangles: int = 0
@@ -64,8 +64,8 @@ class Changes:
     flat_area: float = 0.0
     before: float = 0.0
     after: float = 0.0
-    left: Counter[str] = field(default_factory=Counter)
-    seen: list[Seen] = field(default_factory=list)
+    unchanged: Counter[str] = field(default_factory=Counter)
+    views: list[ViewCounts] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 
 
@@ -79,7 +79,7 @@ def retriangulate(
 ) -> Changes:
     """Choose the diagonals of a model's flat faces by a criterion, and write the model to `out`.
 
-    Vertices with their attributes, the number of triangles and the visible surface stay the same.
+    Vertices and attributes, the number of triangles and the visible surface stay the same.
 
     out : None to compute the changes only
     tick : called with the number of finished parts, then of finished placements
@@ -97,8 +97,8 @@ def retriangulate(
         raise UsageError(f"-o {out}: the output must keep the input format ({source.suffix})")
     find_cost(criterion)
     changes = Changes()
-    changes.left += model.left
-    drawn: list[Drawn] = []
+    changes.unchanged += model.unchanged
+    drawn: list[DrawnPart] = []
     for parts in groups:
         results = []
         for part in parts:
@@ -106,12 +106,12 @@ def retriangulate(
             tick(len(drawn) + len(results))
         _revert_shared(parts, results, changes)
         for part, result in zip(parts, results, strict=True):
-            drawn.append(Drawn(part.mesh, result.triangles, part.placements))
+            drawn.append(DrawnPart(part.mesh, result.triangles, part.placements))
             if (result.triangles != part.mesh.triangles).any():
                 with guard.clear_errors(str(source), _KIND):
                     model.replace(part, result.triangles)
     if out is None:
-        changes.seen = look(drawn, sizes, tick) if changes.changed else []
+        changes.views = count_views(drawn, sizes, tick) if changes.changed else []
     else:
         changes.files = model.write(out)
     return changes
@@ -154,36 +154,41 @@ class _NewPart:
 def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _NewPart:
     mesh = part.mesh
     face = np.full(len(mesh.triangles), -1)
-    made = _NewPart(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
+    result = _NewPart(
+        mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64)
+    )
     changes.triangles += len(mesh.triangles)
     areas = np.nan_to_num(np.linalg.norm(mesh.normals, axis=1) / 2, posinf=0.0)
     changes.area += float(areas.sum())
-    if part.left:
-        changes.left[part.left] += 1
-        return made
-    faces, left = flat_faces(mesh)
-    changes.left += left
+    if part.reason_unchanged:
+        changes.unchanged[part.reason_unchanged] += 1
+        return result
+    faces, unchanged = find_flat_faces(mesh)
+    changes.unchanged += unchanged
     changes.faces += faces.face_count
     changes.flat += len(faces.slots)
     if len(faces.slots) == 0:
-        return made
+        return result
     changes.flat_area += float(areas[faces.slots].sum())
-    chosen = choose(faces, criterion)
-    changes.optimal += chosen.optimal
-    made.triangles[faces.slots] = faces.vertices[chosen.triangles]
-    owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.triangle_offsets))
-    changed = chosen.changed[owner]
-    made.face[faces.slots[changed]] = owner[changed]
-    after, before = (sides_of(each[changed]) for each in (chosen.triangles, faces.triangles))
-    fresh = pd.Index(after).difference(pd.Index(before)).to_numpy()
-    ends = np.stack([fresh >> HALF, fresh & ((1 << HALF) - 1)], axis=1)
+    diagonals = choose_diagonals(faces, criterion)
+    changes.optimal += diagonals.optimal
+    result.triangles[faces.slots] = faces.vertices[diagonals.triangles]
+    owner = np.repeat(np.arange(len(diagonals.changed)), np.diff(faces.triangle_offsets))
+    changed = diagonals.changed[owner]
+    result.face[faces.slots[changed]] = owner[changed]
+    before, after = (
+        pd.Index(side_numbers(triangles[changed]))
+        for triangles in (faces.triangles, diagonals.triangles)
+    )
+    new_edges = after.difference(before).to_numpy()
+    ends = np.stack([new_edges >> INDEX_BITS, new_edges & ((1 << INDEX_BITS) - 1)], axis=1)
     face_of = np.zeros(len(faces.points), dtype=np.int64)
     face_of[faces.triangles] = owner[:, None]
-    made.diagonals, made.diagonal_face = faces.vertices[ends], face_of[ends[:, 0]]
-    return made
+    result.diagonals, result.diagonal_face = faces.vertices[ends], face_of[ends[:, 0]]
+    return result
 
 
-def _revert_shared(parts: list[ModelPart], made: list[_NewPart], changes: Changes) -> None:
+def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: Changes) -> None:
     """Restore the diagonals of faces whose new diagonal is also an edge of other triangles.
 
     On a sheet with two sides, both sides could get the same edge, and the model would no longer be
@@ -193,22 +198,23 @@ def _revert_shared(parts: list[ModelPart], made: list[_NewPart], changes: Change
         return
     points = np.concatenate([part.mesh.positions for part in parts]) + 0.0  # turns -0.0 into 0.0
     # Hashes are sorted several times faster than rows; a collision only restores a face.
-    place = np.unique(hash_pandas_object(pd.DataFrame(points), index=False), return_inverse=True)[1]
-    places = np.split(place, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
-    before = [sides_of(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
-    after = [edge_numbers(at[each.diagonals]) for each, at in zip(made, places, strict=True)]
-    own, times = np.unique(np.concatenate(after), return_counts=True)
-    shared = own[(times > 1) | pd.Index(own).isin(np.concatenate(before))]
-    for part, each, edges in zip(parts, made, after, strict=True):
-        bad = np.unique(each.diagonal_face[pd.Index(edges).isin(shared)])
-        gone = np.isin(each.face, bad)
-        each.triangles[gone], each.face[gone] = part.mesh.triangles[gone], -1
-        changed = each.face >= 0
-        changes.changed += len(np.unique(each.face[changed]))
+    hashes = hash_pandas_object(pd.DataFrame(points), index=False)
+    distinct = np.unique(hashes, return_inverse=True)[1]
+    vertices = np.split(distinct, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
+    before = [side_numbers(v[part.mesh.triangles]) for part, v in zip(parts, vertices, strict=True)]
+    after = [edge_numbers(v[new.diagonals]) for new, v in zip(new_parts, vertices, strict=True)]
+    diagonals, counts = np.unique(np.concatenate(after), return_counts=True)
+    shared = diagonals[(counts > 1) | pd.Index(diagonals).isin(np.concatenate(before))]
+    for part, new, edges in zip(parts, new_parts, after, strict=True):
+        bad = np.unique(new.diagonal_face[pd.Index(edges).isin(shared)])
+        reverted = np.isin(new.face, bad)
+        new.triangles[reverted], new.face[reverted] = part.mesh.triangles[reverted], -1
+        changed = new.face >= 0
+        changes.changed += len(np.unique(new.face[changed]))
         changes.before += _length(part.mesh, part.mesh.triangles[changed])
-        changes.after += _length(part.mesh, each.triangles[changed])
+        changes.after += _length(part.mesh, new.triangles[changed])
         if len(bad):
-            changes.left["a diagonal would also be an edge of other triangles"] += len(bad)
+            changes.unchanged["a diagonal would also be an edge of other triangles"] += len(bad)
 
 
 def _length(mesh: ModelMesh, triangles: Ints) -> float:

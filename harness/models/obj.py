@@ -1,4 +1,4 @@
-"""Editor of Wavefront OBJ files: replaces triangles of `f` lines, and keeps all other text.
+"""Editor of Wavefront OBJ files that replaces triangles of `f` lines, and changes no other text.
 
 A vertex is a triple of position, texture coordinate and normal. Materials and groups delimit parts.
 """
@@ -25,7 +25,7 @@ _MIN_TOLERANCE = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
 """Lower bound of the tolerance of colours, texture coordinates and normals on a flat face."""
 
 MAX_DECIMAL_STEP = 1e-6
-"""Upper bound of the tolerance that the text's decimals give, relative to a model's size."""
+"""Upper bound of the tolerance derived from the text's decimals, relative to a model's size."""
 
 Triple = tuple[int, int, int]
 
@@ -44,37 +44,38 @@ class ObjModel:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.left: Counter[str] = Counter()
+        self.unchanged: Counter[str] = Counter()
         self._data = path.read_bytes()
         self._pieces: list[tuple[int, int, bytes]] = []  # (first, last, new text) of replaced words
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
         self._parts = [_Part()]
-        self._begun: list[bytes] = []
+        self._continued: list[bytes] = []  # words of a line that the next line continues
         self._largest = [0, 0, 0]
         self._smooth: list[int] = []  # positions of smoothly shaded vertices without normals
-        place = 0
+        offset = 0
         for number, line in enumerate(self._data.splitlines(keepends=True), 1):
             try:
-                self._read(line, place)
+                self._read(line, offset)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
-                raise InputError(f"{path} line {number} is not OBJ: {text!r}") from error
-            place += len(line)
+                raise InputError(f"{path} line {number}: not OBJ ({text!r})") from error
+            offset += len(line)
         for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
             if largest > len(lines):
                 raise InputError(
-                    f"{path} is not OBJ: a face names {kind.decode()} {largest:,} of {len(lines):,}"
+                    f"{path}: not OBJ (a face refers to {kind.decode()} {largest:,} of "
+                    f"{len(lines):,})"
                 )
 
-    def _read(self, line: bytes, place: int) -> None:
+    def _read(self, line: bytes, offset: int) -> None:
         text = line.partition(b"#")[0]
-        whole = not self._begun
-        words, self._begun = self._begun, []
-        words += text.split()  # in place: a line may continue over a million lines
+        is_single_line = not self._continued
+        words, self._continued = self._continued, []
+        words += text.split()  # in place, as a line may continue over a million lines
         kind = words[0] if words else b""
-        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):  # a continued line
+        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):
             words += words.pop()[:-1].split()
-            self._begun = words
+            self._continued = words
         elif kind in self._lines:
             self._lines[kind].append(words[1:])
         elif kind in _NEW_PART:
@@ -83,20 +84,20 @@ class ObjModel:
                 smooth = words[1:2] not in ([], [b"off"], [b"0"])
             self._parts.append(_Part(smooth))
         elif kind == b"f":
-            self._read_face(words[1:], text if whole else b"", place)
+            self._read_face(words[1:], text if is_single_line else b"", offset)
 
-    def _read_face(self, words: list[bytes], text: bytes, place: int) -> None:
-        """Read a face; text : its line, or b"" if it continues over several lines."""
+    def _read_face(self, words: list[bytes], text: bytes, offset: int) -> None:
+        """Read a face; text : the line at byte `offset`, or b"" if the face has several lines."""
         part = self._parts[-1]
         triples = [self._triple(word) for word in words]
         if part.smooth:
             self._smooth += [position for position, _, normal in triples if not normal]
         if len(words) == 3 and text:
-            found = [match.span() for match in _WORD.finditer(text)]
+            spans = [match.span() for match in _WORD.finditer(text)]
             part.triples.append(triples)
-            part.spans.append([(place + first, place + last) for first, last in found[1:]])
+            part.spans.append([(offset + first, offset + last) for first, last in spans[1:]])
         else:
-            self.left["faces that are not triangles, or on several lines"] += 1
+            self.unchanged["faces that are not triangles, or on several lines"] += 1
 
     def _triple(self, word: bytes) -> Triple:
         """Return 1-based indices of position, texture coordinate and normal, or 0 for none."""
@@ -105,9 +106,9 @@ class ObjModel:
             zip(word.split(b"/"), self._lines.values(), strict=False)
         ):
             if part:
-                given = int(part)
-                result[column] = given if given > 0 else len(lines) + 1 + given
-                if given == 0 or result[column] < 1:
+                index = int(part)
+                result[column] = index if index > 0 else len(lines) + 1 + index
+                if index == 0 or result[column] < 1:
                     raise ValueError("an index out of range")
                 self._largest[column] = max(self._largest[column], result[column])
         if result[0] == 0:
@@ -115,7 +116,7 @@ class ObjModel:
         return result[0], result[1], result[2]
 
     def groups(self) -> Iterator[list[ModelPart]]:
-        """Yield all parts together."""
+        """Yield all parts as one group."""
         values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
         step = _step(word for line in self._lines[b"v"] for word in line[:3])
@@ -131,28 +132,28 @@ class ObjModel:
             fixed = (vertices[:, 1:] > 0).astype(np.float64)
             affine = [values[b"v"][0][vertices[:, 0] - 1, 3:] / values[b"v"][1]]
             for column, kind in ((1, b"vt"), (2, b"vn")):
-                found, off = values[kind]
-                given = np.vstack([np.zeros((1, found.shape[1])), found])
-                affine.append(given[vertices[:, column]] / off)
+                rows, row_tolerance = values[kind]
+                rows_from_1 = np.vstack([np.zeros((1, rows.shape[1])), rows])
+                affine.append(rows_from_1[vertices[:, column]] / row_tolerance)
             tolerance = _tolerance(positions, step)
-            made = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
+            part_uses = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
             triangles = number.reshape(-1, 3)
-            mesh = ModelMesh(positions, triangles, np.hstack(affine), fixed, tolerance, made)
+            mesh = ModelMesh(positions, triangles, np.hstack(affine), fixed, tolerance, part_uses)
             words = [_word(vertex) for vertex in vertices.tolist()]
             parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), words)))
         yield parts
 
     def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:
-        """Return the numbers of lines (n, width), and their tolerance."""
+        """Return the numbers of lines (n, width), and the tolerance of these numbers."""
         width = max((len(line) for line in lines), default=0)
         try:
             rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
         except ValueError as error:
             raise InputError(
-                f"{self._path} is not OBJ: {error} in a line of {kind.decode()}"
+                f"{self._path}: not OBJ ({error} in a line of {kind.decode()})"
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
-            raise InputError(f"{self._path} is not OBJ: a vertex with fewer than 3 coordinates")
+            raise InputError(f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates)")
         step = _step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
             _MIN_TOLERANCE[kind], min(step, 1e-3)
@@ -162,8 +163,8 @@ class ObjModel:
         """Replace the triangles (m, 3) of a part."""
         spans, words = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
-            for place, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
-                self._pieces.append((*place, words[vertex]))
+            for span, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
+                self._pieces.append((*span, words[vertex]))
 
     def write(self, out: Path) -> list[Path]:
         """Write the model; return the files."""
@@ -187,16 +188,17 @@ def _word(vertex: list[int]) -> bytes:
 
 
 def _step(words: Iterable[bytes]) -> float:
-    """Return the unit of the last decimal of numbers in a text."""
+    """Return the unit of the last decimal place of numbers in a text."""
     return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in words), default=0)
 
 
 def _tolerance(positions: NDArray[np.float64], step: float) -> float:
     """Return the flatness tolerance of a face whose positions (n, 3) were read from a text.
 
-    Positions are relative to their centre: unlike single precision, a text is exact far from 0.
+    The tolerance depends on distances from the centre: unlike single precision, a text is exact far
+    from 0.
     """
-    known = positions[np.isfinite(positions).all(axis=1)]
-    local = known - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else known
+    finite = positions[np.isfinite(positions).all(axis=1)]
+    local = finite - (finite.min(axis=0) / 2 + finite.max(axis=0) / 2) if len(finite) else finite
     largest = float(np.abs(local).max(initial=0.0))
     return max(single_precision_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))

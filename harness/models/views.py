@@ -2,8 +2,8 @@
 
 The camera looks at the centre, in perspective. Vertices are snapped to 1/256 px, and back faces are
 culled as on a GPU. Without a depth test, hidden front faces are shaded as well. Coordinates are
-computed by scalar operations in a fixed order, so they are equal on every machine; matrix products
-of a library are not.
+computed by scalar operations in a fixed order, so that they are equal on every machine, unlike
+matrix products of a library.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from harness.rasterisers.reference import predict
 
 VIEWS = 24
 PIXELS = (256, 1024)
-"""Sizes of the square viewport, in pixels, that the model fills."""
+"""Default sides of the square viewport in pixels."""
 
 DISTANCE = 3.0
 """Distance of the camera from the centre, in radii of the model."""
@@ -27,15 +27,15 @@ _UNITS = 256.0
 _CHUNK_TRIANGLES = 1 << 18
 
 
-class Drawn(NamedTuple):
-    """A part before and after: mesh, new triangles (m, 3), matrices (4, 4) of its placements."""
+class DrawnPart(NamedTuple):
+    """A part before and after: mesh, new triangles (m, 3), matrices (4, 4) of the placements."""
 
     mesh: ModelMesh
     triangles: NDArray[np.int64]
     placements: tuple[NDArray[np.float64], ...]
 
 
-class Seen(NamedTuple):
+class ViewCounts(NamedTuple):
     """Sums over all views at one size: (helper lanes, quads) before and after."""
 
     pixels: int
@@ -43,43 +43,43 @@ class Seen(NamedTuple):
     after: tuple[int, ...]
 
 
-class Ball(NamedTuple):
+class BoundingSphere(NamedTuple):
     """Bounding sphere of all drawn points; every view shows all of it."""
 
     middle: NDArray[np.float64]
     radius: float
 
 
-def ways() -> NDArray[np.int64]:
+def integer_directions() -> NDArray[np.int64]:
     """Return directions to the camera (24, 3): (1, 2, 3) under all rotations of a cube.
 
-    The sum of the first four, eight, ... of them is zero.
+    The first four, eight, ... directions sum to zero.
     """
-    directions = []
+    rotated = []
     for order in permutations(range(3)):
         parity = np.linalg.det(np.eye(3)[list(order)])
         for signs in product((1, -1), repeat=3):
             if parity * np.prod(signs) > 0:
-                directions.append(np.array([1, 2, 3])[list(order)] * signs)
-    return np.array(directions)
+                rotated.append(np.array([1, 2, 3])[list(order)] * signs)
+    return np.array(rotated)
 
 
 def directions() -> NDArray[np.float64]:
-    """Return `ways` as unit vectors (24, 3)."""
-    return np.asarray(ways() / np.sqrt(14.0))
+    """Return `integer_directions` as unit vectors (24, 3)."""
+    return np.asarray(integer_directions() / np.sqrt(14.0))
 
 
-def look(
-    parts: list[Drawn],
+def count_views(
+    parts: list[DrawnPart],
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
-) -> list[Seen]:
-    """Count parts from all directions, at each size; [] if no part has a finite extent.
+) -> list[ViewCounts]:
+    """Count parts from all directions, at each size; return [] if no part has a finite extent.
 
     tick : called with the number of finished placements
     """
     points: list[NDArray[np.float64]] = []
-    kinds: tuple[list[NDArray[np.int64]], ...] = ([], [], [])
+    sets: tuple[list[NDArray[np.int64]], ...] = ([], [], [])  # unchanged, old, new triangles
     count = 0
     for part in parts:
         same = (part.triangles == part.mesh.triangles).all(axis=1)
@@ -87,37 +87,38 @@ def look(
         for matrix in part.placements:
             # A reflection reverses the orientation of triangles.
             order = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0 else [0, 1, 2]
-            for kind, each in zip(kinds, rows, strict=True):
-                kind.append(each[:, order] + count)
-            points.append(placed(part.mesh.positions, matrix))
+            for triangle_set, triangles in zip(sets, rows, strict=True):
+                triangle_set.append(triangles[:, order] + count)
+            points.append(transform(part.mesh.positions, matrix))
             count += len(points[-1])
     if not points:
         return []
-    places, world = len(points), np.concatenate(points)
-    kept, old, new = map(np.concatenate, kinds)
-    ball = ball_of([world[np.concatenate([kept, old]).reshape(-1)]])
-    if ball is None:
+    placements, world = len(points), np.concatenate(points)
+    unchanged, old, new = map(np.concatenate, sets)
+    sphere = bounding_sphere([world[np.concatenate([unchanged, old]).reshape(-1)]])
+    if sphere is None:
         return []
-    local = (world - ball.middle) / ball.radius
+    local = (world - sphere.middle) / sphere.radius
     sums = np.zeros((len(sizes), 2, 2), dtype=np.int64)
     for number, direction in enumerate(directions()):
-        tick(places * number // VIEWS)
-        flat, _ = projected(local, direction)
-        for pixels, own in zip(sizes, sums, strict=True):
+        tick(placements * number // VIEWS)
+        flat, _ = project(local, direction)
+        for pixels, size_sums in zip(sizes, sums, strict=True):
             grid = np.rint(np.nan_to_num(flat) * (pixels * _UNITS)).astype(np.int32)
-            always, before, after = (_count(grid, each) for each in (kept, old, new))
-            own += [always + before, always + after]
+            shared, before, after = (_count(grid, triangles) for triangles in (unchanged, old, new))
+            size_sums += [shared + before, shared + after]
     return [
-        Seen(pixels, *map(tuple, own)) for pixels, own in zip(sizes, sums.tolist(), strict=True)
+        ViewCounts(pixels, *map(tuple, size_sums))
+        for pixels, size_sums in zip(sizes, sums.tolist(), strict=True)
     ]
 
 
-def placed(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def transform(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Transform positions (n, 3) by a matrix (4, 4)."""
-    return np.stack([_along(positions, row) + row[3] for row in matrix[:3]], axis=1)
+    return np.stack([_dot(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
-def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
+def bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> BoundingSphere | None:
     """Return the bounding sphere of finite points (n, 3), or None if they have no extent."""
     points = np.concatenate([np.empty((0, 3)), *placed_points])
     points = points[np.isfinite(points).all(axis=1)]
@@ -125,13 +126,13 @@ def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
         return None
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     off = points - middle
-    return Ball(middle, float(np.sqrt((off * off).sum(axis=1).max())))
+    return BoundingSphere(middle, float(np.sqrt((off * off).sum(axis=1).max())))
 
 
-def projected(
+def project(
     local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Project points within the unit sphere; return (n, 2) in 0..1, y up, and their distances.
+    """Project points (n, 3) of the unit sphere; return (n, 2) in 0..1, y up, and distances (n,).
 
     direction : unit vector to the camera; distance : in radii
     """
@@ -139,13 +140,13 @@ def projected(
     level = float(np.sqrt(x * x + y * y))
     right = np.array([-y / level, x / level, 0.0])
     up = np.array([-z * right[1], z * right[0], x * right[1] - y * right[0]])
-    away = distance - _along(local, direction)
+    away = distance - _dot(local, direction)
     widest = 1.0 / np.sqrt(distance**2 - 1.0)  # the tangent of the sphere's half angle
-    sides = [_along(local, axis) / (away * widest) for axis in (right, up)]
+    sides = [_dot(local, axis) / (away * widest) for axis in (right, up)]
     return (np.stack(sides, axis=1) + 1.0) / 2, away
 
 
-def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return scalar products (n,) of points (n, 3) with an axis."""
     products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
     return np.asarray(products)

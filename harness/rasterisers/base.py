@@ -332,7 +332,7 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"vertex index out of range (0 to {len(frame.points) - 1})")
     if frame.viewing is not None and options.order == "native":
-        view = np.searchsorted(frame.viewing.first, frame.owner(array), side="right")
+        view = np.searchsorted(frame.viewing.piece_offsets, frame.owner(array), side="right")
         array = array[np.lexsort((_positions(frame, frame.viewing, array), view))]
     elif frame.tiles is None:
         array = _ordered(frame, array, options)
@@ -347,7 +347,7 @@ def _positions(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.i
 
     The k-th triangle of a face takes the position of the model's k-th triangle of that face.
     """
-    if viewing.near_first and viewing.depths is not None:
+    if viewing.front_to_back and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
     owner = frame.owner(array)
     ordered = np.argsort(owner, kind="stable")

@@ -19,8 +19,8 @@ from triangulators.verify import verify
 def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> FrameTriangulation:
     """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
 
-    Polygons whose vertices were merged by snapping in only one frame are failed, with the reason. A
-    thin triangle that snapping inverted is drawn unchanged, and counts as not conforming.
+    Polygons whose vertices were merged by snapping in only one frame fail, with the reason. A thin
+    triangle that snapping inverted is drawn unchanged, and counts as not conforming.
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
     result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
@@ -34,7 +34,7 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
         elif turned.grid.vertex_counts[index] != vertices[origin]:
             problem = "snapping changed its vertices in the rotation"
         elif not (checked := verify(turned.polygons[index], part)).conforming:
-            # A program would draw it anyway; the coverage error reports the effect.
+            # A program would draw the triangulation anyway; the coverage error reports the effect.
             junctions = max(1, len(checked.t_junctions))
         result.add(part, junctions, problem)
     result.predicted = predict_polygons(turned.polygons, result.parts)
@@ -46,36 +46,40 @@ FLIPPING = ("optimal", "flips")
 
 
 def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
-    """Return the triangulation of a frame's pieces, given that of its flat faces.
+    """Return the triangulation of a frame's pieces, given the triangulation of its flat faces.
 
-    A face is triangulated once, in its plane, and drawn so in each view. Loose triangles, the rest
-    of a view, are not changed. Recipes of `FLIPPING` treat faces as `triangulate` does, including
-    faces that are not polygons. Seconds are those of one triangulation of the polygons.
+    A face is triangulated once, in its plane, for all views. Loose triangles are not changed.
+    Recipes of `FLIPPING` treat faces as `triangulate` does, including faces that are not polygons.
+    The seconds are the time of one triangulation of the polygons.
     """
     viewing = frame.viewing
     assert viewing is not None
     sources = viewing.source.tolist()
-    turned = _replace_faces(frame, viewing, flat.parts, recipe)
+    replaced = _replace_faces(frame, viewing, flat.parts, recipe)
 
     def triangles(piece: int, source: int) -> Rows | None:
-        if source in turned:
-            return turned[source]
-        return viewing.rest[piece] if piece in viewing.rest else flat.parts[source]
+        if source in replaced:
+            return replaced[source]
+        return (
+            viewing.other_triangles[piece]
+            if piece in viewing.other_triangles
+            else flat.parts[source]
+        )
 
     parts = [triangles(piece, source) for piece, source in enumerate(sources)]
     skipped, failed = dict(flat.skipped), dict(flat.failed)
     gaps: dict[int, float] = {}
     if flat.gaps:
-        done = (face for face, part in enumerate(flat.parts) if part is not None)
-        gaps = dict(zip(done, flat.gaps, strict=True))
-        gaps |= {source: math.inf for source in turned if source > len(viewing.given)}
+        solved = (face for face, part in enumerate(flat.parts) if part is not None)
+        gaps = dict(zip(solved, flat.gaps, strict=True))
+        gaps |= {source: math.inf for source in replaced if source > len(viewing.polygon_triangles)}
     return replace(
         flat,
         parts=parts,
         skipped=[(k, skipped[source]) for k, source in enumerate(sources) if source in skipped],
         failed=[(k, failed[source]) for k, source in enumerate(sources) if source in failed],
         t_junctions=[
-            0 if piece in viewing.rest else flat.t_junctions[source]
+            0 if piece in viewing.other_triangles else flat.t_junctions[source]
             for piece, source in enumerate(sources)
         ],
         gaps=[
@@ -90,40 +94,42 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
 def _replace_faces(
     frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
 ) -> dict[int, Rows]:
-    """Return by source the faces for which `triangulate` differs from a polygon's triangulator.
+    """Return by source the triangles of faces that `triangulate` does not triangulate as polygons.
 
-    It does not change a face without a gain, and flips diagonals of faces that are not polygons.
+    `triangulate` does not change a face without a gain, and flips diagonals of faces that are not
+    polygons.
+
     parts : triangles (m, 3) of each polygon
     """
     method, _, criterion = recipe.base.partition(":")
     if method not in FLIPPING or recipe.calibration is not None or frame.flat is None:
         return {}
-    from harness.models.diagonals import choose, find_cost, gains  # compiled code
+    from harness.models.diagonals import choose_diagonals, find_cost, is_cheaper  # compiled code
     from harness.models.flat_faces import Faces
 
     try:
         cost = find_cost(criterion)
-    except UsageError:  # its weights depend on the polygon
+    except UsageError:  # the criterion's weights depend on the polygon
         return {}
-    given, first_vertices = viewing.given, frame.flat.grid.vertex_offsets[:-1]
+    originals, first_vertices = viewing.polygon_triangles, frame.flat.grid.vertex_offsets[:-1]
     same_size = [
-        k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])
+        k for k, part in enumerate(parts) if part is not None and len(part) == len(originals[k])
     ]
-    before, offsets = _renumber([given[k] for k in same_size], first_vertices[same_size])
+    before, offsets = _renumber([originals[k] for k in same_size], first_vertices[same_size])
     after, _ = _renumber([parts[k] for k in same_size], first_vertices[same_size])
-    cheaper = gains(frame.flat.points.astype(np.float64), before, after, offsets, cost)
-    turned = {k: given[k] for k, less in zip(same_size, cheaper.tolist(), strict=True) if not less}
-    if viewing.bound:
-        points = np.concatenate([vertices for vertices, _ in viewing.bound])
-        first_vertices = offsets_of([len(vertices) for vertices, _ in viewing.bound])[:-1]
-        triangles, offsets = _renumber([rows for _, rows in viewing.bound], first_vertices)
+    cheaper = is_cheaper(frame.flat.points.astype(np.float64), before, after, offsets, cost)
+    replaced = {k: originals[k] for k in np.array(same_size, int)[~cheaper].tolist()}
+    if viewing.invalid_faces:
+        points = np.concatenate([vertices for vertices, _ in viewing.invalid_faces])
+        first_vertices = offsets_of([len(vertices) for vertices, _ in viewing.invalid_faces])[:-1]
+        triangles, offsets = _renumber([rows for _, rows in viewing.invalid_faces], first_vertices)
         slots = np.arange(len(triangles))
         faces = Faces(points, np.arange(len(points)), triangles, slots, offsets)
-        rows_by_face = np.split(choose(faces, criterion).triangles, offsets[1:-1])
+        rows_by_face = np.split(choose_diagonals(faces, criterion).triangles, offsets[1:-1])
         by_face = zip(rows_by_face, first_vertices, strict=True)
-        for face, (rows, first) in enumerate(by_face, len(given) + 1):
-            turned[face] = (rows - first).astype(np.int32)
-    return turned
+        for face, (rows, first) in enumerate(by_face, len(originals) + 1):
+            replaced[face] = (rows - first).astype(np.int32)
+    return replaced
 
 
 def _renumber(
@@ -131,14 +137,14 @@ def _renumber(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return triangles of faces whose vertices begin at `first_vertices`, and their offsets."""
     rows = [part for part in parts if part is not None]
-    moved = [part + first for part, first in zip(rows, first_vertices, strict=True)]
-    none = np.empty((0, 3), np.int64)
-    return np.concatenate([none, *moved]).astype(np.int64), offsets_of([len(part) for part in rows])
+    renumbered = [part + first for part, first in zip(rows, first_vertices, strict=True)]
+    triangles = np.concatenate([np.empty((0, 3), np.int64), *renumbered]).astype(np.int64)
+    return triangles, offsets_of([len(part) for part in rows])
 
 
 def original_triangulation(frame: Frame) -> FrameTriangulation:
     """Return the triangulation in a model's file, for all its views."""
     assert frame.viewing is not None
-    given: list[Rows | None] = list(frame.viewing.given)
-    flat = FrameTriangulation(parts=given, t_junctions=[0] * len(given))
+    originals: list[Rows | None] = list(frame.viewing.polygon_triangles)
+    flat = FrameTriangulation(parts=originals, t_junctions=[0] * len(originals))
     return carry_to_views(frame, flat, Recipe(ORIGINAL))

@@ -101,7 +101,7 @@ def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
     scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
     frame = frame_of(scene, view_of(scene))
     parts = original_triangulation(frame).parts
-    assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
+    assert [piece in scene.viewing.other_triangles for piece in range(len(parts))] == [True] * 3
     assert np.array_equal(outline_limits(frame, parts), count_quads(frame, parts))
     assert (count_quads(frame, parts) > count_outline_quads(frame, parts)).all()
 

@@ -1,4 +1,4 @@
-"""Small models, written byte by byte, so that a test says all that is in them."""
+"""Small models, written byte by byte, so that a test shows all of their content."""
 
 import json
 import struct
@@ -11,15 +11,15 @@ COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 
 WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 KITE = np.array([(0, 0, 0), (2, -1, 0), (9, 0, 0), (2, 1, 0)], dtype="<f4")
-"""Its diagonal 0-2 is long, 1-3 short."""
+"""The diagonal 0-2 is long, 1-3 is short."""
 
 LONG = np.array([(0, 1, 2), (0, 2, 3)])
-"""Cuts `KITE` along the long diagonal."""
+"""`KITE` cut along the long diagonal."""
 
 
-def glb(told: Any, data: bytes) -> bytes:
-    """Return a .glb file of its JSON and the bytes of its buffer."""
-    text = json.dumps(told).encode()
+def glb(document: Any, data: bytes) -> bytes:
+    """Return a .glb file with a JSON document and the bytes of a buffer."""
+    text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     data += b"\0" * (-len(data) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
@@ -27,14 +27,14 @@ def glb(told: Any, data: bytes) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def parts_of(whole: bytes) -> tuple[Any, bytes]:
-    """Return the JSON of a .glb file, and the bytes of its buffer."""
-    size = struct.unpack_from("<I", whole, 12)[0]
-    return json.loads(whole[20 : 20 + size]), whole[28 + size :]
+def parts_of(content: bytes) -> tuple[Any, bytes]:
+    """Return the JSON of a .glb file, and the bytes of the buffer."""
+    size = struct.unpack_from("<I", content, 12)[0]
+    return json.loads(content[20 : 20 + size]), content[28 + size :]
 
 
 class Builder:
-    """Collects accessors, each in a buffer view of its own; begins with a primitive, if given."""
+    """Collects accessors, each in a separate buffer view; starts with a primitive, if given."""
 
     def __init__(self, *positions_and_indices: Any, **more: Any) -> None:
         self.json: dict[str, Any] = {
@@ -49,8 +49,8 @@ class Builder:
 
     def view(self, data: bytes) -> int:
         self._data += b"\0" * (-len(self._data) % 4)
-        place = {"buffer": 0, "byteOffset": len(self._data), "byteLength": len(data)}
-        self.json["bufferViews"].append(place)
+        view = {"buffer": 0, "byteOffset": len(self._data), "byteLength": len(data)}
+        self.json["bufferViews"].append(view)
         self._data += data
         return len(self.json["bufferViews"]) - 1
 
@@ -70,11 +70,11 @@ class Builder:
     def primitive(
         self, positions: np.ndarray, indices: np.ndarray | None, **more: Any
     ) -> dict[str, Any]:
-        made: dict[str, Any] = {"attributes": {"POSITION": self.accessor(positions)}, **more}
+        primitive: dict[str, Any] = {"attributes": {"POSITION": self.accessor(positions)}, **more}
         if indices is not None:
-            made["indices"] = self.accessor(np.asarray(indices, "<u2").reshape(-1))
-        self.json["meshes"][0]["primitives"].append(made)
-        return made
+            primitive["indices"] = self.accessor(np.asarray(indices, "<u2").reshape(-1))
+        self.json["meshes"][0]["primitives"].append(primitive)
+        return primitive
 
     def write(self, path: Path) -> Path:
         self.json["buffers"] = [{"byteLength": len(self._data)}]

@@ -1,4 +1,4 @@
-"""Models whose flat faces get other diagonals: what changes, and all that must not."""
+"""Models whose flat faces get other diagonals: what changes, and what stays the same."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from harness.errors import HarnessError, UsageError
-from harness.models.diagonals import choose
-from harness.models.flat_faces import ModelMesh, flat_faces, single_precision_tolerance
+from harness.models.diagonals import choose_diagonals
+from harness.models.flat_faces import ModelMesh, find_flat_faces, single_precision_tolerance
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -23,13 +23,13 @@ def out(tmp_path):
 
 
 def triangles_of(path) -> list[list[list[int]]]:
-    """Return the triangles of each part of each mesh, corners in any order."""
+    """Return the triangles of each part of each mesh, with sorted vertices."""
     parts = [part for group in GltfModel(path).groups() for part in group]
     return [np.sort(part.mesh.triangles).tolist() for part in parts]
 
 
 def triangles_after(builder: Builder, out: Path) -> list[list[list[int]]]:
-    """Return the triangles of what was built, its faces triangulated anew."""
+    """Return the triangles of a built model after its faces were triangulated again."""
     retriangulate(builder.write(out.with_name("given.glb")), out)
     return triangles_of(out)
 
@@ -38,12 +38,12 @@ CUT_LONG, CUT_SHORT = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".obj"])
-def test_a_plate_gets_shorter_diagonals_and_stays_what_it_is(tmp_path, suffix):
+def test_retriangulate_shortens_diagonals_and_changes_nothing_else(tmp_path, suffix):
     source, target = tmp_path / f"plate{suffix}", tmp_path / f"other{suffix}"
     solid().export(source)
     done = retriangulate(source, target)
     before, after = (trimesh.load_mesh(path) for path in (source, target))
-    assert (done.changed, done.left) == (2, {})
+    assert (done.changed, done.unchanged) == (2, {})
     assert done.triangles == done.flat == len(after.faces) == len(before.faces)
     assert done.after < 0.8 * done.before
     assert after.is_watertight
@@ -54,9 +54,9 @@ def test_a_plate_gets_shorter_diagonals_and_stays_what_it_is(tmp_path, suffix):
 
 def test_check_writes_nothing(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
-    told, _ = require_ok(harness("triangulate", "plate.glb", "--check"))
-    assert "2 faces would get other diagonals" in told
-    lines = [line for line in told.splitlines() if line.startswith("from 24 directions")]
+    output, _ = require_ok(harness("triangulate", "plate.glb", "--check"))
+    assert "2 faces would get other diagonals" in output
+    lines = [line for line in output.splitlines() if line.startswith("from 24 directions")]
     assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
     assert all("helper lanes -" in line and "quads -" in line for line in lines)
     assert_refused(
@@ -66,12 +66,12 @@ def test_check_writes_nothing(tmp_path, harness):
     assert [path.name for path in tmp_path.iterdir()] == ["plate.glb"]
 
 
-def test_on_the_command_line(tmp_path, harness):
+def test_triangulate_prints_the_changes_of_a_model(tmp_path, harness):
     solid().export(tmp_path / "plate.glb")
-    told, _ = require_ok(harness("triangulate", "plate.glb", "-o", "out.glb"))
-    assert "in 70 flat faces of two or more (100% of the area)" in told
-    assert "out.glb: 2 faces get other diagonals" in told
-    assert "No vertex changes" in told
+    output, _ = require_ok(harness("triangulate", "plate.glb", "-o", "out.glb"))
+    assert "in 70 flat faces of two or more (100% of the area)" in output
+    assert "out.glb: 2 faces get other diagonals" in output
+    assert "No vertex changes" in output
     assert trimesh.load_mesh(tmp_path / "out.glb").is_watertight
 
 
@@ -85,7 +85,7 @@ def test_on_the_command_line(tmp_path, harness):
         ((), "-o FILE is missing"),
     ],
 )
-def test_what_does_not_go_with_a_model(tmp_path, harness, more, reason):
+def test_polygon_options_are_refused_for_models(tmp_path, harness, more, reason):
     solid().export(tmp_path / "plate.glb")
     assert_refused(harness("triangulate", "plate.glb", *more), reason)
 
@@ -103,40 +103,40 @@ ATTRIBUTES = {
 }
 
 
-@pytest.mark.parametrize("where", ["attributes", "targets"])
+@pytest.mark.parametrize("position", ["attributes", "targets"])
 @pytest.mark.parametrize("name", ATTRIBUTES)
-def test_a_face_is_turned_only_if_what_its_corners_carry_is_affine(tmp_path, out, name, where):
-    if where == "targets" and name.startswith(("_", "JOINTS", "WEIGHTS")):
+def test_a_face_changes_only_if_attributes_are_affine(tmp_path, out, name, position):
+    if position == "targets" and name.startswith(("_", "JOINTS", "WEIGHTS")):
         name = "POSITION"
-    for bump, wanted in ((0 * BUMP, CUT_SHORT), (BUMP, CUT_LONG)):
+    for bump, expected in ((0 * BUMP, CUT_SHORT), (BUMP, CUT_LONG)):
         builder = Builder(KITE, LONG)
         values = ATTRIBUTES.get(name, lambda bump: (KITE * [2, 3, 1] + bump[:, None]).astype("<f4"))
         added = {name: builder.accessor(values(bump))}
-        if where == "attributes":
+        if position == "attributes":
             builder.first["attributes"] |= added
         else:
             builder.first["targets"] = [added]
         done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
-        assert triangles_of(out) == [wanted]
-        assert bool(done.changed) is (wanted is CUT_SHORT)
+        assert triangles_of(out) == [expected]
+        assert bool(done.changed) is (expected is CUT_SHORT)
 
 
-def test_what_skins_has_to_be_the_same_though_it_is_affine(out):
+def test_affine_skinning_attributes_keep_a_face_unchanged(out):
     builder = Builder(KITE, LONG)
     weights = np.stack([KITE[:, 0] / 18, 1 - KITE[:, 0] / 18, *2 * [0 * KITE[:, 0]]], axis=1)
     builder.first["attributes"]["WEIGHTS_0"] = builder.accessor(weights.astype("<f4"))
     assert triangles_after(builder, out) == [CUT_LONG]
 
 
-@pytest.mark.parametrize(("steps", "wanted"), [(2, CUT_SHORT), (40, CUT_LONG)])
-def test_how_far_a_face_may_be_bent(out, steps, wanted):
+@pytest.mark.parametrize(("steps", "expected"), [(2, CUT_SHORT), (40, CUT_LONG)])
+def test_bend_beyond_the_tolerance_keeps_a_face_unchanged(out, steps, expected):
     bent = KITE.copy()
     bent[2, 2] = steps * single_precision_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
-    assert triangles_after(builder, out) == [wanted]
+    assert triangles_after(builder, out) == [expected]
 
 
-def test_an_arrowhead_is_left(out):
+def test_a_non_convex_face_is_unchanged(out):
     arrow = KITE.copy()
     arrow[1] = (2, 0.5, 0)
     builder = Builder(arrow, [(1, 2, 3), (0, 1, 3)])
@@ -156,17 +156,17 @@ def test_strips_and_fans_become_lists_of_as_many_triangles(tmp_path, out, mode, 
     retriangulate(tmp_path / "kite.glb", out)
     (after,) = triangles_of(out)
     assert len(after) == len(before[0])
-    assert sorted(each for each in after if len({*each}) == 3) == CUT_SHORT
+    assert sorted(triangle for triangle in after if len({*triangle}) == 3) == CUT_SHORT
 
 
-def test_what_is_wound_the_other_way_stays_so(out):
+def test_clockwise_triangles_stay_clockwise(out):
     builder = Builder(KITE, LONG[:, ::-1])
     assert triangles_after(builder, out) == [CUT_SHORT]
-    made = trimesh.load_mesh(out)
-    assert (made.face_normals[:, 2] < 0).all()
+    model = trimesh.load_mesh(out)
+    assert (model.face_normals[:, 2] < 0).all()
 
 
-def test_indices_that_two_primitives_share_are_kept_for_the_other(out):
+def test_shared_indices_are_not_overwritten(out):
     builder = Builder(KITE, LONG)
     bent = KITE.copy()
     bent[0, 2] = 1
@@ -175,7 +175,7 @@ def test_indices_that_two_primitives_share_are_kept_for_the_other(out):
     assert triangles_after(builder, out) == [CUT_SHORT, CUT_LONG]
 
 
-def test_primitives_that_draw_the_same_stay_one(tmp_path, out):
+def test_primitives_with_equal_triangles_share_new_indices(tmp_path, out):
     builder = Builder(KITE, LONG)
     builder.json["meshes"].append({"primitives": [dict(builder.first)]})
     source = builder.write(tmp_path / "kites.glb")
@@ -185,58 +185,58 @@ def test_primitives_that_draw_the_same_stay_one(tmp_path, out):
 
 
 @pytest.mark.parametrize("kind", ["image", "accessor", "overlap"])
-def test_bytes_that_something_else_reads_are_not_overwritten(tmp_path, out, kind):
+def test_bytes_with_another_reader_are_not_overwritten(tmp_path, out, kind):
     builder = Builder(KITE, LONG)
     view = builder.json["accessors"][builder.first["indices"]]["bufferView"]
     if kind == "image":
         builder.json["images"] = [{"bufferView": view, "mimeType": "image/png"}]
     elif kind == "accessor":
-        again = dict(builder.json["accessors"][builder.first["indices"]], count=4, type="SCALAR")
-        builder.json["accessors"].append(again)
+        accessor = dict(builder.json["accessors"][builder.first["indices"]], count=4, type="SCALAR")
+        builder.json["accessors"].append(accessor)
     else:
         builder.json["bufferViews"].append(dict(builder.json["bufferViews"][view], byteLength=4))
     source = builder.write(tmp_path / "kite.glb")
-    place = builder.json["bufferViews"][view]
+    span = builder.json["bufferViews"][view]
     retriangulate(source, out)
     assert triangles_of(out) == [CUT_SHORT]
     for path in (source, out):
         data = path.read_bytes()
-        first = 28 + int.from_bytes(data[12:16], "little") + place["byteOffset"]
+        first = 28 + int.from_bytes(data[12:16], "little") + span["byteOffset"]
         assert np.frombuffer(data, "<u2", 6, first).tolist() == [0, 1, 2, 0, 2, 3]
 
 
-def test_an_extension_of_a_primitive_that_is_not_known(tmp_path, out):
-    for name, wanted in (("KHR_materials_variants", CUT_SHORT), ("CESIUM_outline", CUT_LONG)):
+def test_an_unknown_extension_keeps_a_primitive_unchanged(tmp_path, out):
+    for name, expected in (("KHR_materials_variants", CUT_SHORT), ("CESIUM_outline", CUT_LONG)):
         builder = Builder(KITE, LONG, extensions={name: {}})
         done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
-        assert triangles_of(out) == [wanted]
-        assert dict(done.left) == ({} if wanted is CUT_SHORT else {f"extension {name}": 1})
+        assert triangles_of(out) == [expected]
+        assert dict(done.unchanged) == ({} if expected is CUT_SHORT else {f"extension {name}": 1})
 
 
-def test_two_sides_of_a_sheet_do_not_get_one_diagonal(tmp_path, out):
-    """Watertight as it is: each edge has two triangles. Turned, the diagonal would have four."""
+def test_two_sides_of_a_sheet_do_not_share_a_diagonal(tmp_path, out):
+    """The sheet is watertight, with two triangles per edge; the new diagonal would have four."""
     builder = Builder(KITE, [*LONG, (1, 0, 3), (1, 3, 2)])
     source = builder.write(tmp_path / "sheet.glb")
     done = retriangulate(source, out)
     assert out.read_bytes() == source.read_bytes()
-    assert done.left == {"a diagonal would also be an edge of other triangles": 1}
+    assert done.unchanged == {"a diagonal would also be an edge of other triangles": 1}
 
 
-def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, out):
+def test_parts_back_to_back_do_not_share_a_diagonal(tmp_path, out):
     builder = Builder(KITE, LONG)
     builder.primitive(KITE.copy(), LONG[:, ::-1])
     done = retriangulate(builder.write(tmp_path / "sheets.glb"), out)
     assert triangles_of(out) == [CUT_LONG, CUT_LONG]
-    assert done.left == {"a diagonal would also be an edge of other triangles": 2}
+    assert done.unchanged == {"a diagonal would also be an edge of other triangles": 2}
 
 
-def test_triangles_that_join_a_strip_are_no_neighbours(tmp_path, out):
-    """They have two edges in the same place, which would make three with a face's."""
+def test_degenerate_triangles_of_strips_have_no_neighbours(tmp_path, out):
+    """Two of their edges coincide, so that an edge of a face would have three triangles."""
     joining = [(2, 2, 0), (0, 0, 2)]
     builder = Builder(KITE, [LONG[0], *joining, LONG[1]])
     retriangulate(builder.write(tmp_path / "joined.glb"), out)
     (rows,) = triangles_of(out)
-    assert rows[1:3] == [sorted(each) for each in joining]
+    assert rows[1:3] == [sorted(triangle) for triangle in joining]
     assert [rows[0], rows[3]] == CUT_SHORT
 
 
@@ -248,14 +248,14 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_triangles_that_are_no_surface_stay(tmp_path, out, name):
+def test_non_manifold_triangles_are_unchanged(tmp_path, out, name):
     builder = Builder(KITE, SPOILT[name])
     source = builder.write(tmp_path / "spoilt.glb")
     retriangulate(source, out)
     assert out.read_bytes() == source.read_bytes()
 
 
-def test_a_thin_triangle_and_a_place_that_is_no_number_stay(out):
+def test_thin_triangles_and_nan_positions_are_unchanged(out):
     builder = Builder()
     middle = (KITE[1] + KITE[2]) / 2
     points = np.vstack([KITE, [middle, (np.nan, 0, 0)]]).astype("<f4")
@@ -264,25 +264,25 @@ def test_a_thin_triangle_and_a_place_that_is_no_number_stay(out):
     assert triangles_after(builder, out) == [[*CUT_SHORT, sorted(thin), sorted(nowhere)]]
 
 
-def test_no_triangle_gets_thin():
-    """A corner on a straight edge, but for rounding: to cut it off would be the shortest."""
+def test_new_triangles_are_not_thin():
+    """One vertex is on a straight edge except for rounding; cutting it off would be shortest."""
     points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
     none = np.empty((5, 0))
-    faces, _ = flat_faces(
+    faces, _ = find_flat_faces(
         ModelMesh(points, triangles, none, none, single_precision_tolerance(points))
     )
-    made = choose(faces, "edge-length").triangles
-    assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
+    result = choose_diagonals(faces, "edge-length").triangles
+    assert not any({0, 1, 2} == set(row) for row in faces.vertices[result].tolist())
 
 
-def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, out, monkeypatch):
-    """Of a plate's 70 faces the two large ones have holes."""
+def test_faces_beyond_the_work_budget_get_flips(tmp_path, out, monkeypatch):
+    """Of the plate's 70 faces, the two large faces have holes."""
     source = tmp_path / "plate.glb"
     solid().export(source)
     every = retriangulate(source, out)
     assert every.optimal == 70
-    # 68 quadrilaterals, and one of two faces with 68 corners and two holes
+    # 68 quadrilaterals, and one of the two faces with 68 vertices and two holes
     for work, optimal in ((68 * 4**3 + 20 * 68**3, 69), (68 * 4**3, 68), (67 * 4**3, 67)):
         monkeypatch.setattr("harness.models.diagonals.MAX_WORK_NS", float(work))
         done = retriangulate(source, out)
@@ -293,7 +293,7 @@ def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, 
 
 
 @pytest.mark.parametrize("count", [65_535, 65_536])
-def test_as_many_vertices_as_two_bytes_name(out, count):
+def test_index_type_grows_with_the_vertex_count(out, count):
     builder = Builder()
     points = np.zeros((count, 3), dtype="<f4")
     points[-4:] = KITE
@@ -333,7 +333,7 @@ def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, 
         (None, {}, "KHR_draco_mesh_compression is unsupported; unpack the model first"),
     ],
 )
-def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, number, change, reason):
+def test_a_damaged_model_is_refused_with_one_line(tmp_path, harness, number, change, reason):
     builder = Builder(KITE, LONG)
     if number is None:
         builder.json["extensionsUsed"] = ["KHR_draco_mesh_compression"]
@@ -345,13 +345,13 @@ def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, number, change,
 
 
 @pytest.mark.parametrize("content", [b"glTF", b"[]", b"{", b"glTF\2\0\0\0\x0c\0\0\0", b"null"])
-def test_what_is_no_gltf(tmp_path, content):
+def test_invalid_gltf_is_refused(tmp_path, content):
     (tmp_path / "a.glb").write_bytes(content)
     with pytest.raises((HarnessError, SceneError)):
         retriangulate(tmp_path / "a.glb", tmp_path / "b.glb")
 
 
-def test_gltf_with_a_buffer_beside_it(tmp_path):
+def test_gltf_with_a_buffer_file(tmp_path):
     source = tmp_path / "a" / "plate.gltf"
     source.parent.mkdir()
     for name, data in trimesh.exchange.gltf.export_gltf(solid().scene()).items():
@@ -359,9 +359,9 @@ def test_gltf_with_a_buffer_beside_it(tmp_path):
     before = (source.parent / "gltf_buffer_0.bin").read_bytes()
     done = retriangulate(source, source.with_name("other.gltf"))
     assert [path.name for path in done.files] == ["other.gltf", "other.gltf.0.bin"]
-    made = trimesh.load_mesh(source.with_name("other.gltf"))
-    assert made.is_watertight
+    model = trimesh.load_mesh(source.with_name("other.gltf"))
+    assert model.is_watertight
     assert (source.parent / "gltf_buffer_0.bin").read_bytes() == before
     (tmp_path / "b").mkdir()
-    with pytest.raises(UsageError, match="copy it first"):
+    with pytest.raises(UsageError, match="copy the file first"):
         retriangulate(source, tmp_path / "b" / "other.gltf")

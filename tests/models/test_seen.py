@@ -1,4 +1,4 @@
-"""A model in space as a scene: faces in their planes, and what each view shows of them."""
+"""A model in space as a scene: faces in their planes, and the pieces of each view."""
 
 import hashlib
 import itertools
@@ -40,23 +40,23 @@ def built(builder: Builder, path) -> str:
     return str(builder.write(path / "model.glb"))
 
 
-def test_counters_of_what_is_no_face_are_those_that_check_tells(tmp_path):
-    """Both count the same pictures, each in its own way."""
+def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
+    """Both programs count the same images by different code."""
     path = tmp_path / "ball.glb"
     trimesh.creation.icosphere(2).export(path)
     _, groups = open_model(path)
     parts = [part for group in groups for part in group]
-    drawn = [views.Drawn(part.mesh, part.mesh.triangles, part.placements) for part in parts]
-    (told,) = views.look(drawn, (256,))
+    drawn = [views.DrawnPart(part.mesh, part.mesh.triangles, part.placements) for part in parts]
+    (counts,) = views.count_views(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
     rows = frame.join(original_triangulation(frame).parts)
     counted = predict(frame.points, rows)
-    assert counted["helper_lanes"].sum() == told.before[0] > 0
-    assert counted["quads"].sum() == told.before[1]
+    assert counted["helper_lanes"].sum() == counts.before[0] > 0
+    assert counted["quads"].sum() == counts.before[1]
 
 
 def perforated() -> trimesh.Trimesh:
-    """A plate whose square holes are in line, where earcut leaves vertices on edges out."""
+    """A plate whose square holes are in line, so that earcut leaves vertices on edges."""
     shape = shapely.box(0, 0, 40, 12)
     for x, y in itertools.product(range(5, 40, 6), (4, 8)):
         shape = shape.difference(shapely.box(x - 1, y - 1, x + 1, y + 1))
@@ -64,74 +64,74 @@ def perforated() -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("pieces", [perforated, solid])
-def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
-    """Also where a face's outline touches itself, so that it is no polygon."""
+def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
+    """Also if a face's outline touches itself, so that the face is not a valid polygon."""
     path = tmp_path / "model.glb"
     pieces().export(path)
-    (told,) = retriangulate(path, None, sizes=(256,)).seen
+    (counts,) = retriangulate(path, None, sizes=(256,)).views
     scene = read(str(path), pixels=256)
     frame, recipe = framed(scene), parse("optimal:edge-length")
-    assert bool(scene.viewing.bound) == (pieces is perforated)
+    assert bool(scene.viewing.invalid_faces) == (pieces is perforated)
     done = carry_to_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
     for parts, lanes, quads in (
-        (original_triangulation(frame).parts, *told.before),
-        (done.parts, *told.after),
+        (original_triangulation(frame).parts, *counts.before),
+        (done.parts, *counts.after),
     ):
         counted = predict(frame.points, frame.join(parts))
         assert counted["helper_lanes"].sum() == lanes
         assert counted["quads"].sum() == quads
-    assert told.after[0] < 0.95 * told.before[0]
+    assert counts.after[0] < 0.95 * counts.before[0]
     unproven = np.isinf(done.gaps)
     assert (unproven == (scene.viewing.source > len(scene.polygons))).all()
-    others = carry_to_views(
+    carried = carry_to_views(
         frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan")
     )
-    for piece, rows in scene.viewing.rest.items():
-        assert np.array_equal(others.parts[piece], rows)
+    for piece, rows in scene.viewing.other_triangles.items():
+        assert np.array_equal(carried.parts[piece], rows)
 
 
-def test_what_no_polygon_has_is_told_by_its_share_of_the_area(tmp_path):
+def test_notes_have_the_area_outside_polygons(tmp_path):
     path = tmp_path / "model.glb"
-    made = perforated()
-    made.export(path)
+    model = perforated()
+    model.export(path)
     (note,) = read(str(path), views=2).notes
-    share = 2 * (40 * 12 - 12 * 4) / made.area  # of both sides
-    assert f"{1 - share:.0%} of the area; in {share:.0%} of it faces are not polygons" in note
+    share = 2 * (40 * 12 - 12 * 4) / model.area  # of both sides
+    assert f"{1 - share:.0%} of the area; {share:.0%} of the area in faces that are not" in note
     trimesh.util.concatenate([perforated(), trimesh.creation.icosphere(2, 9)]).export(path)
     (note,) = read(str(path), views=2).notes
-    assert re.search(r"; \d+% of it is outside flat faces and not changed; 2 views", note)
+    assert re.search(r"; \d+% of the area outside flat faces, not changed; 2 views", note)
 
 
 def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file):
     scene = read(plate_file, views=2, pixels=128)
     assert scene.viewing is not None
-    assert len(scene.polygons) == len(scene.viewing.given) == 70
+    assert len(scene.polygons) == len(scene.viewing.polygon_triangles) == 70
     model = trimesh.load_mesh(plate_file)
-    scale = np.sqrt(sum(each.area for each in scene.polygons) / model.area)
-    for polygon, given in zip(scene.polygons, scene.viewing.given, strict=True):
+    scale = np.sqrt(sum(polygon.area for polygon in scene.polygons) / model.area)
+    for polygon, triangles in zip(scene.polygons, scene.viewing.polygon_triangles, strict=True):
         assert polygon.is_valid
         assert polygon.exterior.is_ccw
         count = sum(len(ring.coords) - 1 for ring in (polygon.exterior, *polygon.interiors))
-        assert len(given) == count + 2 * len(polygon.interiors) - 2
-    assert sum(len(each.interiors) for each in scene.polygons) == 4
-    largest = max(scene.polygons, key=lambda each: each.area)
+        assert len(triangles) == count + 2 * len(polygon.interiors) - 2
+    assert sum(len(polygon.interiors) for polygon in scene.polygons) == 4
+    largest = max(scene.polygons, key=lambda polygon: polygon.area)
     assert largest.area / scale**2 == pytest.approx(
-        max(model.area_faces[each].sum() for each in model.facets), rel=1e-6
+        max(model.area_faces[polygon].sum() for polygon in model.facets), rel=1e-6
     )
 
 
-def test_pieces_are_the_faces_that_turn_their_front_to_the_camera(plate_file):
+def test_pieces_are_the_faces_whose_front_points_to_the_camera(plate_file):
     scene = read(plate_file, views=4, pixels=512)
     frame, viewing = framed(scene), scene.viewing
     rows = frame.join(original_triangulation(frame).parts)
     a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turned >= 0).all()
-    for first, last in zip(viewing.first, viewing.first[1:], strict=False):
-        own = viewing.source[first:last]
-        assert len(set(own)) == len(own)
-        # of a convex outline about half of the faces
-        assert 0.3 < len(own) / len(scene.polygons) < 0.7
+    for first, last in zip(viewing.piece_offsets, viewing.piece_offsets[1:], strict=False):
+        sources = viewing.source[first:last]
+        assert len(set(sources)) == len(sources)
+        # of a convex outline, half of the faces on average
+        assert 0.3 < len(sources) / len(scene.polygons) < 0.7
     assert frame.points.min() >= 0
     assert frame.points.max() <= 512 * 256
 
@@ -143,41 +143,41 @@ def test_a_mirror_image_shows_its_own_front(tmp_path):
     plain = read(built(builder, tmp_path)).viewing
     builder.json["scenes"] = [{"nodes": [1]}]
     mirrored = read(built(builder, tmp_path)).viewing
-    # (x, y, -z) of a sheet at z = 0 is where it was, and its front is the other side
-    shown = [np.diff(viewing.first) for viewing in (plain, mirrored)]
-    assert (shown[0] + shown[1] == 1).all()
+    # (x, y, -z) of a sheet at z = 0 is the sheet itself with the opposite front
+    counts = [np.diff(viewing.piece_offsets) for viewing in (plain, mirrored)]
+    assert (counts[0] + counts[1] == 1).all()
     assert 0 < plain.first[-1] < 24
 
 
-def test_an_instance_is_a_piece_of_its_own_and_the_face_one(tmp_path):
+def test_instances_are_separate_pieces_of_one_face(tmp_path):
     builder = Builder(KITE, LONG)
     builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}]
     builder.json["scenes"] = [{"nodes": [0, 1]}]
     scene = read(built(builder, tmp_path), views=4)
     assert len(scene.polygons) == 1
-    sizes = np.diff(scene.viewing.first)
+    sizes = np.diff(scene.viewing.piece_offsets)
     assert set(sizes.tolist()) <= {0, 2}
     assert (scene.viewing.source == 0).all()
 
 
-def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
+def test_loose_triangles_are_the_last_piece_of_each_view(tmp_path):
     bent = np.array([(20, 0, 0), (22, -1, 0), (29, 0, 0), (22, 1, 3)], "<f4")
     builder = Builder(KITE, LONG)
     builder.primitive(bent, LONG)
     scene = read(built(builder, tmp_path), views=8, pixels=256)
     viewing = scene.viewing
     assert len(scene.polygons) == 1
-    assert viewing.rest
-    for piece, rows in viewing.rest.items():
+    assert viewing.other_triangles
+    for piece, rows in viewing.other_triangles.items():
         assert viewing.source[piece] == 1
         assert sorted(np.unique(rows)) == list(range(viewing.pieces.vertex_counts[piece]))
     frame = framed(scene)
     flat = FrameTriangulation(parts=[None], skipped=[(0, "why")], t_junctions=[0])
     done = carry_to_views(frame, flat, parse("original"))
-    faces = [piece for piece in range(len(viewing.source)) if piece not in viewing.rest]
+    faces = [piece for piece in range(len(viewing.source)) if piece not in viewing.other_triangles]
     assert done.skipped == [(piece, "why") for piece in faces]
     assert [done.parts[piece] is None for piece in faces] == [True] * len(faces)
-    assert all(done.parts[piece] is rows for piece, rows in viewing.rest.items())
+    assert all(done.parts[piece] is rows for piece, rows in viewing.other_triangles.items())
 
 
 @pytest.mark.parametrize("depth", ["none", "file", "front"])
@@ -189,18 +189,18 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     frame = framed(scene)
     rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
     for span in frame.draws(rows):
-        own = rows[span]
-        if len(own) == 0:
+        view_rows = rows[span]
+        if len(view_rows) == 0:
             continue
         if depth == "front":
-            deep = scene.viewing.depths[own].sum(axis=1)
+            deep = scene.viewing.depths[view_rows].sum(axis=1)
             assert (np.diff(deep) >= 0).all()
             continue
-        pieces = frame.owner(own)
+        pieces = frame.owner(view_rows)
         sheets = scene.viewing.source[pieces]
         # the sheets in the order of the file: 1, 0, 2, 0, 2, 1
         names = {int(sheets[0]): 1, int(sheets[1]): 0, int(sheets[2]): 2}
-        assert [names[int(each)] for each in sheets] == [1, 0, 2, 0, 2, 1]
+        assert [names[int(sheet)] for sheet in sheets] == [1, 0, 2, 0, 2, 1]
 
 
 def test_parts_are_drawn_one_after_the_other(tmp_path):
@@ -213,7 +213,7 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 
 
-def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
+def test_gaps_belong_to_faces_with_triangles(tmp_path):
     builder = Builder()
     for height in (0, 5):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
@@ -221,10 +221,10 @@ def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
     one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
     flat = FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")])
     done = carry_to_views(frame, flat, parse("original"))
-    shown = [part is not None for part in done.parts]
-    assert done.gaps == [0.25] * sum(shown)
-    assert sum(shown) == len(shown) / 2 > 0
-    assert done.t_junctions == [int(each) for each in shown]
+    solved = [part is not None for part in done.parts]
+    assert done.gaps == [0.25] * sum(solved)
+    assert sum(solved) == len(solved) / 2 > 0
+    assert done.t_junctions == [int(flag) for flag in solved]
 
 
 def test_another_distance_is_another_scene(tmp_path):
@@ -235,18 +235,18 @@ def test_another_distance_is_another_scene(tmp_path):
 
 
 def test_views_are_the_same_on_every_machine(tmp_path):
-    """Whole numbers of one model, written down once."""
+    """The hash of one model's integer coordinates, noted once."""
     builder = Builder(KITE, LONG)
     viewing = read(built(builder, tmp_path), pixels=1024, distance=3.0, depth="file").viewing
     assert viewing.names[:2] == ("1 2 3", "1 -2 -3")
     places = [[232560, 171758], [176178, 171758], [9733, 82428], [204036, 135947]]
     assert viewing.pieces.coords[:4].tolist() == places
     assert viewing.depths[:4].tolist() == [13044988, 13044988, 9267751, 11530761]
-    whole = viewing.pieces.coords.astype("<i4").tobytes() + viewing.depths.astype("<i4").tobytes()
-    assert hashlib.sha256(whole).hexdigest()[:16] == "31d800fb31ff19a0"
+    content = viewing.pieces.coords.astype("<i4").tobytes() + viewing.depths.astype("<i4").tobytes()
+    assert hashlib.sha256(content).hexdigest()[:16] == "31d800fb31ff19a0"
 
 
-def test_what_is_nearer_is_less_deep(plate_file):
+def test_nearer_vertices_have_smaller_depths(plate_file):
     near = read(plate_file, distance=1.2, depth="file").viewing
     far = read(plate_file, distance=500.0, depth="file").viewing
     for viewing in (near, far):
@@ -258,45 +258,45 @@ def test_what_is_nearer_is_less_deep(plate_file):
 @pytest.mark.parametrize(
     ("wrong", "reason"),
     [
-        ({"views": 0}, "views=0 is outside 1..24"),
-        ({"views": 25}, "views=25 is outside"),
-        ({"pixels": 511}, "pixels=511 is not an even number"),
-        ({"pixels": 4}, "pixels=4 is not an even number from 8"),
-        ({"distance": 1.0}, r"distance=1 is outside 1.1..1000 radii"),
-        ({"distance": float("nan")}, "distance=nan is outside"),
+        ({"views": 0}, r"views=0: out of range \(1 to 24\)"),
+        ({"views": 25}, "views=25: out of range"),
+        ({"pixels": 511}, "pixels=511: not an even number"),
+        ({"pixels": 4}, "pixels=4: not an even number from 8"),
+        ({"distance": 1.0}, r"distance=1: out of range \(1.1 to 1000 radii\)"),
+        ({"distance": float("nan")}, "distance=nan: out of range"),
         ({"depth": "back"}, "unknown depth=back"),
     ],
 )
-def test_parameters_that_cannot_be(plate_file, wrong, reason):
+def test_invalid_parameters_are_refused(plate_file, wrong, reason):
     with pytest.raises(SceneError, match=reason):
         read(plate_file, **wrong)
 
 
-def test_models_that_cannot_be_seen(tmp_path):
+def test_models_without_visible_triangles_are_refused(tmp_path):
     (tmp_path / "a.txt").write_text("no model")
     with pytest.raises(SceneError, match="unsupported model format"):
         read(str(tmp_path / "a.txt"))
     with pytest.raises(SceneError, match=r"b\.glb"):
         read(str(tmp_path / "b.glb"))
     builder = Builder(np.zeros((3, 3), "<f4"), [(0, 1, 2)])
-    with pytest.raises(SceneError, match="nothing is visible, as all triangles are degenerate"):
+    with pytest.raises(SceneError, match="no visible triangle"):
         read(built(builder, tmp_path))
 
 
-def test_places_that_are_no_number_are_not_drawn(tmp_path):
+def test_nan_positions_are_not_drawn(tmp_path):
     points = np.vstack([KITE, [(np.nan, 0, 0)]]).astype("<f4")
     builder = Builder(points, [*LONG, (3, 2, 4)])
     viewing = read(built(builder, tmp_path)).viewing
-    assert viewing.rest == {}
-    assert viewing.first[-1] == 12
+    assert viewing.other_triangles == {}
+    assert viewing.piece_offsets[-1] == 12
 
 
 @pytest.mark.parametrize(
-    ("name", "most", "what"), [("MAX_VERTICES", 1000, "vertices"), ("MAX_PIECES", 90, "faces")]
+    ("name", "limit", "noun"), [("MAX_VERTICES", 1000, "vertices"), ("MAX_PIECES", 90, "faces")]
 )
-def test_too_much_to_see_is_refused(plate_file, monkeypatch, name, most, what):
-    monkeypatch.setattr(f"harness.models.seen.{name}", most)
+def test_too_many_pieces_are_refused(plate_file, monkeypatch, name, limit, noun):
+    monkeypatch.setattr(f"harness.models.seen.{name}", limit)
     with pytest.raises(
-        SceneError, match=f"more than .*{most:,} {what}.* in all views; reduce views="
+        SceneError, match=f"more than .*{limit:,} {noun}.* in all views; reduce views="
     ):
         read(plate_file)

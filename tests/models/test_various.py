@@ -1,4 +1,4 @@
-"""Models of many kinds: nothing but index data changes, and what was closed stays closed."""
+"""Models of many kinds: only index data change, and closed models stay closed."""
 
 import base64
 import copy
@@ -22,22 +22,20 @@ def test_nothing_but_index_data_changes(tmp_path, name):
     target = tmp_path / f"better-{name}"
     done = retriangulate(source, target)
     assert lost(source, target) == []
-    assert (done.changed > 0) is (
-        name != "no-indices.glb"
-    )  # no two of its triangles share vertices
+    assert (done.changed > 0) is (name != "no-indices.glb")  # no two triangles share vertices
     assert (source.read_bytes() != target.read_bytes()) is (done.changed > 0)
     assert closed(source) is closed(target) is (name != "fan.glb")
-    if name in ("plain.glb", "textured.glb", "quantized.glb"):  # written over, not appended
+    if name in ("plain.glb", "textured.glb", "quantized.glb"):  # overwritten, not appended
         assert source.stat().st_size == target.stat().st_size
-    again = retriangulate(target, tmp_path / f"again-{name}")
-    assert again.changed == 0
-    if name != "fan.glb":  # which trimesh does not read
+    repeated = retriangulate(target, tmp_path / f"again-{name}")
+    assert repeated.changed == 0
+    if name != "fan.glb":  # which trimesh cannot read
         before, after = (trimesh.load(path, force="mesh") for path in (source, target))
         assert after.area == pytest.approx(before.area, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "told"),
+    ("name", "spoil", "message"),
     [
         ("textured.glb", lambda json, data: data.__setitem__(3, data[3] ^ 1), "bytes of buffer 0"),
         ("variants.glb", lambda json, _: json["extras"].update(by=["them"]), "JSON"),
@@ -49,21 +47,21 @@ def test_nothing_but_index_data_changes(tmp_path, name):
         ("coloured.glb", lambda json, _: json["nodes"][0].update(mesh=0, name="x"), "JSON"),
     ],
 )
-def test_what_is_lost_would_be_found(tmp_path, name, spoil, told):
+def test_lost_bytes_are_detected(tmp_path, name, spoil, message):
     source = MODELS[name](tmp_path / name)
     changed, buffers = parsed(source)
     data = bytearray(buffers[0])
     spoil(changed, data)
     other = tmp_path / "other.glb"
     other.write_bytes(glb(changed, bytes(data)))
-    assert lost(source, other) == [told]
+    assert lost(source, other) == [message]
 
 
-def test_a_changed_place_would_be_found(tmp_path):
+def test_a_changed_position_is_detected(tmp_path):
     source = MODELS["plain.obj"](tmp_path / "plain.obj")
     data = bytearray(source.read_bytes())
-    place = data.index(b"v ") + 3
-    data[place] = data[place] + 1 if data[place] != ord("9") else ord("1")
+    position = data.index(b"v ") + 3
+    data[position] = data[position] + 1 if data[position] != ord("9") else ord("1")
     other = tmp_path / "other.obj"
     other.write_bytes(bytes(data))
     assert lost(source, other) != []
@@ -73,14 +71,14 @@ WIDTHS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 
 
 def lost(before: Path, after: Path) -> list[str]:
-    """Say what is not byte for byte as it was, beside indices of triangles; [] if all is."""
+    """List bytes that changed, except indices of triangles; [] if none did."""
     if before.suffix in (".glb", ".gltf"):
         return list(_gltf(before, after))
     return _lines(before.read_bytes(), after.read_bytes(), rb"f ")
 
 
 def closed(path: Path) -> bool:
-    """Whether each edge has two triangles, where those are left out that a strip is joined by."""
+    """Return whether each edge has two triangles, except degenerate triangles that join strips."""
     mesh = trimesh.load(path, force="mesh", process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
     a, b, c = mesh.faces.T
@@ -92,31 +90,31 @@ def parsed(path: Path) -> tuple[dict[str, Any], list[bytes]]:
     """Return the JSON of a glTF file and the bytes of its buffers."""
     data, binary = path.read_bytes(), b""
     if data[:4] == b"glTF":
-        told, binary = parts_of(data)
+        document, binary = parts_of(data)
     else:
-        told = json.loads(data)
+        document = json.loads(data)
     buffers = []
-    for each in told["buffers"]:
-        uri = each.get("uri", "")
+    for buffer in document["buffers"]:
+        uri = buffer.get("uri", "")
         content = binary
         if uri.startswith("data:"):
             content = base64.b64decode(uri.partition(",")[2])
         elif uri:
             content = (path.parent / uri).read_bytes()
-        buffers.append(content[: each["byteLength"]])
-    return told, buffers
+        buffers.append(content[: buffer["byteLength"]])
+    return document, buffers
 
 
 def _gltf(before: Path, after: Path) -> Any:
     (one, old), (two, new) = parsed(before), parsed(after)
     used = {
         primitive["indices"]
-        for told in (one,)
-        for mesh in told["meshes"]
+        for document in (one,)
+        for mesh in document["meshes"]
         for primitive in mesh["primitives"]
         if "indices" in primitive
     }
-    free = [np.zeros(len(each), bool) for each in old]
+    free = [np.zeros(len(values), bool) for values in old]
     for number in used:
         accessor = one["accessors"][number]
         if "bufferView" in accessor:
@@ -130,32 +128,32 @@ def _gltf(before: Path, after: Path) -> Any:
             yield f"bytes of buffer {number}"
     if json.dumps(_plain(one)) != json.dumps(_plain(two, like=one)):
         yield "JSON"
-    for mesh, again in zip(one["meshes"], two["meshes"], strict=True):
-        for primitive, other in zip(mesh["primitives"], again["primitives"], strict=True):
+    for mesh, changed_mesh in zip(one["meshes"], two["meshes"], strict=True):
+        for primitive, other in zip(mesh["primitives"], changed_mesh["primitives"], strict=True):
             if count(one, primitive) != count(two, other):
                 yield f"{count(one, primitive)} triangles, {count(two, other)} now"
 
 
-def count(told: dict[str, Any], primitive: dict[str, Any]) -> int:
-    """Return how many triangles a primitive draws."""
+def count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
+    """Return the number of triangles that a primitive draws."""
     number = primitive.get("indices", primitive["attributes"]["POSITION"])
-    corners = told["accessors"][number]["count"]
+    corners = document["accessors"][number]["count"]
     return corners // 3 if primitive.get("mode", 4) == 4 else corners - 2
 
 
-def _plain(told: dict[str, Any], like: dict[str, Any] | None = None) -> dict[str, Any]:
-    """JSON without what refers to indices; what was added at the end of a list is left out."""
-    told = copy.deepcopy(told)
-    for mesh in told["meshes"]:
+def _plain(document: dict[str, Any], like: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the JSON without references to indices; additions at the end of lists are skipped."""
+    document = copy.deepcopy(document)
+    for mesh in document["meshes"]:
         for primitive in mesh["primitives"]:
             primitive.pop("indices", None)
             primitive.pop("mode", None)
     for name in ("accessors", "bufferViews"):
-        told[name] = told[name][: len((like or told)[name])]
-    for each in told["buffers"]:
-        each.pop("byteLength")
-        each.pop("uri", None)
-    return told
+        document[name] = document[name][: len((like or document)[name])]
+    for buffer in document["buffers"]:
+        buffer.pop("byteLength")
+        buffer.pop("uri", None)
+    return document
 
 
 def _lines(one: bytes, other: bytes, face: bytes) -> list[str]:

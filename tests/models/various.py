@@ -1,6 +1,6 @@
-"""Models with all that a model carries, made by small code.
+"""Models with all kinds of content, made by small code.
 
-Each has flat faces that ear clipping cut into slivers. All are closed but where a comment says so.
+Each has flat faces that ear clipping cut into slivers. All are closed unless a comment says so.
 """
 
 import base64
@@ -29,7 +29,7 @@ class Shape(NamedTuple):
 
 
 def solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
-    """A plate with a round hole and a slot, askew."""
+    """Return a rotated plate with a round hole and a slot."""
     shape = shapely.Point(0, 0).buffer(size, quad_segs=8)
     shape = shape.difference(shapely.Point(0.2 * size, 0.1 * size).buffer(0.3 * size, quad_segs=8))
     shape = shape.difference(shapely.box(-0.6 * size, -0.2 * size, -0.4 * size, 0.2 * size))
@@ -39,7 +39,7 @@ def solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
 
 
 def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
-    """Return a mesh with an affine map on each face; `hard`: each face has vertices of its own."""
+    """Return a mesh with an affine map on each face; `hard`: faces share no vertices."""
     number = np.arange(len(mesh.faces)) + len(mesh.facets)
     for face, rows in enumerate(mesh.facets):
         number[rows] = face
@@ -55,12 +55,12 @@ def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
 
 
 def moved(shape: Shape, *by: float) -> Shape:
-    """Return a shape elsewhere: where two cut into each other, their order decides a pixel."""
+    """Return a shape elsewhere, as the order of intersecting shapes would decide pixels."""
     return shape._replace(points=shape.points + np.float32(by))
 
 
 def picture() -> bytes:
-    """A PNG of colours that change slowly, so that a place that is a little off shows little."""
+    """Return a PNG of slowly changing colours, so that small offsets change little."""
     ramp = np.linspace(0, 255, 64)
     red, green = np.meshgrid(ramp, ramp)
     pixels = np.stack([red, green, 255 - red], axis=2).astype(np.uint8)
@@ -70,18 +70,18 @@ def picture() -> bytes:
 
 
 class Model(Builder):
-    """A glTF model, with what it says beside its primitives."""
+    """A glTF model with materials, nodes and extras."""
 
     def add(self, shape: Shape, kind: str = "<u2", **attributes: int) -> dict[str, Any]:
-        """Add a primitive of positions, normals and more."""
-        about = {"POSITION": self.accessor(shape.points), "NORMAL": self.accessor(shape.normals)}
+        """Add a primitive with positions, normals and more."""
+        names = {"POSITION": self.accessor(shape.points), "NORMAL": self.accessor(shape.normals)}
         corners = self.accessor(shape.triangles.astype(kind).reshape(-1))
-        made = {"attributes": about | attributes, "indices": corners}
-        self.json["meshes"][-1]["primitives"].append(made)
-        return made
+        primitive = {"attributes": names | attributes, "indices": corners}
+        self.json["meshes"][-1]["primitives"].append(primitive)
+        return primitive
 
     def textured(self) -> int:
-        """Add a material with a texture; returns its number."""
+        """Add a material with a texture; return the number."""
         self.json["images"] = [{"bufferView": self.view(picture()), "mimeType": "image/png"}]
         self.json["textures"] = [{"source": 0}]
         about = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
@@ -101,7 +101,7 @@ class Model(Builder):
 
 
 def written(make: Callable[[Model], None]) -> Callable[[Path], Path]:
-    """Return what writes the model that a function fills."""
+    """Return a function that writes the model that `make` fills."""
 
     def write(path: Path) -> Path:
         model = Model()
@@ -126,7 +126,7 @@ def coloured(model: Model) -> None:
 
 
 def several(model: Model) -> None:
-    """Three primitives, two of which share their corners."""
+    """Three primitives, two of which share vertices."""
     model.json["materials"] = [
         {"pbrMetallicRoughness": {"baseColorFactor": [*colour, 1.0]}}
         for colour in ((0.8, 0.2, 0.1), (0.1, 0.5, 0.9))
@@ -140,7 +140,7 @@ def several(model: Model) -> None:
 
 
 def without_indices(model: Model) -> None:
-    """Each corner a vertex of its own: no two triangles share one, so all stays."""
+    """No two triangles share a vertex, so no triangle changes."""
     corners = SHAPE.triangles.reshape(-1)
     about = {
         "POSITION": model.accessor(SHAPE.points[corners]),
@@ -150,7 +150,7 @@ def without_indices(model: Model) -> None:
 
 
 def strip(model: Model) -> None:
-    """A bar as one strip: each triangle by itself, joined by triangles without area."""
+    """A bar as one strip: separate triangles, joined by degenerate triangles."""
     primitive = model.add(SOFT)
     del primitive["attributes"]["NORMAL"]
     rows: list[int] = []
@@ -160,7 +160,7 @@ def strip(model: Model) -> None:
 
 
 def fan(model: Model) -> None:
-    """A disk of slivers, from one corner: it is open."""
+    """A disk of slivers from one vertex; it is open."""
     angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     points = np.column_stack([9 * np.cos(angles), 7 * np.sin(angles), 0 * angles]).astype("<f4")
     about = {"POSITION": model.accessor(points)}
@@ -168,7 +168,7 @@ def fan(model: Model) -> None:
 
 
 def few(model: Model) -> None:
-    """Indices of one byte, and others of four, though two would do."""
+    """Indices of one byte, and of four bytes although two would do."""
     small = shape_of(solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
     del primitive["attributes"]["NORMAL"]
@@ -176,7 +176,7 @@ def few(model: Model) -> None:
 
 
 def quantized(model: Model) -> None:
-    """Positions in whole numbers, placed by a node."""
+    """Integer positions, transformed by a node."""
     upright = trimesh.creation.extrude_polygon(
         shapely.Point(0, 0).buffer(900, quad_segs=12).difference(shapely.box(-500, -200, 300, 200)),
         300.0,
@@ -188,46 +188,46 @@ def quantized(model: Model) -> None:
     model.json["accessors"][places]["type"] = "VEC3"
     model.json["bufferViews"][-1]["byteStride"] = 8
     indices = model.accessor(upright.faces.astype("<u2").reshape(-1))
-    made = {"attributes": {"POSITION": places}, "indices": indices}
-    model.json["meshes"][0]["primitives"].append(made)
+    primitive = {"attributes": {"POSITION": places}, "indices": indices}
+    model.json["meshes"][0]["primitives"].append(primitive)
     model.node(mesh=0, scale=[0.01, 0.01, 0.01])
     name = "KHR_mesh_quantization"
     model.json |= {"extensionsUsed": [name], "extensionsRequired": [name]}
 
 
 def with_variants(model: Model) -> None:
-    """Materials to choose from, extras everywhere, and identifiers of features."""
+    """Material variants, extras everywhere, and feature identifiers."""
     model.json["materials"] = [{"name": "red"}, {"name": "blue", "extras": {"price": 7}}]
     name = "KHR_materials_variants"
     ids = (SHAPE.facet % 3).astype("<f4")[:, None]
     primitive = model.add(SHAPE, _FEATURE_ID_0=model.accessor(ids))
-    chosen = {"mappings": [{"material": 1, "variants": [0]}]}
-    primitive |= {"material": 0, "extensions": {name: chosen}, "extras": {"id": "wall-7"}}
+    mappings = {"mappings": [{"material": 1, "variants": [0]}]}
+    primitive |= {"material": 0, "extensions": {name: mappings}, "extras": {"id": "wall-7"}}
     model.json["extensions"] = {name: {"variants": [{"name": "night"}]}}
     model.json |= {"extensionsUsed": [name], "extras": {"by": ["us"]}}
 
 
 def with_data_uri(path: Path) -> Path:
-    """A .gltf that holds its buffer."""
+    """Write a .gltf that contains its buffer."""
     return _as_gltf(path, lambda data: "data:application/octet-stream;base64," + data)
 
 
 def with_buffer_beside(path: Path) -> Path:
-    made = path.with_suffix(".bin")
+    file = path.with_suffix(".bin")
 
     def beside(data: str) -> str:
-        made.write_bytes(base64.b64decode(data))
-        return made.name
+        file.write_bytes(base64.b64decode(data))
+        return file.name
 
     return _as_gltf(path, beside)
 
 
-def _as_gltf(path: Path, place: Callable[[str], str]) -> Path:
+def _as_gltf(path: Path, store: Callable[[str], str]) -> Path:
     binary = written(coloured)(path.with_suffix(".glb"))
-    told, data = parts_of(binary.read_bytes())
-    content = data[: told["buffers"][0]["byteLength"]]
-    told["buffers"][0]["uri"] = place(base64.b64encode(content).decode())
-    path.write_text(json.dumps(told, indent=1))
+    document, data = parts_of(binary.read_bytes())
+    content = data[: document["buffers"][0]["byteLength"]]
+    document["buffers"][0]["uri"] = store(base64.b64encode(content).decode())
+    path.write_text(json.dumps(document, indent=1))
     binary.unlink()
     return path
 

@@ -130,12 +130,12 @@ def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
         pieces=frame.grid,
         depths=np.repeat(np.array(depths, np.int32), 4),
         source=np.arange(count),
-        first=np.array([0, count]),
-        given=(rows,) * count,
-        rest={},
+        piece_offsets=np.array([0, count]),
+        polygon_triangles=(rows,) * count,
+        other_triangles={},
         ranks=np.arange(2 * count),
     )
-    frame = replace(frame, tiles=viewing.first, viewing=viewing)
+    frame = replace(frame, tiles=viewing.piece_offsets, viewing=viewing)
     return frame, frame.join([rows] * count)
 
 

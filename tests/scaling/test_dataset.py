@@ -176,7 +176,7 @@ def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tm
     _, error = require_ok(
         harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
     )
-    assert "left out 240 rows unread" in error
+    assert "skipped 240 rows unread" in error
     where = "id < 50 AND storeys IS NULL"
     require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where))
     assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
