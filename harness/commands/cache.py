@@ -19,7 +19,7 @@ def cache(
 
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: unknown action (choose from info, clear)")
-    with ModelDatabase(say=Reporter().warn) as database:
+    with ModelDatabase(warn=Reporter().warn) as database:
         if action == "clear":
             count, old = database.clear(), compiled_files.remove_old()
             typer.echo(f"deleted {count:,} triangulations in {database.path}")

@@ -3,16 +3,16 @@
     raster-harness check-evidence FILE
     python check_evidence.py FILE
 
-FILE is what `raster-harness triangulate --certify --evidence FILE` writes: a line of JSON for each
-polygon (docs/reference/files.md). This file needs only Python and shares no code with the program
-that writes proofs. It trusts no field of a line: rings must be simple, the triangles must be empty
-and cover the polygon once, and units, cost, bound and gap are computed here. Half-perimeter and
-overdraw are exact, and edge-length uses integer square roots: sums of doubles are accepted with a
-relative error up to 2^-44. The exit code is 1 if a line is refused.
+`raster-harness triangulate --certify --evidence FILE` writes FILE: a line of JSON for each polygon
+(docs/reference/files.md). This file needs only Python and shares no code with the program that
+writes proofs. The fields of a line are not trusted: rings must be simple, the triangles must be
+empty and cover the polygon once, and units, cost, bound and gap are computed here. Half-perimeter
+and overdraw are exact, and edge-length uses integer square roots: sums of doubles are accepted with
+a relative error up to 2^-44. The exit code is 1 if a line is refused.
 
-The proof is explained in docs/theory.md. In short: triangulations consist of empty triangles. Each
-has a weight, its cost in units plus a little noise, and each edge has a potential y, negated for
-the opposite direction, so that for all empty triangles
+The proof is explained in docs/theory.md. In short: triangulations consist of empty triangles. A
+triangle has a weight, its cost in units plus a little noise, and an edge has a potential y, negated
+for the opposite direction, so that for all empty triangles
 y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation, y cancels along
 diagonals: the sum of y over the boundary, plus lift times the number of triangles, is a bound.
 """
@@ -42,7 +42,7 @@ DOUBLE_ERROR = Fraction(1, 2**44)  # maximum relative error of sums of doubles
 
 
 class EvidenceError(Exception):
-    """What is wrong with a proof."""
+    """Problem of a proof."""
 
 
 def need(holds: Any, reason: str) -> None:
@@ -59,10 +59,9 @@ def require_int(value: Any) -> int:
 
 def require_double(value: Any) -> Fraction:
     """Return the exact value of a double of the file; refuse any other value."""
-    double = type(value) in (int, float) and value == float(
-        value
-    )  # not an integer that is rounded as a double
-    need(double, f"{value!r:.40} is not a double")
+    # Integers that a double cannot hold are refused, too.
+    is_double = type(value) in (int, float) and value == float(value)
+    need(is_double, f"{value!r:.40} is not a double")
     return Fraction(value)
 
 
@@ -81,48 +80,48 @@ def directed_sides(t: Triangle) -> tuple[Edge, Edge, Edge]:
 class Claim:
     """A polygon with triangles and the proof that their cost is minimal."""
 
-    def __init__(self, given: Any) -> None:
-        need(type(given) is dict and given.get("format") == FORMAT, f"its format is not {FORMAT}")
-        need(given.get("potentials") is not None, "it has no evidence")
-        need(given.keys() == FIELDS, f"it has other fields than {', '.join(sorted(FIELDS))}")
-        self.given, self.criterion = given, given["criterion"]
+    def __init__(self, fields: Any) -> None:
+        need(type(fields) is dict and fields.get("format") == FORMAT, f"the format is not {FORMAT}")
+        need(fields.get("potentials") is not None, "no evidence")
+        need(fields.keys() == FIELDS, f"the fields differ from {', '.join(sorted(FIELDS))}")
+        self.fields, self.criterion = fields, fields["criterion"]
         need(
             self.criterion in CRITERIA,
-            f"{self.criterion}: only {', '.join(CRITERIA)} are checked here",
+            f"{self.criterion}: unsupported criterion (supported: {', '.join(CRITERIA)})",
         )
         points = [
             require_list(point, 2)
-            for ring in require_list(given["rings"])
+            for ring in require_list(fields["rings"])
             for point in require_list(ring)
         ]
-        corners = [require_double(x) for point in points for x in point]
-        self.k = max(x.denominator.bit_length() - 1 for x in corners)
-        while -16 < self.k <= 0 and all(x % 2 ** (1 - self.k) == 0 for x in corners):
+        coordinates = [require_double(x) for point in points for x in point]
+        self.k = max(x.denominator.bit_length() - 1 for x in coordinates)
+        while -16 < self.k <= 0 and all(x % 2 ** (1 - self.k) == 0 for x in coordinates):
             self.k -= 1
-        values = [int(x * Fraction(2) ** self.k) for x in corners]
+        values = [int(x * Fraction(2) ** self.k) for x in coordinates]
         first: dict[tuple[int, int], int] = {}
         self.points = list(zip(values[::2], values[1::2], strict=True))
         self.site = [first.setdefault(p, i) for i, p in enumerate(self.points)]
         self.sites = sorted(first.values())
         site = iter(self.site)
-        self.boundary = self._boundary([[next(site) for _ in r] for r in given["rings"]])
-        triangles = [require_list(t, 3) for t in require_list(given["triangles"])]
+        self.boundary = self._boundary([[next(site) for _ in r] for r in fields["rings"]])
+        triangles = [require_list(t, 3) for t in require_list(fields["triangles"])]
         need(all(require_int(v) >= 0 for t in triangles for v in t), "a vertex below 0")
         self.triangles = [tuple(self.site[v] for v in t) for t in triangles]
-        need(all(self.turn(*t) > 0 for t in self.triangles), "a triangle does not turn left")
+        need(all(self.turn(*t) > 0 for t in self.triangles), "a triangle is not counter-clockwise")
         sides = [side for t in self.triangles for side in directed_sides(t)]
-        need(len(set(sides)) == len(sides), "two triangles have a side in common, run one way")
-        alone = set(sides) - {(b, a) for a, b in sides}
-        need(alone == self.boundary, "the triangles do not cover the polygon once")
+        need(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
+        unpaired = set(sides) - {(b, a) for a, b in sides}
+        need(unpaired == self.boundary, "the triangles do not cover the polygon once")
         self._units()
 
     def turn(self, a: int, b: int, c: int) -> int:
-        """Return twice the signed area of three vertices: positive if they turn left."""
+        """Return twice the signed area of three vertices, positive if counter-clockwise."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
     def between(self, v: int, a: int, b: int) -> bool:
-        """Return whether v lies inside the segment a-b: collinear, and between its ends."""
+        """Return whether v lies inside the segment a-b: collinear, and between the ends."""
         p, q = sorted((self.points[a], self.points[b]))
         return p < self.points[v] < q and self.turn(a, b, v) == 0
 
@@ -132,31 +131,31 @@ class Claim:
         return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
     def _boundary(self, rings: list[list[int]]) -> set[Edge]:
-        """Return the directed edges of the boundary, which have the interior on their left.
+        """Return the directed edges of the boundary, with the interior on the left.
 
-        Each ring is simple. The triangles imply that holes are inside and disjoint: triangles cover
-        points enclosed by the exterior once more than by all holes, and no point less than once.
+        Each ring is simple. The triangles imply that holes are inside and disjoint: a point that k
+        holes enclose is covered 1 - k times if the exterior encloses it, and never less than 0.
         """
-        found: list[Edge] = []
+        edges: list[Edge] = []
         pieces: list[Edge] = []
         for index, ring in enumerate(rings):
             sides = [(a, b) for a, b in zip(ring, ring[1:] + ring[:1], strict=True) if a != b]
             need(len(sides) > 2, "a ring without area")
-            again = len({a for a, _ in sides}) < len(sides)
-            again |= any(self.between(v, *side) for side in sides for v, _ in sides)
-            again |= any(self.cross(*one, *two) for one, two in combinations(sides, 2))
-            need(not again, "a ring meets itself")
-            around = sum(self.turn(ring[0], a, b) for a, b in sides)
-            found += sides if (around > 0) == (index == 0) else [(b, a) for a, b in sides]
-        for a, b in found:  # if rings touch, an edge is split at the vertex on it
-            on_it = [v for v in self.sites if self.between(v, a, b)]
-            on_it.sort(key=self.points.__getitem__, reverse=self.points[a] > self.points[b])
-            pieces += zip([a, *on_it], [*on_it, b], strict=True)
-        need(len(set(pieces)) == len(pieces), "two rings run along one edge")
+            meets_itself = len({a for a, _ in sides}) < len(sides)
+            meets_itself |= any(self.between(v, *side) for side in sides for v, _ in sides)
+            meets_itself |= any(self.cross(*s, *t) for s, t in combinations(sides, 2))
+            need(not meets_itself, "a ring intersects or touches itself")
+            doubled_area = sum(self.turn(ring[0], a, b) for a, b in sides)
+            edges += sides if (doubled_area > 0) == (index == 0) else [(b, a) for a, b in sides]
+        for a, b in edges:  # if rings touch, an edge is split at the vertex on it
+            splits = [v for v in self.sites if self.between(v, a, b)]
+            splits.sort(key=self.points.__getitem__, reverse=self.points[a] > self.points[b])
+            pieces += zip([a, *splits], [*splits, b], strict=True)
+        need(len(set(pieces)) == len(pieces), "two rings share an edge")
         return set(pieces)
 
     def cost(self, a: int, b: int, c: int) -> Fraction:
-        """Return the cost of a triangle; for edge-length up to 2^-80 steps too high per side."""
+        """Return the cost of a triangle; for edge-length, up to 2^-80 steps too high per side."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         step = 1 / Fraction(2) ** self.k
         if self.criterion == "edge-length":
@@ -172,9 +171,9 @@ class Claim:
         area, count = self.criterion == "overdraw", len(self.triangles)
         self.total = sum(self.cost(*t) for t in self.triangles)
         steps = max(max(values) - min(values) for values in zip(*self.points, strict=True))
-        most = 4 * steps * steps if area else 2 * steps
+        max_steps = 4 * steps * steps if area else 2 * steps
         self.real = real = self.criterion == "edge-length"
-        self.exact = not real and most < 2**52 and (not area or steps < 2**25)
+        self.exact = not real and max_steps < 2**52 and (not area or steps < 2**25)
         scale = Fraction(2) ** (2 * self.k + 1 if area else max(self.k, 0))
         choices = [(b, 1 << (3 * count << b).bit_length()) for b in range(10, 1, -1)] + [(0, 1)]
         fit = [c for c in choices if self.exact and 4 * self.total * scale * c[1] < 2**61]
@@ -185,16 +184,16 @@ class Claim:
             exponent = (36 - math.frexp(float(self.total))[1]) // 4 * 4
             small = exponent >= 900 or not float(self.total)
             off = "large" * large or "small" * small
-            need(not (off and self.given["proven"]), f"too {off} to be proven")
+            need(not (off and self.fields["proven"]), f"too {off} to be proven")
             scale, self.exact = Fraction(2) ** max(-900, min(900, exponent)), False
             bits, factor = next(c for c in choices if c[1] << 38 < 2**61)
         self.scale, self.factor, self.bits = scale, factor, bits
         stated = (
-            require_double(self.given["scale"]),
-            require_int(self.given["factor"]),
-            require_int(self.given["bits"]),
+            require_double(self.fields["scale"]),
+            require_int(self.fields["factor"]),
+            require_int(self.fields["bits"]),
         )
-        need(stated == (scale, factor, bits), "the units are not those of the polygon")
+        need(stated == (scale, factor, bits), "the units differ from the polygon's")
 
     def noise(self, a: int, b: int) -> int:
         """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""
@@ -205,7 +204,7 @@ class Claim:
         return (x ^ x >> 31) >> (64 - self.bits)
 
     def weight(self, t: Triangle) -> int:
-        """Return the weight of a triangle (3); heavy ones are clamped to 2^59."""
+        """Return the weight of a triangle, clamped to 2^59."""
         units = math.floor(self.scale * self.cost(*t) * (1 if self.exact else COST_FACTOR))
         units = min(units, 2**59 // self.factor)
         return units * self.factor + sum(self.noise(*sorted(s)) for s in directed_sides(t))
@@ -226,7 +225,7 @@ class Claim:
 
     def empty_triangles(self) -> list[Triangle]:
         """Return all empty triangles, counter-clockwise."""
-        edges, found = {e for e in combinations(self.sites, 2) if self.is_edge(*e)}, []
+        edges, triangles = {e for e in combinations(self.sites, 2) if self.is_edge(*e)}, []
         for a, b, c in combinations(self.sites, 3):
             if (a, b) in edges and (b, c) in edges and (a, c) in edges and self.turn(a, b, c) != 0:
                 t = (a, b, c) if self.turn(a, b, c) > 0 else (a, c, b)
@@ -235,24 +234,24 @@ class Claim:
                     all(self.turn(p, q, v) > 0 for p, q in directed_sides(t)) for v in self.sites
                 )
                 if not outside and not any(inner):
-                    found.append(t)
-        return found
+                    triangles.append(t)
+        return triangles
 
     def bound(self, weights: dict[Triangle, int]) -> int:
         """Return the lower bound from the potentials, checked for all empty triangles."""
-        pairs = [require_list(edge, 2) for edge in require_list(self.given["edges"])]
+        pairs = [require_list(edge, 2) for edge in require_list(self.fields["edges"])]
         edges = [(require_int(a), require_int(b)) for a, b in pairs]
-        need(all(0 <= a < b < len(self.site) for a, b in edges), "no edges a < b")
-        need(len(set(edges)) == len(edges), "an edge is given twice")
+        need(all(0 <= a < b < len(self.site) for a, b in edges), "an edge is not (a, b) with a < b")
+        need(len(set(edges)) == len(edges), "duplicate edge")
         potentials, lift = (
-            require_list(self.given["potentials"], len(edges)),
-            require_int(self.given["lift"]),
+            require_list(self.fields["potentials"], len(edges)),
+            require_int(self.fields["lift"]),
         )
         y = dict(zip(edges, map(require_int, potentials), strict=True))
         y |= {(b, a): -value for (a, b), value in y.items()}
         for t, weight in weights.items():
-            around = sum(y.get(side, 0) for side in directed_sides(t))
-            need(around + lift <= weight, f"the potentials exceed the weight of {t}")
+            total = sum(y.get(side, 0) for side in directed_sides(t))
+            need(total + lift <= weight, f"the potentials exceed the weight of {t}")
         return sum(y.get(side, 0) for side in self.boundary) + lift * len(self.triangles)
 
     def check(self) -> str:
@@ -263,27 +262,27 @@ class Claim:
         weights = {t: self.weight(t) for t in empty}
         bound = self.bound(weights) // self.factor / self.scale
         cost, low, gap = (
-            require_double(self.given[name]) for name in ("cost", "lower_bound", "gap")
+            require_double(self.fields[name]) for name in ("cost", "lower_bound", "gap")
         )
         off = 0 if self.exact else DOUBLE_ERROR
         need(bound <= self.total * (1 + off), "the bound is above the cost")
         near = abs(cost - Fraction(float(self.total))) <= self.total * off
         need(near, f"the cost is {float(self.total)}")
         need(low <= bound, f"the bound is {float(bound)}")
-        # The relative gap from exact numbers; the stated gap may only be larger.
+        # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
         need(gap >= 0 and gap >= Fraction(float(share)) - off, f"the gap is {float(share)}")
-        need(type(self.given["proven"]) is bool, "proven is neither true nor false")
-        if not self.given["proven"]:
-            return f"costs at most {float(share):.3g} more than the optimum, relative to its cost"
+        need(type(self.fields["proven"]) is bool, "proven is neither true nor false")
+        if not self.fields["proven"]:
+            return f"at most {float(share):.3g} of the cost above the optimum"
         slack = 0 if self.exact else len(self.triangles) / self.scale + self.total * off
-        need(self.total - bound <= slack, "it is not proven that nothing costs less")
+        need(self.total - bound <= slack, "optimality is not proven")
         return "optimal" if share == 0 else f"optimal, to a relative error of {float(share):.2g}"
 
 
 def require_unique_fields(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the fields of an object; refuse duplicate fields, which are ambiguous."""
-    need(len(dict(fields)) == len(fields), "a field is given twice")
+    need(len(dict(fields)) == len(fields), "duplicate field")
     return dict(fields)
 
 
@@ -292,13 +291,13 @@ def check(line: str | bytes) -> str:
     try:
         return Claim(json.loads(line, object_pairs_hook=require_unique_fields)).check()
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise EvidenceError(f"this is no evidence: {type(error).__name__} {error}") from error
+        raise EvidenceError(f"not evidence ({type(error).__name__} {error})") from error
     except RecursionError:
-        raise EvidenceError("this is no evidence: it is nested too deeply") from None
+        raise EvidenceError("not evidence (nested too deeply)") from None
 
 
 def check_lines(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:
-    """Yield for each line of a file its number, the result, and whether the proof holds."""
+    """Yield for each line of a file the number, the result, and whether the proof holds."""
     for index, line in enumerate(lines, 1):
         try:
             yield index, check(line), True

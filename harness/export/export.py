@@ -15,8 +15,8 @@ from harness.atomic import Output
 from harness.errors import InputError, StorageError, UsageError
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.writers import (
-    About,
     ExportMesh,
+    ExportMetadata,
     GltfWriter,
     NpzWriter,
     ObjWriter,
@@ -41,11 +41,10 @@ from triangulators.polygon_arrays import PolygonArray, Triangulations
 CHUNK_POLYGONS = 20_000
 """Polygons in memory at a time."""
 
-
 Writer = GltfWriter | ObjWriter | NpzWriter | GeoJsonWriter | GeoParquetWriter
-"""Writes the meshes of an export one after another (`add`), then completes the file (`finish`)."""
+"""Writer of an export: `add` writes the mesh of a batch, `finish` completes the file."""
 
-FORMATS: dict[str, Callable[[Output, About], Writer]] = {
+FORMATS: dict[str, Callable[[Output, ExportMetadata], Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
     ".gltf": partial(GltfWriter, binary=False),
     ".obj": ObjWriter,
@@ -57,22 +56,21 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
 }
 """Writers by suffix of the output."""
 
-SOLID = (".glb", ".gltf", ".obj")
+MODEL_SUFFIXES = (".glb", ".gltf", ".obj")
 """Suffixes of 3D models."""
 
-
-CERTIFIED = "half-perimeter"
-"""Criterion that is certified if a triangulator has none."""
+DEFAULT_CRITERION = "half-perimeter"
+"""Criterion to certify if a triangulator has none."""
 
 
 @dataclass
 class Certified:
     """Sums over the polygons of a file.
 
-    polygons : certified polygons; proven : those with a provably optimal triangulation
+    polygons : number of certified polygons; proven : number of proven optima
     cost, lower_bound : sums of the criterion, in the source's units
-    largest_gap : the largest (cost - lower_bound) / cost of a polygon
-    refused : polygons whose triangulation is invalid or has T-junctions
+    largest_gap : maximum of (cost - lower_bound) / cost over the polygons
+    refused : number of polygons whose triangulation is invalid or has T-junctions
     """
 
     criterion: str
@@ -86,11 +84,11 @@ class Certified:
     @classmethod
     def of(cls, name: str) -> "Certified":
         """Return empty sums for the triangulator `name`."""
-        return cls(parse(name).criterion or CERTIFIED)
+        return cls(parse(name).criterion or DEFAULT_CRITERION)
 
     @classmethod
     def total(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":
-        """Sum parts, at least one, each with the fields of a `Certified`."""
+        """Return the sums of one or more parts, which have the fields of a `Certified`."""
         result = cls(parts[0]["criterion"])
         for part in parts:
             for name in ("polygons", "proven", "cost", "lower_bound", "refused"):
@@ -99,11 +97,14 @@ class Certified:
         return result
 
     def add(
-        self, polygons: NDArray[Any], done: Triangulations, evidence: IO[str] | None = None
+        self,
+        polygons: NDArray[Any],
+        triangulations: Triangulations,
+        evidence: IO[str] | None = None,
     ) -> None:
         """Certify the triangulations of a batch; write a line of proof for each to `evidence`."""
-        for number, (polygon, triangles) in enumerate(zip(polygons, done, strict=True)):
-            if number in done.failed:
+        for number, (polygon, triangles) in enumerate(zip(polygons, triangulations, strict=True)):
+            if number in triangulations.failed:
                 continue
             try:
                 certificate = certify(
@@ -136,12 +137,12 @@ class Certified:
 class Report(NoteCounter):
     """Statistics of an export; "failed" are polygons that the triangulator could not triangulate.
 
-    files : files written, the target first
+    files : written files, the target first
     certified : cost and lower bound of the triangulations, if requested
-    proven : polygons whose optimum was computed exactly
+    proven : number of polygons whose optimum was computed exactly
     evidence : open file of the proofs
     notes : lines about reading and projection of the file
-    seconds, triangulate_s : wall time in total, and of triangulating
+    seconds, triangulate_s : wall time in total, and of the triangulator
     """
 
     files: list[Path] = field(default_factory=list)
@@ -169,55 +170,69 @@ def export_file(
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
 
     Polygons are read, triangulated and written `chunk` at a time, so memory does not grow with the
-    file. `out` appears when all is written; on an error it stays as it was.
+    file. `out` appears when complete; after an error it is unchanged.
 
     Parameters
     ----------
-    source : a scene or a file, with parameters as `scenes.load` reads them, e.g.
-        "town.gpkg:layer=parks,limit=9"
-    out : file to write; its suffix gives the format, see `FORMATS`
-    progress : called with the number of polygons done so far
-    certify : compute how far each triangulation is from the optimum of its criterion
-        (half-perimeter, if it has none); a path is a file for the proofs, one line per polygon
-    device : as of `triangulators.triangulate_many`
-    parameters : of the triangulator
+    source : str or Path
+        Scene or file, with parameters as for `scenes.load`, e.g. "town.gpkg:layer=parks,limit=9".
+    out : str or Path
+        File to write, in the format of the suffix, see `FORMATS`.
+    triangulator : str
+        Name of the triangulator.
+    progress : callable, optional
+        Called with the number of triangulated polygons.
+    certify : bool or Path
+        Compute a bound on each triangulation's distance from the optimum of its criterion
+        (half-perimeter if it has no criterion). A path is a file for the proofs, one line per
+        polygon.
+    device : str
+        As for `triangulators.triangulate_many`.
+    chunk : int
+        Number of polygons in memory at a time.
+    **parameters
+        Keyword arguments of the triangulator.
+
+    Returns
+    -------
+    Report
 
     Raises
     ------
     scenes.SceneError
-        if the source cannot be read
+        If the source cannot be read.
     StorageError, InputError
-        if the format or triangulator is unknown, or the output cannot be written
+        If the format or triangulator is unknown, or the output cannot be written.
     """
-    begun = time.perf_counter()
+    start = time.perf_counter()
     target = Path(out)
-    make = _format(target)
+    make = _find_writer(target)
     name = full_triangulator_name(triangulator)
     report = Report(certified=Certified.of(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
-    chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in SOLID)
+    chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in MODEL_SUFFIXES)
     try:
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:
                 report.evidence = proofs.file(mode="w")
-            how = Meshing(name, parameters, device)
-            writer = add_chunks(chunks, lambda about: make(output, about), how, report, progress)
+            options = TriangulationOptions(name, parameters, device)
+            writer = add_chunks(chunks, partial(make, output), options, report, progress)
             if writer is None or report.triangles == 0:
-                raise InputError(_nothing(str(source), report))
+                raise InputError(_format_empty_export(str(source), report))
             writer.finish()
             report.files = output.publish() + (proofs.publish() if evidence is not None else [])
     except OSError as error:
         reason = error.strerror or error
-        raise StorageError(f"{target} cannot be written: {reason}; nothing was changed") from error
-    report.seconds = time.perf_counter() - begun
+        raise StorageError(f"{target}: cannot be written ({reason}); no file changed") from error
+    report.seconds = time.perf_counter() - start
     return report
 
 
 @dataclass(frozen=True)
-class Meshing:
-    """Options of triangulating, as of `export_file`.
+class TriangulationOptions:
+    """Options of a triangulation, as for `export_file`.
 
-    name : full name of the triangulator; parameters : its keyword arguments
+    name : full name of the triangulator; parameters : keyword arguments
     """
 
     name: str
@@ -228,21 +243,21 @@ class Meshing:
 def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
     """Yield the polygons of a scene or a file, `size` at a time.
 
-    solid : the output is a 3D model; UsageError if the source is one as well
+    solid : True if the output is a 3D model; then a 3D model as source raises UsageError
     """
     name, parameters, is_file = split_parameters(source)
     if not is_file:
-        yield from _of_scene(source, size)
+        yield from _chunks_of_scene(source, size)
         return
     if solid and is_model(Path(name)):
         raise UsageError(
-            f"{name} is a 3D model, whose faces would be laid out next to each other: measure "
-            f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
+            f"{name}: a 3D model, whose faces would be laid out next to each other; measure the "
+            f"model with `run --scene {name}`, or write .geojson, .parquet or .npz"
         )
-    parameters = convert_arguments(name, read, parameters)  # not those of map tiles
+    parameters = convert_arguments(name, read, parameters)  # not parameters of map tiles
     limit = parameters.pop("limit", None)
     if limit is not None and limit < 1:
-        raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
+        raise UsageError(f"limit={limit}: out of range; give 1 or more")
     remaining = limit
     for chunk in read_chunks(name, size=size, **parameters):
         if remaining is not None and len(chunk.cleaned.polygons) >= remaining:
@@ -254,7 +269,7 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
         yield chunk
 
 
-def _of_scene(source: str, size: int) -> Iterator[Chunk]:
+def _chunks_of_scene(source: str, size: int) -> Iterator[Chunk]:
     allow_user_module(source)
     scene = load(source)
     polygons = np.asarray(scene.polygons)
@@ -268,18 +283,18 @@ def _of_scene(source: str, size: int) -> Iterator[Chunk]:
 
 def add_chunks(
     chunks: Iterable[Chunk],
-    make: Callable[[About], Writer],
-    how: Meshing,
+    make: Callable[[ExportMetadata], Writer],
+    options: TriangulationOptions,
     report: Report,
     progress: Callable[[int], None] | None = None,
     *,
     empty: bool = False,
 ) -> Writer | None:
-    """Triangulate chunks of a source and add them to one writer; count in `report`.
+    """Triangulate chunks of a source, write them, and count them in `report`.
 
-    empty : write chunks without polygons as well
+    empty : True to also write chunks without polygons
 
-    Returns the unfinished writer, or None if nothing was written.
+    Returns the unfinished writer, or None if no chunk was written.
     """
     writer: Writer | None = None
     for chunk in chunks:
@@ -289,8 +304,10 @@ def add_chunks(
         if len(chunk.cleaned.polygons) == 0 and not empty:
             continue
         if writer is None:
-            writer = make(About(how.name, chunk.units, chunk.credit, chunk.crs, chunk.projection))
-        mesh = _triangulated(chunk, how, report)
+            writer = make(
+                ExportMetadata(options.name, chunk.units, chunk.credit, chunk.crs, chunk.projection)
+            )
+        mesh = _triangulate_chunk(chunk, options, report)
         writer.add(mesh)
         report.polygons += mesh.polygons
         report.triangles += len(mesh.triangles)
@@ -299,27 +316,27 @@ def add_chunks(
     return writer
 
 
-def _format(target: Path) -> Callable[[Output, About], Writer]:
+def _find_writer(target: Path) -> Callable[[Output, ExportMetadata], Writer]:
     make = FORMATS.get(target.suffix.lower())
     if make is None:
         formats = ", ".join(FORMATS)
         raise UsageError(f"{target}: unknown suffix (choose from {formats})")
     if target.is_dir():
-        raise UsageError(f"{target} is a folder: give the name of a file")
+        raise UsageError(f"{target}: is a folder; give the name of a file")
     return make
 
 
 def full_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
     """Return the full name of the triangulator of the two options; raise UsageError if invalid.
 
-    The default is `optimal:half-perimeter`; a criterion alone means its optimum.
+    The default is `optimal:half-perimeter`; a criterion without triangulator means `optimal`.
     """
     if triangulator is None:
         triangulator = "optimal" if criterion else "optimal:half-perimeter"
     if criterion and ":" in triangulator:
         raise UsageError(
-            f"triangulator {triangulator!r} has its criterion in its name; "
-            f"leave out criterion {criterion!r}"
+            f"triangulator {triangulator!r} and criterion {criterion!r} are mutually exclusive: "
+            "the triangulator's name has a criterion"
         )
     try:
         return full_name(f"{triangulator}:{criterion}" if criterion else triangulator)
@@ -327,28 +344,28 @@ def full_triangulator_name(triangulator: str | None, criterion: str | None = Non
         raise UsageError(str(error)) from error
 
 
-def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> ExportMesh:
-    begun = time.perf_counter()
+def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Report) -> ExportMesh:
+    start = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
-    result = triangulate_many(polygons, how.name, device=how.device, **how.parameters)
-    report.triangulate_s += time.perf_counter() - begun
+    result = triangulate_many(polygons, options.name, device=options.device, **options.parameters)
+    report.triangulate_s += time.perf_counter() - start
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)
     mesh = mesh_of(polygons, result, chunk.attributes)
-    if parse(how.name).entry.name == "optimal":
-        # an optimum by an exact algorithm: compiled code's, or the table's
-        alone = polygons.ring_counts == 1
-        exact = result.compiled | (alone & (np.diff(mesh.vertex_offsets) <= LIMIT))
+    if parse(options.name).entry.name == "optimal":
+        # Exact algorithms: compiled code, and the dynamic program over one ring.
+        is_single_ring = polygons.ring_counts == 1
+        exact = result.compiled | (is_single_ring & (np.diff(mesh.vertex_offsets) <= LIMIT))
         exact[list(result.failed)] = False
         report.proven += int(exact.sum())
     if report.certified is not None:
         report.certified.add(chunk.cleaned.polygons, result, report.evidence)
-    gone = np.diff(mesh.triangle_offsets) == 0
-    return remove_polygons(mesh, gone)
+    removed = np.diff(mesh.triangle_offsets) == 0
+    return remove_polygons(mesh, removed)
 
 
-def _nothing(source: str, report: Report) -> str:
+def _format_empty_export(source: str, report: Report) -> str:
     if notes := report.list_examples("failed", "dropped"):
-        _, which, reason = notes[0]
-        return f"{source}: no polygon could be triangulated; {which}: {reason}"
-    return f"{source} holds no polygon: nothing was written"
+        _, polygon, reason = notes[0]
+        return f"{source}: no polygon could be triangulated ({polygon}: {reason}); no file written"
+    return f"{source}: no polygon; no file written"

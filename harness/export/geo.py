@@ -1,8 +1,8 @@
-"""GeoJSON and GeoParquet: a feature for each polygon, its triangles as a multi-polygon.
+"""GeoJSON and GeoParquet: a feature for each polygon, with the triangles as a multi-polygon.
 
-Coordinates are those of the source. Triangles share edges, which the simple-features standard does
-not allow for parts of a multi-polygon; programs read and draw them nevertheless, and no other type
-is supported as widely.
+Coordinates are the source's. Triangles share edges, which the simple-features standard does not
+allow for parts of a multi-polygon; programs read and draw them nevertheless, and no other type is
+supported as widely.
 """
 
 import json
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError, UsageError
-from harness.export.writers import About, ExportMesh, to_json_value
+from harness.export.writers import ExportMesh, ExportMetadata, to_json_value
 from scenes.cleaning.projection import find_system
 from scenes.spec import format_install_command
 
@@ -24,10 +24,10 @@ from scenes.spec import format_install_command
 class GeoJsonWriter:
     """Writes one feature per line; `crs` names a system other than longitude and latitude.
 
-    `crs` is of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
+    `crs` is a member of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
     """
 
-    def __init__(self, output: Output, about: About) -> None:
+    def __init__(self, output: Output, about: ExportMetadata) -> None:
         self._about = about
         self._stream = output.file(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
@@ -42,7 +42,7 @@ class GeoJsonWriter:
 
     def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
-        closed = _closed(mesh, self._about)
+        closed = _closed_rings(mesh, self._about)
         starts = mesh.triangle_offsets.tolist()
         columns = [str(name) for name in mesh.attributes]
         rows = mesh.attributes.itertuples(index=False, name=None)
@@ -63,12 +63,12 @@ class GeoJsonWriter:
 
 
 def parquet_module() -> Any:
-    """Return pyarrow's module for Parquet; raises `UsageError` where it is not installed."""
+    """Return pyarrow's module for Parquet; raise UsageError if pyarrow is not installed."""
     try:
         from pyarrow import parquet
     except ImportError as error:
         raise UsageError(
-            f"GeoParquet needs pyarrow: {format_install_command('geoparquet')}"
+            f"GeoParquet requires pyarrow: {format_install_command('geoparquet')}"
         ) from error
     return parquet
 
@@ -76,11 +76,10 @@ def parquet_module() -> Any:
 class GeoParquetWriter:
     """GeoParquet 1.1, WKB in column `geometry`, a row group for each batch.
 
-    The reference system is that of the source, as PROJJSON; null where the source has none that
-    PROJ knows.
+    The coordinate reference system is the source's, as PROJJSON, or null if PROJ does not know it.
     """
 
-    def __init__(self, output: Output, about: About) -> None:
+    def __init__(self, output: Output, about: ExportMetadata) -> None:
         self._parquet = parquet_module()
         self._path = output.path()
         self._about = about
@@ -95,7 +94,7 @@ class GeoParquetWriter:
             renamed = [f"{n}_" if n == "geometry" else n for n in table.column_names]
             table = table.rename_columns(renamed)
         for number, kind in enumerate(table.schema.types):
-            if pa.types.is_null(kind):  # nothing but missing values in this batch
+            if pa.types.is_null(kind):  # all values of this batch are missing
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
         geometry = pa.array(_wkb(mesh, self._about), pa.binary())
@@ -104,19 +103,22 @@ class GeoParquetWriter:
         else:
             table = table.append_column("geometry", geometry)
         if self._writer is None:
-            metadata = {"geo": json.dumps(self._metadata()), "raster_harness": self._say()}
+            metadata = {
+                "geo": self._geo_metadata(),
+                "raster_harness": self._origin_metadata(),
+            }
             self._schema = table.schema.with_metadata(metadata)
-            # Geometries differ, so a dictionary would only take time.
-            others = [name for name in self._schema.names if name != "geometry"]
+            # No dictionary for geometries, which all differ.
+            columns = [name for name in self._schema.names if name != "geometry"]
             self._writer = self._parquet.ParquetWriter(
-                self._path, self._schema, use_dictionary=others or False
+                self._path, self._schema, use_dictionary=columns or False
             )
         # Types may differ between batches: all missing in one, text in the next.
         try:
             fitted = table.select(self._schema.names).cast(self._schema)
         except (pa.ArrowException, KeyError, ValueError) as error:
-            why = f"the attributes change their type within the source: {error}"
-            raise InputError(why) from error
+            problem = f"the attributes change their type within the source: {error}"
+            raise InputError(problem) from error
         self._writer.write_table(fitted)
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> None:
@@ -125,35 +127,37 @@ class GeoParquetWriter:
             self._writer.add_key_value_metadata(dict(metadata))
         self._writer.close()
 
-    def _say(self) -> str:
+    def _origin_metadata(self) -> str:
         about = self._about
         crs = about.crs if about.crs is not None else about.units
         return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})
 
-    def _metadata(self) -> dict[str, Any]:
+    def _geo_metadata(self) -> str:
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["MultiPolygon"]}
         if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
-            known = find_system(self._about.crs)
-            column["crs"] = None if known is None else known.to_json_dict()
-        return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+            system = find_system(self._about.crs)
+            column["crs"] = None if system is None else system.to_json_dict()
+        return json.dumps(
+            {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+        )
 
 
 _POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
 
 
-def _closed(mesh: ExportMesh, about: About) -> NDArray[np.float64]:
-    """Return (m, 4, 2), each triangle as a ring in the source's coordinates."""
+def _closed_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]:
+    """Return triangles as closed rings (m, 4, 2) in the source's coordinates."""
     corners = about.to_source(mesh.vertices)[mesh.triangles]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _wkb(mesh: ExportMesh, about: About) -> list[bytes]:
+def _wkb(mesh: ExportMesh, about: ExportMetadata) -> list[bytes]:
     """Return each polygon's triangles as a little-endian WKB multi-polygon.
 
-    Written as records: shapely makes an object of each triangle first, which takes five times as
-    long, a third of a whole export.
+    NumPy records are written, as shapely's objects, one per triangle, take five times as long: a
+    third of an export.
     """
-    rings = _closed(mesh, about)
+    rings = _closed_rings(mesh, about)
     head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]
     triangles = np.empty(len(rings), [*head, ("ring", "<f8", (4, 2))])
     triangles["order"], triangles["type"] = 1, _POLYGON

@@ -21,9 +21,9 @@ from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_o
 class ExportMesh:
     """Triangles of a batch of polygons.
 
-    vertices : (n, 2) float64; triangles : (m, 3) int64 indices into them;
-    vertex_offsets, triangle_offsets : (p + 1,), where each polygon's begin;
-    attributes : one row per polygon (no columns if the source has no attributes).
+    vertices : (n, 2) float64; triangles : (m, 3) int64 indices of vertices
+    vertex_offsets, triangle_offsets : (p + 1,) offsets of the polygons
+    attributes : one row per polygon (no columns if the source has no attributes)
     """
 
     vertices: NDArray[np.float64]
@@ -39,49 +39,49 @@ class ExportMesh:
 
     @property
     def triangle_owners(self) -> NDArray[np.int64]:
-        """(m,), the polygon of each triangle."""
+        """Polygon of each triangle, (m,)."""
         return np.repeat(np.arange(self.polygons), np.diff(self.triangle_offsets))
 
     @property
     def vertex_owners(self) -> NDArray[np.int64]:
-        """(n,), the polygon of each vertex."""
+        """Polygon of each vertex, (n,)."""
         return np.repeat(np.arange(self.polygons), np.diff(self.vertex_offsets))
 
 
 def mesh_of(
-    polygons: PolygonArray, done: Triangulations, attributes: pd.DataFrame | None
+    polygons: PolygonArray, triangulations: Triangulations, attributes: pd.DataFrame | None
 ) -> ExportMesh:
     """Return the mesh of a batch of polygons; failed ones have vertices but no triangles."""
-    shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(done.triangle_offsets))
-    table = pd.DataFrame(index=range(len(done))) if attributes is None else attributes
+    shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(triangulations.triangle_offsets))
+    table = pd.DataFrame(index=range(len(triangulations))) if attributes is None else attributes
     return ExportMesh(
         np.ascontiguousarray(polygons.coords, dtype=np.float64),
-        done.triangles.astype(np.int64) + shift[:, None],
+        triangulations.triangles.astype(np.int64) + shift[:, None],
         polygons.vertex_offsets,
-        np.asarray(done.triangle_offsets, dtype=np.int64),
+        np.asarray(triangulations.triangle_offsets, dtype=np.int64),
         table.reset_index(drop=True),
     )
 
 
-def remove_polygons(mesh: ExportMesh, gone: NDArray[np.bool_]) -> ExportMesh:
+def remove_polygons(mesh: ExportMesh, removed: NDArray[np.bool_]) -> ExportMesh:
     """Return the mesh without the polygons flagged in `gone` (p,)."""
-    keep_vertex = ~gone[mesh.vertex_owners]
+    keep_vertex = ~removed[mesh.vertex_owners]
     renumbered = np.cumsum(keep_vertex) - 1
-    keep_triangle = ~gone[mesh.triangle_owners]
+    keep_triangle = ~removed[mesh.triangle_owners]
     return ExportMesh(
         mesh.vertices[keep_vertex],
         renumbered[mesh.triangles[keep_triangle]],
-        offsets_of(np.diff(mesh.vertex_offsets)[~gone]),
-        offsets_of(np.diff(mesh.triangle_offsets)[~gone]),
-        mesh.attributes[~gone].reset_index(drop=True),
+        offsets_of(np.diff(mesh.vertex_offsets)[~removed]),
+        offsets_of(np.diff(mesh.triangle_offsets)[~removed]),
+        mesh.attributes[~removed].reset_index(drop=True),
     )
 
 
 @dataclass(frozen=True)
-class About:
-    """Metadata of an export: units, origin of the polygons, and their projection.
+class ExportMetadata:
+    """Metadata of an export: units, origin and projection of the polygons.
 
-    crs : coordinate reference system of the source, as pyogrio names it, or None
+    crs : pyogrio's name of the source's coordinate reference system, or None
     projection : projection of the polygons, or None
     """
 
@@ -109,19 +109,19 @@ def to_json_value(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [to_json_value(each) for each in value]
+        return [to_json_value(item) for item in value]
     if isinstance(value, dict):
         return {str(k): to_json_value(v) for k, v in value.items()}
     return None if value is pd.NA or value is pd.NaT else str(value)
 
 
 class ObjWriter:
-    """Writes OBJ with groups feature_0, feature_1, ...; attributes go to a CSV file.
+    """Writes OBJ with groups feature_0, feature_1, ..., and attributes to a CSV file.
 
-    Coordinates are exactly those of the source.
+    Coordinates are exactly the source's.
     """
 
-    def __init__(self, output: Output, about: About) -> None:
+    def __init__(self, output: Output, about: ExportMetadata) -> None:
         self._stream = output.file(mode="w")
         self._stream.write(f"# raster-harness, {about.triangulator}, units: {about.units}\n")
         if about.credit:
@@ -157,12 +157,12 @@ class ObjWriter:
 class NpzWriter:
     """Writes arrays, for p polygons, n vertices and m triangles:
 
-    vertices (n, 2) float64; triangles (m, 3) int64, indices into them; vertex_offsets and
-    triangle_offsets (p + 1,) int64, where each polygon's begin; attribute_NAME (p,) for each
-    attribute, text unless it is a number or a truth value; triangulator, units, credit.
+    vertices (n, 2) float64; triangles (m, 3) int64, indices of vertices; vertex_offsets and
+    triangle_offsets (p + 1,) int64, offsets of the polygons; attribute_NAME (p,) for each
+    attribute, text except for numbers, dates and booleans; triangulator, units, credit.
     """
 
-    def __init__(self, output: Output, about: About) -> None:
+    def __init__(self, output: Output, about: ExportMetadata) -> None:
         self._output = output
         self._about = about
         self._spools: dict[str, tuple[IO[bytes], np.dtype[Any], tuple[int, ...]]] = {}
@@ -173,7 +173,7 @@ class NpzWriter:
     def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
         vertices, triangles = self._totals.tolist()
-        skip = int(bool(self._spools))  # the first offset is the last one of the previous batch
+        skip = int(bool(self._spools))  # the first offset is the last of the previous batch
         self._spool("vertices", mesh.vertices)
         self._spool("triangles", mesh.triangles + vertices)
         self._spool("vertex_offsets", mesh.vertex_offsets[skip:] + vertices)
@@ -191,10 +191,11 @@ class NpzWriter:
         for label, column in table.items():
             values: NDArray[Any] = column.to_numpy()
             if values.dtype.kind not in "biufM":
-                words = [
-                    "" if gone else str(v) for v, gone in zip(column, column.isna(), strict=True)
+                texts = [
+                    "" if is_missing else str(v)
+                    for v, is_missing in zip(column, column.isna(), strict=True)
                 ]
-                values = np.array(words, dtype=np.str_)
+                values = np.array(texts, dtype=np.str_)
             arrays[f"attribute_{label}".replace("/", "_")] = values
         for fact in ("triangulator", "units", "credit"):
             arrays[fact] = np.array(getattr(self._about, fact))
@@ -210,21 +211,21 @@ class NpzWriter:
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STEPS = 2**24
-"""Grid steps from a mesh's centre to its edge; all are exact in single precision."""
+"""Grid steps from a mesh's centre to its edge, the integers that single precision holds."""
 
 _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
 """Column-major rotation of the z axis (up) to glTF's y axis."""
 
 
 class GltfWriter:
-    """Writes each batch as a mesh; attributes go to its `extras`, one list per column.
+    """Writes each batch as a mesh, with the attributes in `extras`, one list per column.
 
     glTF has single precision only, so positions are integers on a fine grid around the centre of
-    each batch. The node's matrix, which readers use in double precision, maps them back.
-    `_FEATURE_ID_0` is the polygon of each vertex within its mesh, as in EXT_mesh_features.
+    each batch. The node's matrix, which readers use in double precision, restores coordinates.
+    `_FEATURE_ID_0` is the polygon of each vertex within the mesh, as in EXT_mesh_features.
     """
 
-    def __init__(self, output: Output, about: About, *, binary: bool) -> None:
+    def __init__(self, output: Output, about: ExportMetadata, *, binary: bool) -> None:
         self._output = output
         self._about = about
         self._binary = binary
@@ -258,11 +259,11 @@ class GltfWriter:
         matrix = np.diag([step, step, step, 1.0])
         matrix[:2, 3] = middle - self._origin
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
-        made: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
+        document: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
         if mesh.attributes.shape[1]:
             columns = {str(c): to_json_value(mesh.attributes[c].tolist()) for c in mesh.attributes}
-            made["extras"] = {"attributes": columns}
-        self._meshes.write(("," if len(self._nodes) > 1 else "") + json.dumps(made))
+            document["extras"] = {"attributes": columns}
+        self._meshes.write(("," if len(self._nodes) > 1 else "") + json.dumps(document))
 
     def finish(self) -> None:
         """Write the JSON and, for .glb, the binary data."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from harness.atomic import Output
 from harness.errors import InputError
-from harness.export.export import Certified, Meshing, Report, add_chunks
+from harness.export.export import Certified, Report, TriangulationOptions, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
@@ -50,12 +50,12 @@ class Triangulating(PartWork):
         """Triangulate the rows."""
         report = Report(certified=Certified.of(self.triangulator) if self.certify else None)
         with Output(path, forced=True) as output:
-            how = Meshing(self.triangulator, {"threads": threads})
+            options = TriangulationOptions(self.triangulator, {"threads": threads})
             chunks = read_chunks(
                 part.path, layer=self.layer, where=self.where, rows=part.rows, size=CHUNK_ROWS
             )
             make = partial(GeoParquetWriter, output)
-            writer = add_chunks(chunks, make, how, report, empty=True)
+            writer = add_chunks(chunks, make, options, report, empty=True)
             if writer is None:
                 raise InputError(f"{part.label}: the file ends before these rows")
             assert isinstance(writer, GeoParquetWriter)

@@ -1,1 +1,1 @@
-"""From names of triangulators to checked triangles of a frame."""
+"""Triangulators by name, and verified triangulations of a frame's polygons."""

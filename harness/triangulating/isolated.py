@@ -1,6 +1,7 @@
 """Triangulation of a batch of polygons, with third-party triangulators in a worker process.
 
-A polygon on which such a triangulator crashes, or returns an invalid triangulation, fails alone.
+A polygon on which a triangulator crashes or returns an invalid triangulation fails; the others do
+not.
 """
 
 from __future__ import annotations
@@ -26,15 +27,15 @@ from triangulators.verify import find_unconfirmed
 _LOG = logging.getLogger(__name__)
 
 MAX_CRASHES = 10
-"""Polygons that may crash a triangulator one by one; after that, a crashing part fails as one."""
+"""Maximum number of crashing polygons to single out; further crashing parts fail as a unit."""
 
 
 def triangulate_many(
     polygons: Sequence[Polygon] | NDArray[Any] | PolygonArray, name: str, **more: Any
 ) -> Triangulations:
-    """Triangulate as `triangulators.triangulate_many` does, and verify; `more` are its parameters.
+    """Triangulate as `triangulators.triangulate_many` with parameters `more` does, and verify.
 
-    Polygons with an invalid triangulation, and those on which a user's triangulator ends its
+    Polygons with an invalid triangulation, and polygons on which a user's triangulator ends the
     process, are `failed` as well.
 
     Raises
@@ -56,7 +57,7 @@ def triangulate_many(
     task = partial(triangulators.triangulate_many, **more)
     pieces: list[NDArray[np.int32]] = []
     failed: dict[int, str] = {}
-    # A stack of slices. A slice that crashes is halved, down to one polygon.
+    # A stack of slices; a crashing slice is halved, down to one polygon.
     parts = [(0, len(polygons))]
     crashes = 0
     while parts:
@@ -71,8 +72,8 @@ def triangulate_many(
                 parts += [(middle, last), (first, middle)]
                 continue
             crashes += 1
-            many = f"; after {MAX_CRASHES} crashes, polygons near another fail with it"
-            reason = str(error) + many * (last - first > 1)
+            limit = f"; after {MAX_CRASHES} crashes, a crashing polygon's neighbours fail as well"
+            reason = str(error) + limit * (last - first > 1)
             done = Triangulations(
                 np.empty((0, 3), np.int32),
                 np.zeros(last - first + 1, np.int64),
@@ -90,11 +91,11 @@ def _stack(
     return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 
 
-def _verify(polygons: PolygonArray, done: Triangulations) -> Triangulations:
-    """Return the triangulations; invalid ones are removed and marked as failed."""
-    pieces = list(done)
+def _verify(polygons: PolygonArray, triangulations: Triangulations) -> Triangulations:
+    """Return the triangulations; mark invalid triangulations as failed, without triangles."""
+    pieces = list(triangulations)
     triangles_by_index = {
-        number: piece for number, piece in enumerate(pieces) if number not in done.failed
+        number: piece for number, piece in enumerate(pieces) if number not in triangulations.failed
     }
     failed = {}
     for number in find_unconfirmed(polygons, triangles_by_index):
@@ -102,4 +103,6 @@ def _verify(polygons: PolygonArray, done: Triangulations) -> Triangulations:
         if problem:
             failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)
-    return _stack(pieces, {**done.failed, **failed}, done.compiled) if failed else done
+    if not failed:
+        return triangulations
+    return _stack(pieces, {**triangulations.failed, **failed}, triangulations.compiled)

@@ -1,9 +1,9 @@
 """Triangulators of a run: values parsed from `name:criterion#number@0`.
 
-random#7                the random triangulation of seed 7, whatever the seed of the run
-pareto#3, listed#3      index 3, from 0, of each polygon's Pareto front, or of its list
+random#7                the random triangulation of seed 7, independent of the run's seed
+pareto#3, listed#3      index 3, from 0, of each polygon's Pareto front or list
 optimal:overdraw@0      triangulated at rotation 0 and drawn at the rotation of the view, as in a
-                        program that triangulates once and then moves its camera
+                        program that triangulates once and then moves the camera
 module:function         a third-party triangulator, imported only by a worker process
 BASE fan                `fan` of another version of the code, the interleaved baseline
 original                the triangles in a model's file
@@ -29,10 +29,10 @@ from triangulators.errors import TriangulationError, suggest, summarize_error
 from triangulators.polygon_arrays import PolygonArray
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
-"""Triangulators with a number, and the name of that parameter."""
+"""Triangulators with a number, and the parameter that the number sets."""
 
 ORIGINAL = "original"
-"""The triangles in a model's file: nothing is computed."""
+"""Name of the triangles in a model's file."""
 
 CALIBRATED = ":calibrated"
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
@@ -43,12 +43,12 @@ FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
 class Recipe:
     """All parameters of a triangulation except the polygon.
 
-    base : name for `triangulators.triangulate`, with its criterion, or "module:function"
+    base : name for `triangulators.triangulate`, with criterion, or "module:function"
     number : number after the name, or None
     seed : the run's seed, for a random triangulator without a number
-    upright : whether polygons are triangulated at rotation 0, and then rotated
+    upright : True to triangulate polygons at rotation 0, and then rotate them
     calibration : (term, coefficient) pairs of the criterion `calibrated`
-    other : whether another version of the code triangulates
+    other : True if the interleaved baseline triangulates
     """
 
     base: str
@@ -59,13 +59,13 @@ class Recipe:
     other: bool = False
 
     def __str__(self) -> str:
-        """The full name: a record's `triangulator`."""
+        """Return the full name, which records have as `triangulator`."""
         mark = BASE_MARK if self.other else ""
         return mark + full_name(self.base, self.number, upright=self.upright)
 
     @property
     def builtin(self) -> bool:
-        """Whether it is a built-in triangulator of this version."""
+        """True for a built-in triangulator of this version."""
         name = self.base.partition(":")[0]
         return (self.base == ORIGINAL or name in registry.BUILTIN) and not self.other
 
@@ -97,7 +97,7 @@ class Recipe:
         Raises
         ------
         UsageError
-            if there is no such function, or importing it raises an `Exception`
+            if the function does not exist, or its import raises an `Exception`
         """
         try:
             registry.find(self.base if not self.builtin else self.base.partition(":")[0]).load()
@@ -111,60 +111,62 @@ class Recipe:
     def attempt(
         self, polygons: PolygonArray
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
-        """Return triangles (m, 3) of each polygon of a batch, and which (p,) are any good.
+        """Return triangles (m, 3) of a batch's polygons, and flags (p,) of valid entries.
 
-        On one thread. The others are left to `triangulate`, and all of them for third parties.
+        Compiled code on one thread. Other polygons need `triangulate`, as do all polygons of
+        third-party triangulators.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
-        from triangulators.many import attempt_many  # where it is run
+        from triangulators.many import attempt_many  # compiled code
 
         name, arguments = self._call
         batch = attempt_many(polygons, name, threads=1, **arguments)
         return batch, batch.compiled
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
-        """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""
+        """Return (m, 3) triangles; raise as `triangulators.triangulate` does."""
         return self.triangulate_with_gap(polygon)[0]
 
     def gap_of_cached(self, vertices: int) -> float | None:
-        """Return the gap of cached triangles of a polygon: only proven optima are cached.
+        """Return the gap of a polygon's cached triangles, or None for triangulators without gaps.
 
-        Of polygons that are too large for a proof by `optimal`, all are cached.
+        Up to `LIMIT` vertices, only proven optima are cached; for larger polygons the gap is
+        unknown.
         """
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
             return None
-        from triangulators.methods.optimal import LIMIT  # where it is run
+        from triangulators.methods.optimal import LIMIT  # compiled code
 
         return 0.0 if vertices <= LIMIT else math.inf
 
     def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
-        """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""
+        """Return triangles and gap, as `triangulators.triangulate_with_gap` does."""
         name, arguments = self._call
         return triangulators.triangulate_with_gap(polygon, name, **arguments)
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
-    """Read the name of a triangulator; nothing of third parties is imported.
+    """Parse the name of a triangulator without importing third-party code.
 
     calibration : a device's coefficients, by term
 
     Raises
     ------
     UsageError
-        if it is unknown
+        if the name is unknown
     """
-    rest = text.removesuffix(UPRIGHT_MARK)
-    base, mark, digits = rest.partition(NUMBER_MARK)
-    if "@" in rest:
+    stem = text.removesuffix(UPRIGHT_MARK)
+    base, mark, digits = stem.partition(NUMBER_MARK)
+    if "@" in stem:
         raise UsageError(f"triangulator '{text}': only {UPRIGHT_MARK} can follow a name")
     if mark and not (base in NUMBERED and digits.isdecimal()):
         raise UsageError(
-            f"triangulator '{text}': a seed is written random{NUMBER_MARK}7, "
-            f"a point of the Pareto front pareto{NUMBER_MARK}3"
+            f"triangulator '{text}': invalid number; write a seed as random{NUMBER_MARK}7, a point "
+            f"of the Pareto front as pareto{NUMBER_MARK}3"
         )
-    if rest == ORIGINAL:
+    if stem == ORIGINAL:
         return Recipe(ORIGINAL)
     if base.partition(":")[0] in registry.BUILTIN or ":" not in base:
         try:
@@ -189,25 +191,25 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
 def parse_all(
     texts: Iterable[str], *, seed: int = 0, calibration: Mapping[str, float] | None = None
 ) -> tuple[Recipe, ...]:
-    """Read names of triangulators, each once; raises as `parse` does, and if there is none."""
+    """Return distinct recipes; raise as `parse` does, and if `texts` is empty."""
     recipes = [parse(text, seed=seed, calibration=calibration) for text in texts]
     if not recipes:
-        raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
+        raise UsageError("--triangulators: no name; give e.g. --triangulators fan,ear-clipping")
     return tuple(dict.fromkeys(recipes))
 
 
 def _require_module(reference: str) -> None:
-    """Refuse what cannot be a function of a module that is here; imports nothing.
+    """Raise UsageError unless "module:function" refers to an existing module, without importing it.
 
     Raises UsageError also as `allow_user_module` does.
     """
     allow_user_module(reference)
-    # Of a module inside a package nothing can be told without importing the package.
+    # Only the package is checked: finding a module inside would import the package.
     package = reference.partition(":")[0].partition(".")[0]
     if FUNCTION.fullmatch(reference) and importlib.util.find_spec(package) is not None:
         return
     name = reference.partition(":")[0]
-    # A module's name need not be like a triangulator's: only what is all but one is hinted at.
-    otherwise = "a module lies in the folder you are in, or is installed"
-    hint = suggest(name, registry.names(), cutoff=0.75, fallback=otherwise)
-    raise UsageError(f"unknown triangulator '{reference}': there is no module '{name}'; {hint}")
+    # A high cutoff, as names of modules may resemble names of triangulators by chance.
+    fallback = "the module must be in the current folder or installed"
+    hint = suggest(name, registry.names(), cutoff=0.75, fallback=fallback)
+    raise UsageError(f"unknown triangulator '{reference}': no module '{name}'; {hint}")

@@ -19,13 +19,13 @@ Columns = dict[str, NDArray[np.float64]]
 class FrameTriangulation:
     """Result of one triangulator for the polygons of a frame.
 
-    parts : for each polygon its (m, 3) int32 triangles, or None if there are none
-    seconds : CPU time of the triangulator alone, without checks and without compiling
-    samples_s : likewise for each of several interleaved rounds; [] if it was timed once
+    parts : for each polygon the (m, 3) int32 triangles, or None without triangles
+    seconds : CPU time of the triangulator, without checks and compilation
+    samples_s : `seconds` of several interleaved rounds; [] if timed once
     skipped, failed : (polygon number in the frame, reason)
     t_junctions : for each polygon, the number of vertices inside an edge of a triangle
-    cached : number of polygons read from the model database; `seconds` includes the time of their
-        original computation
+    cached : number of polygons read from the model database; `seconds` includes the stored time of
+        their computation
     gaps : for optima, for each polygon with triangles, the maximum relative excess over the minimum
         cost: 0 if proven optimal, infinite if unknown
     predicted : (p,) sums of each criterion over each polygon's triangles; lengths in px, areas px^2
@@ -52,7 +52,7 @@ class FrameTriangulation:
 
     @property
     def drawn(self) -> NDArray[np.bool_]:
-        """Whether each polygon has triangles, (p,)."""
+        """Flags (p,) of polygons with triangles."""
         return np.array([part is not None for part in self.parts], np.bool_)
 
     def add(self, part: Rows | None, junctions: int = 0, problem: str = "") -> None:
@@ -64,7 +64,7 @@ class FrameTriangulation:
 
 
 def predict_polygons(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
-    """Return each criterion's sum over each polygon's (m, 3) triangles; 0 if there are none."""
+    """Return each criterion's sum over each polygon's (m, 3) triangles; 0 without triangles."""
     if not len(polygons):
         return {}
     empty = np.empty((0, 3), np.int32)
@@ -74,6 +74,6 @@ def predict_polygons(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Co
 
 
 def check_triangles(polygon: Polygon, triangles: Rows) -> tuple[int, str]:
-    """Return the number of T-junctions, and the problems of an invalid triangulation or ""."""
+    """Return the number of T-junctions, and the problems of an invalid triangulation, or ""."""
     result = verify(polygon, triangles)
     return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))

@@ -1,4 +1,4 @@
-"""Triangulate polygons: from the cache, in one batch, or one by one; time triangulators."""
+"""Triangulation of polygons from the cache, in one batch, or one by one; times of triangulators."""
 
 import traceback
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from shapely import Polygon, box
 
 from harness.machine.system import cpu_clock
-from harness.triangulating.database import Lookup
+from harness.triangulating.database import CacheLookup
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import (
     FrameTriangulation,
@@ -26,20 +26,19 @@ from triangulators.verify import find_unconfirmed
 def triangulate_polygons(
     recipe: Recipe, polygons: Sequence[Polygon], database: Path | None = None
 ) -> FrameTriangulation:
-    """Run a triangulator over polygons in px; never raises because of a polygon.
+    """Triangulate polygons in px; a polygon on which the triangulator fails raises no exception.
 
-    All triangles are verified. Cached ones and those of a batch that are invalid are computed
-    again, one by one.
+    All triangles are verified. Invalid triangles from the cache or a batch are computed again, one
+    polygon at a time.
 
-    database : cache of triangulations to read from and write to; only for built-in triangulators,
-        whose version is known
+    database : cache of triangulations; only for built-in triangulators, whose version is known
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     result = FrameTriangulation()
     if not recipe.builtin:
         database = None
     parameters = {} if database is None else recipe.parameters
-    with Lookup(database, recipe.base, parameters) as cache:
+    with CacheLookup(database, recipe.base, parameters) as cache:
         cached = cache.find(arrays)
         if None in cached:
             warm_up(recipe)
@@ -71,7 +70,7 @@ def triangulate_polygons(
                 result.add(attempt.part, junctions, problem or attempt.problem)
                 # Only proven optima are cached; unproven results are computed again.
                 if result.parts[-1] is not None and attempt.gap == gap:
-                    cache.keep(k, result.parts[-1], attempt.seconds)
+                    cache.store(k, result.parts[-1], attempt.seconds)
                 gap = attempt.gap
             if result.parts[-1] is not None and gap is not None:
                 result.gaps.append(gap)
@@ -83,20 +82,20 @@ def triangulate_polygons(
 def run_batch(
     recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
 ) -> dict[int, Rows]:
-    """Return the triangles of polygons that compiled code handles in a batch; add its time.
+    """Return the triangles of polygons that compiled code handles; add the time to `result`.
 
-    So `seconds` is the time of the algorithm, without the overhead of single calls.
+    In a batch, `seconds` is the time of the algorithm, without the overhead of single calls.
     """
     if not len(polygons):
         return {}
     start = cpu_clock()
     try:
-        batch, done = recipe.attempt(polygons)
+        batch, compiled = recipe.attempt(polygons)
     except Exception:  # single calls report the problem of each polygon
         return {}
-    if done.any():
+    if compiled.any():
         result.seconds += cpu_clock() - start
-    return {index: batch[index] for index in np.flatnonzero(done).tolist()}
+    return {index: batch[index] for index in np.flatnonzero(compiled).tolist()}
 
 
 def time_in_rounds(
@@ -127,7 +126,7 @@ def time_in_rounds(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """One polygon's triangles (m, 3), their gap and CPU time, or the reason of a failure."""
+    """Triangles (m, 3) of a polygon with gap and CPU time, or the reason of a failure."""
 
     part: Rows | None
     gap: float | None
@@ -137,14 +136,14 @@ class _Attempt:
 
 
 def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulation) -> _Attempt:
-    """Run the triangulator over one polygon; adds its time, and the first traceback."""
+    """Triangulate a polygon; add the time, and the first traceback, to `result`."""
     part, gap, skipped, problem = None, None, "", ""
     start = cpu_clock()
     try:
         part, gap = recipe.triangulate_with_gap(polygon)
     except SkippedError as reason:
         skipped = truncate(str(reason)) or "skipped"
-    except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
+    except (Exception, SystemExit, GeneratorExit) as error:  # all except Ctrl-C
         problem = format_error(error)
         result.trace = result.trace or "".join(traceback.format_exception(error))[:MAX_TRACEBACK]
     seconds = cpu_clock() - start
@@ -155,15 +154,15 @@ def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulatio
 def _check_unconfirmed(
     polygons: PolygonArray, triangles: dict[int, Rows]
 ) -> dict[int, tuple[int, str]]:
-    """Return what `check_triangles` says of the polygons that a quick pass does not confirm."""
+    """Return the results of `check_triangles` for polygons that a quick pass does not confirm."""
     unconfirmed = find_unconfirmed(polygons, triangles)
     return {k: check_triangles(polygons[k], triangles[k]) for k in unconfirmed}
 
 
 def warm_up(*recipes: Recipe) -> None:
-    """Load compiled code once, so that loading does not count as the first polygon's time.
+    """Load compiled code, so that loading does not count as the first polygon's time.
 
-    The first time on a machine, it is compiled, which can take minutes.
+    The first call on a machine compiles the code, which can take minutes.
     """
     for recipe in recipes:
         if recipe.base in _warm:
@@ -172,7 +171,7 @@ def warm_up(*recipes: Recipe) -> None:
         batch = run_batch(recipe, polygons, FrameTriangulation())
         find_unconfirmed(polygons, batch)
         for polygon in polygons:
-            # errors show with the real polygons
+            # the polygons of the scene report errors
             with suppress(Exception, SystemExit, GeneratorExit):
                 check_triangles(polygon, recipe.triangulate(polygon))
         _warm.add(recipe.base)
@@ -183,13 +182,13 @@ _warm: set[str] = set()
 
 
 def small_polygons() -> Iterator[Polygon]:
-    """Yield polygons of all kinds for which triangulators may have different code."""
+    """Yield polygons of all kinds for which triangulators may have separate code."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
     yield Polygon(square)
     yield Polygon(square, holes[:1])
     yield Polygon(square, holes)
-    # Many vertices with little mutual visibility: large polygons use other code than small ones.
-    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    reach = np.where(np.arange(200) % 2, 50.0, 400.0)
-    yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))
+    # Many vertices with little mutual visibility, as large polygons use other code.
+    angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    radii = np.where(np.arange(200) % 2, 50.0, 400.0)
+    yield Polygon(np.column_stack([radii * np.cos(angles), radii * np.sin(angles)]))

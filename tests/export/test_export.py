@@ -71,7 +71,7 @@ def test_obj_far_from_the_origin_keeps_the_sources_coordinates(tmp_path, houses)
     assert "v 386000.123 6672000.456 0.0" in (tmp_path / "b.obj").read_text()
 
 
-def test_gltf_lies_level_and_names_its_origin(tmp_path, houses):
+def test_gltf_is_horizontal_and_has_an_origin(tmp_path, houses):
     out = tmp_path / "houses.gltf"
     export_file(houses, out)
     low, high = read_model(out).bounds
@@ -95,7 +95,7 @@ def test_obj_attributes_are_in_a_table(tmp_path, houses):
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
-def test_maps_keep_place_and_attributes(tmp_path, houses, suffix):
+def test_maps_keep_position_and_attributes(tmp_path, houses, suffix):
     out = tmp_path / f"triangles{suffix}"
     export_file(houses, out)
     if suffix == ".geojson":
@@ -131,14 +131,14 @@ def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
     export_file(source, out)
     if suffix == ".parquet":
         about = json.loads(parquet.read_schema(out).metadata[b"geo"])
-        assert "crs" not in about["columns"]["geometry"]  # which means longitude and latitude
+        assert "crs" not in about["columns"]["geometry"]  # the default, longitude and latitude
         (geometry,) = shapely.from_wkb(list(pd.read_parquet(out)["geometry"]))
     else:
         (wkb,) = pyogrio.raw.read(out)[2]
         geometry = shapely.from_wkb(wkb)
     corners = {tuple(point) for point in shapely.get_coordinates(geometry)}
     assert corners == {tuple(point) for point in ring}
-    # and what was written is read again as a scene
+    # the written file is read again as a scene
     assert load(out).polygons[0].area == pytest.approx(load(source).polygons[0].area, rel=1e-9)
 
 
@@ -159,17 +159,17 @@ def test_npz_has_plain_arrays(tmp_path, houses, chunk):
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_chunks_do_not_show(tmp_path, suffix):
-    whole, pieces = tmp_path / f"whole{suffix}", tmp_path / f"pieces{suffix}"
+def test_chunk_size_does_not_change_the_output(tmp_path, suffix):
+    complete, pieces = tmp_path / f"whole{suffix}", tmp_path / f"pieces{suffix}"
     seen: list[int] = []
-    one = export_file(CITY, whole)
+    one = export_file(CITY, complete)
     many = export_file(CITY, pieces, chunk=7, progress=seen.append)
     assert seen == [*range(7, 60, 7), 60]
     assert (one.polygons, one.triangles) == (many.polygons, many.triangles)
     if suffix in MODELS:
-        assert read_model(pieces).area == pytest.approx(read_model(whole).area, rel=1e-6)
+        assert read_model(pieces).area == pytest.approx(read_model(complete).area, rel=1e-6)
     elif suffix in (".geojson", ".json"):
-        assert whole.read_bytes() == pieces.read_bytes()
+        assert complete.read_bytes() == pieces.read_bytes()
 
 
 def test_obj_groups_are_polygons(tmp_path):
@@ -181,7 +181,7 @@ def test_obj_groups_are_polygons(tmp_path):
     assert text.count("\nf ") == 7
 
 
-def test_what_cannot_be_triangulated_is_named(tmp_path):
+def test_failed_polygons_are_named(tmp_path):
     report = export_file("paper", tmp_path / "a.obj", "optimal:overdraw")
     assert report.list_examples("failed") == []
     report = export_file(CITY, tmp_path / "b.obj", "fan")
@@ -215,7 +215,7 @@ class TestErrors:
         with pytest.raises(error) as caught:
             export_file(*args, **kwargs)
         assert "\n" not in str(caught.value)
-        assert sorted(p.name for p in tmp_path.iterdir()) == before  # no rubbish is left behind
+        assert sorted(p.name for p in tmp_path.iterdir()) == before  # no partial file remains
         return str(caught.value)
 
     def test_output(self, tmp_path):
@@ -227,23 +227,23 @@ class TestErrors:
         assert "cannot be written" in self.refused(tmp_path, "paper", inside, error=StorageError)
 
     @pytest.mark.parametrize("suffix", MODELS)
-    def test_a_model_is_not_laid_flat_into_another(self, tmp_path, suffix):
+    def test_models_are_refused_as_source_of_a_model(self, tmp_path, suffix):
         model = tmp_path / "wall.obj"
         model.write_text("v 0 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\nf 1 2 3 4\n")
         message = self.refused(tmp_path, model, tmp_path / f"b{suffix}")
-        assert "is a 3D model" in message
+        assert "a 3D model" in message
         assert "run --scene" in message
         assert export_file(model, tmp_path / "b.geojson").triangles == 2
 
     def test_source(self, tmp_path):
         out = tmp_path / "a.obj"
         self.refused(tmp_path, tmp_path / "none.gpkg", out, error=SceneError)
-        told = self.refused(tmp_path, "city:where=a > 1", out, error=SceneError)
-        assert "scene city has no parameter 'where'" in told
+        message = self.refused(tmp_path, "city:where=a > 1", out, error=SceneError)
+        assert "scene city has no parameter 'where'" in message
         assert "give 1 or more" in self.refused(tmp_path, f"{FILE}:limit=0", out)
         for parameter in ("pixels=64", "size=3", "rows=1"):
-            told = self.refused(tmp_path, f"{FILE}:{parameter}", out, error=SceneError)
-            assert "has no parameter" in told
+            message = self.refused(tmp_path, f"{FILE}:{parameter}", out, error=SceneError)
+            assert "has no parameter" in message
         (tmp_path / "point.wkt").write_text("POINT (1 2)")
         message = self.refused(tmp_path, tmp_path / "point.wkt", out, error=InputError)
         assert "is a Point" in message
@@ -253,7 +253,7 @@ class TestErrors:
         assert "delaunay" in message
         self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal:prettiness")
 
-    def test_an_old_file_stays_when_the_new_one_fails(self, tmp_path, monkeypatch):
+    def test_an_existing_file_is_unchanged_after_an_error(self, tmp_path, monkeypatch):
         out = tmp_path / "a.obj"
         export_file("paper", out)
         before = out.read_bytes()
@@ -279,12 +279,12 @@ def test_glb_keeps_areas_wherever_the_polygons_lie(tmp_path, offset, size, seed)
     polygon = shapely.transform(star, lambda xy: xy * size + offset)
     (tmp_path / "a.wkt").write_text(shapely.to_wkt(polygon, rounding_precision=-1))
     export_file(tmp_path / "a.wkt", tmp_path / "a.glb", "ear-clipping")
-    # what the polygon's own coordinates cannot tell, no file can
+    # a file cannot be more exact than the polygon's coordinates
     lost = 10 * np.spacing(offset) / size
     assert read_model(tmp_path / "a.glb").area == pytest.approx(polygon.area, rel=1e-6 + lost)
 
 
-def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
+def test_proofs_are_written_and_valid(houses, tmp_path):
     proofs = tmp_path / "proofs.jsonl"
     report = export_file(houses, tmp_path / "houses.glb", certify=proofs)
     lines = proofs.read_text().splitlines()
@@ -300,7 +300,7 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
     assert proofs in report.files
 
 
-def test_what_is_left_out_is_named(harness, tmp_path):
+def test_skipped_polygons_are_named(harness, tmp_path):
     points = [{"type": "Point", "coordinates": [number, 0]} for number in range(5)]
     file = tmp_path / "mixed.geojson"
     file.write_text(make_geojson([shapely.box(0, 0, 4, 4), *points]))

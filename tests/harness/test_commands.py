@@ -14,7 +14,7 @@ from harness.commands.options import named_rasterisers
 from harness.commands.outcome import folder_for
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
-from harness.triangulating.database import ModelDatabase, Timed
+from harness.triangulating.database import ModelDatabase, TimedTriangles
 from harness.triangulating.isolated import triangulate_many
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.harness.test_cli import MOCK
@@ -44,7 +44,7 @@ def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
         (["city:buildings=3", "-o", "/proc/none/x.glb"], ["/proc/none"]),
         (
             ["city:buildings=3", "-o", "x.glb", "--triangulator=worst:shape", "--criterion=shape"],
-            ["worst:shape", "leave out criterion 'shape'"],
+            ["worst:shape", "criterion 'shape' are mutually exclusive"],
         ),
     ],
 )
@@ -72,7 +72,7 @@ def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, ar
 def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache.sqlite"))
     with ModelDatabase() as database:
-        database.keep("delaunay", b"key", Timed(np.zeros((1, 3), np.int32), 1.0))
+        database.store("delaunay", b"key", TimedTriangles(np.zeros((1, 3), np.int32), 1.0))
     out, _ = require_ok(harness("cache", "info"))
     assert "cache.sqlite" in out
     assert "delaunay" in out

@@ -273,7 +273,7 @@ def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
     plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
     records = lines_of(measure(plan, tmp_path / "out"))
     assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
-    with pytest.raises(UsageError, match="a seed is written random#7"):
+    with pytest.raises(UsageError, match="write a seed as random#7"):
         measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
 
 

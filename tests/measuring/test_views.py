@@ -161,7 +161,7 @@ def test_options_that_views_have_not_are_told_in_a_line(model, harness):
         ("pixel=64", "no parameter 'pixel'; did you mean pixels?"),
         ("dept=file", "no parameter 'dept'; did you mean depth?"),
         ("views=x", "parameter views='x' is not int"),
-        ("views=0", "views=0 is outside 1..24"),
+        ("views=0", "views=0: out of range (1 to 24)"),
         ("views=4,limit=3", "has no parameter 'limit'"),
     ):
         assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)

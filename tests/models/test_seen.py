@@ -146,7 +146,7 @@ def test_a_mirror_image_shows_its_own_front(tmp_path):
     # (x, y, -z) of a sheet at z = 0 is the sheet itself with the opposite front
     counts = [np.diff(viewing.piece_offsets) for viewing in (plain, mirrored)]
     assert (counts[0] + counts[1] == 1).all()
-    assert 0 < plain.first[-1] < 24
+    assert 0 < plain.piece_offsets[-1] < 24
 
 
 def test_instances_are_separate_pieces_of_one_face(tmp_path):

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from harness.errors import StorageError
 from harness.machine.system import database_path
 from harness.triangulating import database as model
-from harness.triangulating.database import ModelDatabase, Timed
+from harness.triangulating.database import ModelDatabase, TimedTriangles
 from triangulators.compute.compiled_files import is_trusted
 
-SOME = Timed(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
+EXAMPLE = TimedTriangles(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
 
 
 @pytest.fixture
@@ -23,20 +23,20 @@ def path(tmp_path) -> Path:
     return tmp_path / "folder" / "model.sqlite"
 
 
-def key(number: int) -> bytes:
-    return model.key("delaunay", {}, np.array([[number, 0.0], [1, 0], [0, 1]]), [0, 3])
+def make_key(number: int) -> bytes:
+    return model.make_key("delaunay", {}, np.array([[number, 0.0], [1, 0], [0, 1]]), [0, 3])
 
 
-def test_what_was_put_is_there_for_the_next(path):
+def test_stored_entries_are_found_later(path):
     with ModelDatabase(path) as database:
-        assert database.find([key(1)]) == {}
-        database.keep("delaunay", key(1), SOME)
-        database.keep("delaunay", key(2), Timed(SOME.triangles[:1], 0.5))
+        assert database.find([make_key(1)]) == {}
+        database.store("delaunay", make_key(1), EXAMPLE)
+        database.store("delaunay", make_key(2), TimedTriangles(EXAMPLE.triangles[:1], 0.5))
     with ModelDatabase(path) as database:
-        found = database.find([key(k) for k in range(1200)])
-        assert {k: (v.triangles.tolist(), v.seconds) for k, v in found.items()} == {
-            key(1): (SOME.triangles.tolist(), 0.25),
-            key(2): (SOME.triangles[:1].tolist(), 0.5),
+        entries = database.find([make_key(k) for k in range(1200)])
+        assert {k: (v.triangles.tolist(), v.seconds) for k, v in entries.items()} == {
+            make_key(1): (EXAMPLE.triangles.tolist(), 0.25),
+            make_key(2): (EXAMPLE.triangles[:1].tolist(), 0.5),
         }
         assert database.info() == {"delaunay": (2, 16 + 24 + 16 + 12)}
         assert database.clear() == 2
@@ -45,7 +45,7 @@ def test_what_was_put_is_there_for_the_next(path):
 
 @pytest.mark.parametrize("mode", [0o602, 0o666])
 @pytest.mark.parametrize("suffix", ["", ".lock", "folder"])
-def test_a_database_that_others_may_write_is_refused(path, mode, suffix):
+def test_a_database_that_other_users_may_write_is_refused(path, mode, suffix):
     ModelDatabase(path).close()
     file = path.parent if suffix == "folder" else path.with_name(path.name + suffix)
     file.chmod(mode | 0o100 * file.is_dir())
@@ -67,14 +67,14 @@ def test_a_database_that_others_may_write_is_refused(path, mode, suffix):
         (0o041777, 54321, 0, False),
     ],
 )
-def test_who_may_write_what_is_trusted(monkeypatch, mode, user, group, trusted):
+def test_trust_depends_on_owner_and_mode(monkeypatch, mode, user, group, trusted):
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     info = os.stat_result((mode, 0, 0, 1, user, group, 0, 0, 0, 0))
     assert is_trusted(info) == trusted
 
 
 @pytest.mark.parametrize("kind", ["text", "other tables", "same table", "other application"])
-def test_a_foreign_file_is_refused_and_stays_as_it_is(path, kind):
+def test_a_foreign_file_is_refused_and_unchanged(path, kind):
     path.parent.mkdir()
     if kind == "text":
         path.write_text("# notes, not a database\n" * 9)
@@ -95,7 +95,7 @@ def test_a_foreign_file_is_refused_and_stays_as_it_is(path, kind):
 
 
 @pytest.mark.parametrize("suffix", ["", "-wal", ".lock"])
-def test_no_link_is_followed(path, tmp_path, suffix):
+def test_symbolic_links_are_refused(path, tmp_path, suffix):
     path.parent.mkdir()
     target = tmp_path / "target"
     target.write_text("somebody's")
@@ -115,15 +115,15 @@ def test_a_foreign_lock_is_refused(path):
 
 
 def test_a_database_of_an_earlier_version_is_taken_over(path):
-    """It has no application_id."""
+    """Such a database has no application_id."""
     with ModelDatabase(path) as database:
-        database.keep("delaunay", key(1), SOME)
+        database.store("delaunay", make_key(1), EXAMPLE)
     with sqlite3.connect(path) as database:
         database.execute("PRAGMA application_id=0")
     database.close()
     path.with_name(path.name + ".lock").write_bytes(b"")
     with ModelDatabase(path) as database:
-        assert [*database.find([key(1)])] == [key(1)]
+        assert [*database.find([make_key(1)])] == [make_key(1)]
     assert int.from_bytes(path.read_bytes()[68:72], "big") == model.APPLICATION_ID
 
 
@@ -132,75 +132,88 @@ def test_a_database_of_an_earlier_version_is_taken_over(path):
     st.integers(0, 5),
     st.sampled_from(["x", "seed"]),
 )
-def test_keys_differ_where_content_does(points, index, name):
+def test_keys_differ_if_content_does(points, index, name):
     vertices = np.array(points)
-    base = model.key("optimal:overdraw", {}, vertices, [0, len(vertices)])
+    base = model.make_key("optimal:overdraw", {}, vertices, [0, len(vertices)])
     moved = vertices.copy()
     moved[index % len(moved), 0] = np.nextafter(moved[index % len(moved), 0], np.inf)
-    others = [
-        model.key("optimal:half-perimeter", {}, vertices, [0, len(vertices)]),
-        model.key("optimal:overdraw", {name: 1}, vertices, [0, len(vertices)]),
-        model.key("optimal:overdraw", {}, moved, [0, len(vertices)]),
-        model.key("optimal:overdraw", {}, vertices, [0, 1, len(vertices)]),
+    other_keys = [
+        model.make_key("optimal:half-perimeter", {}, vertices, [0, len(vertices)]),
+        model.make_key("optimal:overdraw", {name: 1}, vertices, [0, len(vertices)]),
+        model.make_key("optimal:overdraw", {}, moved, [0, len(vertices)]),
+        model.make_key("optimal:overdraw", {}, vertices, [0, 1, len(vertices)]),
     ]
-    assert base == model.key("optimal:overdraw", {}, vertices.copy(), [0, len(vertices)])
-    assert len({base, *others}) == 5
+    assert base == model.make_key("optimal:overdraw", {}, vertices.copy(), [0, len(vertices)])
+    assert len({base, *other_keys}) == 5
 
 
 class TestDamage:
     def put(self, path: Path) -> None:
         with ModelDatabase(path) as database:
             for k in range(500):
-                database.keep("delaunay", key(k), SOME)
+                database.store("delaunay", make_key(k), EXAMPLE)
 
-    @pytest.mark.parametrize("how", ["rubbish", "cut", "holes", "other schema", "no table"])
-    def test_a_damaged_file_is_begun_anew(self, path, how):
+    @pytest.mark.parametrize("damage", ["rubbish", "cut", "holes", "other schema", "no table"])
+    def test_a_damaged_file_is_replaced(self, path, damage):
         self.put(path)
         data = bytearray(path.read_bytes())
-        if how == "rubbish":
+        if damage == "rubbish":
             path.write_bytes(b"this is no database" * 50)
-        elif how == "cut":
+        elif damage == "cut":
             path.write_bytes(data[: len(data) // 2])
-        elif how == "holes":
+        elif damage == "holes":
             data[4096:] = bytes(len(data) - 4096)
             path.write_bytes(data)
         else:
             with sqlite3.connect(path) as database:
-                change = "PRAGMA user_version=99" if how == "other schema" else "DROP TABLE model"
+                change = (
+                    "PRAGMA user_version=99" if damage == "other schema" else "DROP TABLE model"
+                )
                 database.execute(change)
             database.close()
-        said: list[str] = []
-        with ModelDatabase(path, said.append) as database:
-            database.find([key(k) for k in range(500)])
-            database.keep("delaunay", key(1), SOME)
-            assert database.find([key(1)])[key(1)].triangles.tolist() == SOME.triangles.tolist()
-        if how == "no table":  # which an empty file lacks too: it is made, nothing was damaged
+        warnings: list[str] = []
+        with ModelDatabase(path, warnings.append) as database:
+            database.find([make_key(k) for k in range(500)])
+            database.store("delaunay", make_key(1), EXAMPLE)
+            assert (
+                database.find([make_key(1)])[make_key(1)].triangles.tolist()
+                == EXAMPLE.triangles.tolist()
+            )
+        if damage == "no table":  # an empty file lacks the table, too: no damage
             return
-        assert len(said) == 1
-        assert "was damaged" in said[0]
+        assert len(warnings) == 1
+        assert ": damaged (" in warnings[0]
         names = {file.name.removeprefix(path.name) for file in path.parent.iterdir()}
         assert names <= {"", "-wal", "-shm", ".lock"}, "nothing is kept of it"
 
-    def test_a_damaged_entry_is_never_trusted(self, path):
+    def test_damaged_entries_are_ignored(self, path):
         self.put(path)
         with sqlite3.connect(path) as database:
-            (value,) = database.execute("SELECT value FROM model WHERE key=?", [key(7)]).fetchone()
+            (value,) = database.execute(
+                "SELECT value FROM model WHERE key=?", [make_key(7)]
+            ).fetchone()
             for number, wrong in (
                 (7, value[:-1] + b"\1"),
                 (8, value[:-12]),
                 (9, "text"),
                 (10, b""),
             ):
-                database.execute("UPDATE model SET value=? WHERE key=?", [wrong, key(number)])
-            # sound in itself, but of another polygon
-            database.execute("UPDATE model SET value=? WHERE key=?", [value, key(11)])
+                database.execute("UPDATE model SET value=? WHERE key=?", [wrong, make_key(number)])
+            # intact, but of another polygon
+            database.execute("UPDATE model SET value=? WHERE key=?", [value, make_key(11)])
         database.close()
-        said: list[str] = []
-        with ModelDatabase(path, said.append) as database:
-            found = database.find([key(k) for k in range(500)])
-        assert set(range(500)) - {k for k in range(500) if key(k) in found} == {7, 8, 9, 10, 11}
-        assert len(said) == 5
-        assert all("an entry is damaged and is computed again" in line for line in said)
+        warnings: list[str] = []
+        with ModelDatabase(path, warnings.append) as database:
+            entries = database.find([make_key(k) for k in range(500)])
+        assert set(range(500)) - {k for k in range(500) if make_key(k) in entries} == {
+            7,
+            8,
+            9,
+            10,
+            11,
+        }
+        assert len(warnings) == 5
+        assert all("damaged entry; computing it again" in line for line in warnings)
 
     def test_a_folder_that_cannot_be_written(self, tmp_path):
         (tmp_path / "file").write_text("x")
@@ -209,19 +222,21 @@ class TestDamage:
 
 
 def _work(path: Path, worker: int, damage: bool) -> int:
-    """Write and read in one process of several; one of them damages the file on the way."""
+    """Write and read in one of several processes; one process damages the file."""
     wrong = 0
-    keys = {key(k): k for k in range(60)}
+    keys = {make_key(k): k for k in range(60)}
     with ModelDatabase(path, lambda _: None) as database:
         for turn in range(40):
             number = (worker * 7 + turn) % 60
-            database.keep("delaunay", key(number), Timed(SOME.triangles + number, 0.5))
+            database.store(
+                "delaunay", make_key(number), TimedTriangles(EXAMPLE.triangles + number, 0.5)
+            )
             if damage and turn == 20:
                 with path.open("r+b") as stream:
                     stream.seek(0)
                     stream.write(b"\0" * 3000)
-            for each, found in database.find(list(keys)).items():
-                wrong += found.triangles.tolist() != (SOME.triangles + keys[each]).tolist()
+            for key, entry in database.find(list(keys)).items():
+                wrong += entry.triangles.tolist() != (EXAMPLE.triangles + keys[key]).tolist()
     return wrong
 
 
@@ -232,8 +247,11 @@ def test_several_processes_share_the_file(path, damage):
         jobs = [(path, worker, damage and worker == 2) for worker in range(3)]
         assert pool.starmap_async(_work, jobs).get(timeout=60) == [0, 0, 0]
     with ModelDatabase(path, lambda _: None) as database:
-        database.keep("delaunay", key(1), SOME)
-        assert database.find([key(1)])[key(1)].triangles.tolist() == SOME.triangles.tolist()
+        database.store("delaunay", make_key(1), EXAMPLE)
+        assert (
+            database.find([make_key(1)])[make_key(1)].triangles.tolist()
+            == EXAMPLE.triangles.tolist()
+        )
 
 
 def test_default_path(monkeypatch, tmp_path):

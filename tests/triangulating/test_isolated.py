@@ -1,4 +1,4 @@
-"""A user's triangulator runs in a process of its own, whichever command it is named to."""
+"""A user's triangulator runs in a separate process in every command."""
 
 import os
 
@@ -18,23 +18,25 @@ CRASHING = [2, 5]
 
 
 def squares() -> list[Polygon]:
-    return [box(10 * place, 0, 10 * place + size, size) for place, size in enumerate(SIZES)]
+    return [box(10 * index, 0, 10 * index + size, size) for index, size in enumerate(SIZES)]
 
 
 @pytest.mark.parametrize(
-    "given", [squares, lambda: PolygonArray.from_shapely(squares())], ids=["polygons", "arrays"]
+    "make_polygons",
+    [squares, lambda: PolygonArray.from_shapely(squares())],
+    ids=["polygons", "arrays"],
 )
-def test_a_crash_costs_its_own_polygon(given):
-    found = isolated.triangulate_many(given(), "tests.broken:crash_at_large")
+def test_only_crashing_polygons_fail(make_polygons):
+    result = isolated.triangulate_many(make_polygons(), "tests.broken:crash_at_large")
     right = triangulators.triangulate_many(squares(), "ear-clipping")
-    assert sorted(found.failed) == CRASHING
-    assert all("crashed: SIGSEGV" in reason for reason in found.failed.values())
-    for number, triangles in enumerate(found):
-        wanted = [] if number in CRASHING else np.sort(right[number]).tolist()
-        assert np.sort(triangles).tolist() == wanted
+    assert sorted(result.failed) == CRASHING
+    assert all("crashed: SIGSEGV" in reason for reason in result.failed.values())
+    for number, triangles in enumerate(result):
+        expected = [] if number in CRASHING else np.sort(right[number]).tolist()
+        assert np.sort(triangles).tolist() == expected
 
 
-def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
+def test_after_many_crashes_a_part_fails_as_a_unit(monkeypatch):
     monkeypatch.setattr(isolated, "MAX_CRASHES", 1)
     tried = []
     worker = shared_worker("triangulator tests.broken:crash_at_large")
@@ -47,16 +49,16 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
 
     monkeypatch.setattr(worker, "call", counted)
     large = [box(0, 0, 20, 20)] * 8
-    found = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:crash_at_large")
-    assert sorted(found.failed) == list(range(9))
+    result = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:crash_at_large")
+    assert sorted(result.failed) == list(range(9))
     assert tried == [9, 4, 2, 1, 1, 2, 5]
-    assert "after 1 crashes, polygons near another fail with it" in found.failed[8]
-    assert "near another" not in found.failed[0]
+    assert "after 1 crashes, a crashing polygon's neighbours fail as well" in result.failed[8]
+    assert "neighbours" not in result.failed[0]
 
 
-def test_a_batch_of_nothing():
-    found = isolated.triangulate_many([], "tests.broken:triangulate_clockwise")
-    assert (len(found), found.triangles.shape, found.failed) == (0, (0, 3), {})
+def test_an_empty_batch():
+    result = isolated.triangulate_many([], "tests.broken:triangulate_clockwise")
+    assert (len(result), result.triangles.shape, result.failed) == (0, (0, 3), {})
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,7 @@ def test_a_batch_of_nothing():
         ("cut = 3", UsageError, "not a function"),
     ],
 )
-def test_what_cannot_be_imported(tmp_path, monkeypatch, statement, error, reason):
+def test_import_errors_are_reported(tmp_path, monkeypatch, statement, error, reason):
     name = f"importing_{len(statement)}"
     (tmp_path / f"{name}.py").write_text(f"import os\n{statement}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -75,47 +77,49 @@ def test_what_cannot_be_imported(tmp_path, monkeypatch, statement, error, reason
         isolated.triangulate_many(squares(), f"{name}:cut")
 
 
-def test_a_module_that_is_not_there():
-    with pytest.raises(UsageError, match="no module 'mien'; a module lies in the folder you are"):
+def test_a_missing_module_is_refused():
+    with pytest.raises(
+        UsageError, match="no module 'mien'; the module must be in the current folder"
+    ):
         isolated.triangulate_many(squares(), "mien:cut")
 
 
-def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness, tmp_path):
+def test_triangulate_names_crashing_polygons_and_writes_the_others(harness, tmp_path):
     write_geojson(tmp_path / "squares.geojson", squares())
-    made = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:crash_at_large")
-    code, out, err = harness(*made, "-o", "out.geojson")
+    command = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:crash_at_large")
+    code, out, err = harness(*command, "-o", "out.geojson")
     assert code == 5, err
     assert "5 polygons" in out
     assert err.count("crashed: SIGSEGV") == 1  # counted by reason
     assert "failed 2" in err
 
 
-@pytest.mark.parametrize("within", [False, True], ids=["isolated", "in a worker"])
-def test_what_is_no_triangulation_is_failed(within, monkeypatch):
-    if within:
+@pytest.mark.parametrize("in_worker", [False, True], ids=["isolated", "in a worker"])
+def test_invalid_triangulations_fail(in_worker, monkeypatch):
+    if in_worker:
         monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
         monkeypatch.setattr("harness.workers.worker.shared_worker", None)  # not called
     shapes = [box(0, 0, 2, 1), l_shape()]
-    found = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
-    assert list(found.failed) == [1]
-    assert "gap or overlap" in found.failed[1]
-    assert [len(piece) for piece in found] == [2, 0]
+    result = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
+    assert list(result.failed) == [1]
+    assert "gap or overlap" in result.failed[1]
+    assert [len(piece) for piece in result] == [2, 0]
 
 
-def test_what_a_built_in_triangulator_gives_is_verified(monkeypatch):
+def test_built_in_triangulations_are_verified(monkeypatch):
     square, real = box(0, 0, 2, 1), triangulators.triangulate_many
     assert isolated.triangulate_many([square, l_shape()], "ear-clipping").failed == {}
 
-    def overlapping(*given, **more):
-        done = real(*given, **more)
-        done.triangles[2:4] = done.triangles[2]  # the first two of the second polygon
-        return done
+    def overlapping(*arguments, **options):
+        result = real(*arguments, **options)
+        result.triangles[2:4] = result.triangles[2]  # the first two of the second polygon
+        return result
 
     monkeypatch.setattr(isolated.triangulators, "triangulate_many", overlapping)
-    done = isolated.triangulate_many([square, l_shape(), square], "ear-clipping")
-    assert list(done.failed) == [1]
-    assert [len(piece) for piece in done] == [2, 0, 2]
-    assert len(done.compiled) == 3
+    result = isolated.triangulate_many([square, l_shape(), square], "ear-clipping")
+    assert list(result.failed) == [1]
+    assert [len(piece) for piece in result] == [2, 0, 2]
+    assert len(result.compiled) == 3
 
 
 def l_shape() -> Polygon:

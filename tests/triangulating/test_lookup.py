@@ -1,4 +1,4 @@
-"""A second run reads what the first computed, says so, and trusts nothing."""
+"""A second run reads the triangulations of the first, reports that, and verifies them."""
 
 import re
 from pathlib import Path
@@ -8,9 +8,9 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
-from harness.triangulating import database as store
+from harness.triangulating import database as database_module
 from harness.triangulating import triangulate
-from harness.triangulating.database import KEEP_S, Lookup, ModelDatabase
+from harness.triangulating.database import MIN_CACHED_S, CacheLookup, ModelDatabase
 from harness.triangulating.recipes import Recipe, parse
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
@@ -25,8 +25,10 @@ from triangulators import PolygonArray, vertices
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
-def cut(name, polygons, seed=0, calibration=None, database=None) -> FrameTriangulation:
-    """Triangulate with a triangulator given by name."""
+def triangulate_named(
+    name, polygons, seed=0, calibration=None, database=None
+) -> FrameTriangulation:
+    """Triangulate with a triangulator by name."""
     recipe = parse(name, seed=seed, calibration=calibration)
     return triangulate_polygons(recipe, polygons, database)
 
@@ -41,13 +43,13 @@ def database(tmp_path) -> Path:
 
 
 @pytest.fixture
-def all_kept(monkeypatch):
-    monkeypatch.setattr(store, "KEEP_S", 0.0)
+def cache_everything(monkeypatch):
+    monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
 
 
 @pytest.fixture
 def computed(monkeypatch) -> list[str]:
-    """Names of the triangulators that were called, one a polygon; warming up is not counted."""
+    """Names of called triangulators, one per polygon, without warm-up."""
     calls: list[str] = []
     single = Recipe.triangulate_with_gap
 
@@ -61,37 +63,37 @@ def computed(monkeypatch) -> list[str]:
     return calls
 
 
-@pytest.mark.usefixtures("all_kept")
+@pytest.mark.usefixtures("cache_everything")
 @pytest.mark.parametrize("name", NAMES)
-def test_the_second_time_is_the_first_read_back(database, computed, name):
-    first = cut(name, POLYGONS, 0, None, database)
+def test_a_second_run_reads_the_first_ones_triangulations(database, computed, name):
+    first = triangulate_named(name, POLYGONS, 0, None, database)
     assert len(computed) == len(POLYGONS)
     computed.clear()
-    second = cut(name, POLYGONS, 0, None, database)
+    second = triangulate_named(name, POLYGONS, 0, None, database)
     done = sum(part is not None for part in first.parts)
     assert (first.cached, second.cached) == (0, done)
-    # what was skipped or failed is asked again, and says so again
+    # skipped and failed polygons are computed again, with the same reasons
     assert len(computed) == len(POLYGONS) - done
     assert (second.skipped, second.failed) == (first.skipped, first.failed)
     for one, other in zip(first.parts, second.parts, strict=True):
         assert (one is None) == (other is None)
         assert one is None or (one == other).all()
     assert second.t_junctions == first.t_junctions
-    # the time is that of the computing, not of the reading
+    # the stored time is the time of computing, not of reading
     if done == len(POLYGONS):
         assert second.seconds == pytest.approx(first.seconds, rel=1e-9)
 
 
-@pytest.mark.usefixtures("all_kept")
+@pytest.mark.usefixtures("cache_everything")
 @pytest.mark.parametrize("base", ["pareto", "listed", "random"])
-def test_each_number_is_kept_by_itself(database, base):
-    """A number decides the triangulation: one must not be read for another."""
+def test_each_number_has_separate_entries(database, base):
+    """The number decides the triangulation, so entries of other numbers must not be read."""
     polygons = make_frame(load("paper").polygons, View(512)).polygons
     names = [f"{base}#{k}" for k in range(3)]
-    computed = [cut(name, polygons, 0, None, None) for name in names]
+    computed = [triangulate_named(name, polygons, 0, None, None) for name in names]
     for _ in range(2):
         for name, expected in zip(names, computed, strict=True):
-            (part,) = cut(name, polygons, 0, None, database).parts
+            (part,) = triangulate_named(name, polygons, 0, None, database).parts
             (other,) = expected.parts
             assert (part is None) == (other is None)
             assert part is None or np.array_equal(part, other)
@@ -99,15 +101,15 @@ def test_each_number_is_kept_by_itself(database, base):
 
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
-    """A clock that only `spend` moves, in place of the one that triangulators are timed by."""
-    found = Clock()
-    monkeypatch.setattr(triangulate, "cpu_clock", found)
-    return found
+    """A clock that only `spend` advances, in place of the triangulators' clock."""
+    fake_clock = Clock()
+    monkeypatch.setattr(triangulate, "cpu_clock", fake_clock)
+    return fake_clock
 
 
-@pytest.mark.parametrize(("seconds", "kept"), [(0.9 * KEEP_S, 0), (1.1 * KEEP_S, 4)])
-def test_what_is_computed_as_quickly_as_read_is_not_kept(
-    database, monkeypatch, clock, seconds, kept
+@pytest.mark.parametrize(("seconds", "count"), [(0.9 * MIN_CACHED_S, 0), (1.1 * MIN_CACHED_S, 4)])
+def test_quickly_computed_triangulations_are_not_stored(
+    database, monkeypatch, clock, seconds, count
 ):
     small = make_frame(load("city:buildings=4").polygons, View(512)).polygons
     single = Recipe.triangulate_with_gap
@@ -118,14 +120,14 @@ def test_what_is_computed_as_quickly_as_read_is_not_kept(
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
-    cut("ear-clipping", small, 0, None, database)
+    triangulate_named("ear-clipping", small, 0, None, database)
     with ModelDatabase(database) as model:
-        assert model.info().get("ear-clipping", (0,))[0] == kept
+        assert model.info().get("ear-clipping", (0,))[0] == count
 
 
-@pytest.mark.usefixtures("all_kept")
-def test_nothing_is_read_for_another_question(database, computed):
-    some = POLYGONS[:2]
+@pytest.mark.usefixtures("cache_everything")
+def test_other_parameters_have_other_entries(database, computed):
+    two_polygons = POLYGONS[:2]
     weights = {"draw": 1.0, "triangles": 1.0, "area": 0.5, "half_perimeter": 2.0}
     asked = [
         ("random", 1, None),
@@ -136,73 +138,76 @@ def test_nothing_is_read_for_another_question(database, computed):
         ("optimal:calibrated", 0, {**weights, "half_perimeter": 3.0}),
     ]
     for name, seed, calibration in asked:
-        assert cut(name, some, seed, calibration, database).cached == 0
+        assert triangulate_named(name, two_polygons, seed, calibration, database).cached == 0
     computed.clear()
     for name, seed, calibration in asked:
-        assert cut(name, some, seed, calibration, database).cached == 2
-    # neither depends on the run's seed, and a draw's own cost is no criterion's term
-    assert cut("random#2", some, 7, None, database).cached == 2
-    assert cut("optimal:overdraw", some, 7, None, database).cached == 2
+        assert triangulate_named(name, two_polygons, seed, calibration, database).cached == 2
+    # neither depends on the run's seed, and the cost of a draw is not part of a criterion
+    assert triangulate_named("random#2", two_polygons, 7, None, database).cached == 2
+    assert triangulate_named("optimal:overdraw", two_polygons, 7, None, database).cached == 2
     changed = {**weights, "draw": 9.0}
-    assert cut("optimal:calibrated", some, 0, changed, database).cached == 2
+    assert triangulate_named("optimal:calibrated", two_polygons, 0, changed, database).cached == 2
     assert computed == []
 
 
-@pytest.mark.usefixtures("all_kept")
-@pytest.mark.parametrize("what", ["triangulators_version", "processor"])
-def test_another_version_or_machine_computes_again(database, monkeypatch, what):
-    cut("delaunay", POLYGONS[:2], 0, None, database)
+@pytest.mark.usefixtures("cache_everything")
+@pytest.mark.parametrize("name", ["triangulators_version", "processor"])
+def test_another_version_or_machine_computes_again(database, monkeypatch, name):
+    triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
     answers = {"triangulators_version": "another", "processor": {"name": "another"}}
-    monkeypatch.setattr(store, what, lambda: answers[what])
-    assert cut("delaunay", POLYGONS[:2], 0, None, database).cached == 0
+    monkeypatch.setattr(database_module, name, lambda: answers[name])
+    assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).cached == 0
 
 
-@pytest.mark.usefixtures("all_kept")
-def test_a_third_partys_triangulator_is_never_kept(database):
-    result = cut("tests.broken:triangulate_clockwise", POLYGONS[:2], 0, None, database)
+@pytest.mark.usefixtures("cache_everything")
+def test_third_party_triangulations_are_not_stored(database):
+    result = triangulate_named(
+        "tests.broken:triangulate_clockwise", POLYGONS[:2], 0, None, database
+    )
     assert result.failed == []
     assert not database.exists()
 
 
-@pytest.mark.usefixtures("all_kept")
-def test_what_is_read_is_verified_and_computed_again_if_wrong(database):
+@pytest.mark.usefixtures("cache_everything")
+def test_invalid_entries_are_computed_again(database):
     polygon = POLYGONS[0]
-    good = cut("delaunay", [polygon], 0, None, database)
-    with Lookup(database, "delaunay", {}) as model:
+    good = triangulate_named("delaunay", [polygon], 0, None, database)
+    with CacheLookup(database, "delaunay", {}) as model:
         model.find(PolygonArray.from_shapely([polygon]))
         assert good.parts[0] is not None
-        # sound in the file's eyes, but no triangulation of the polygon
-        model.keep(0, good.parts[0][1:], 1.0)
-    result = cut("delaunay", [polygon], 0, None, database)
+        # an intact entry, but not a triangulation of the polygon
+        model.store(0, good.parts[0][1:], 1.0)
+    result = triangulate_named("delaunay", [polygon], 0, None, database)
     assert (result.cached, result.failed) == (0, [])
     assert result.parts[0] is not None
     assert (result.parts[0] == good.parts[0]).all()
-    assert cut("delaunay", [polygon], 0, None, database).cached == 1
+    assert triangulate_named("delaunay", [polygon], 0, None, database).cached == 1
 
 
-@pytest.mark.usefixtures("all_kept")
-def test_what_was_computed_is_written_at_once(database):
-    with Lookup(database, "delaunay", {}) as model:
+@pytest.mark.usefixtures("cache_everything")
+def test_entries_are_written_at_once(database):
+    with CacheLookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
-        model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
+        model.store(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
         with ModelDatabase(database) as other:  # as after a kill
             assert other.info()["delaunay"][0] == 1
 
 
-@pytest.mark.usefixtures("all_kept")
-def test_a_run_says_how_much_it_read(block, database, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("cache_everything")
+def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, monkeypatch):
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     plan = plan_for(block)
-    how = RunOptions(database=database)
+    options = RunOptions(database=database)
     runs = [
-        lines_of(run(plan, tmp_path / str(n), quiet(), how, open_worker=inline)) for n in range(2)
+        lines_of(run(plan, tmp_path / str(n), quiet(), options, open_worker=inline))
+        for n in range(2)
     ]
     assert [record["polygons_cached"] for record in runs[0]] == [0] * len(runs[0])
     assert [record["polygons_cached"] for record in runs[1]] == [3] * len(runs[1])
     for first, second in zip(*runs, strict=True):
-        for each in (first, second):
-            rounds = each.get("triangulate_samples_s") or [first["triangulate_s"]]
-            assert each["triangulate_s"] == pytest.approx(np.median(rounds), rel=1e-5)
+        for record in (first, second):
+            rounds = record.get("triangulate_samples_s") or [first["triangulate_s"]]
+            assert record["triangulate_s"] == pytest.approx(np.median(rounds), rel=1e-5)
         for name in ("key", "triangles", "predicted", "counters", "conforming", "coverage_error"):
             assert first[name] == second[name]
     plain = lines_of(run(plan, tmp_path / "plain", quiet(), open_worker=inline))
@@ -211,9 +216,9 @@ def test_a_run_says_how_much_it_read(block, database, tmp_path, monkeypatch):
 
 @pytest.fixture
 def own_database(monkeypatch, tmp_path) -> Path:
-    place = tmp_path / "own" / "model.sqlite"
-    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(place))
-    return place
+    path = tmp_path / "own" / "model.sqlite"
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(path))
+    return path
 
 
 SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
@@ -226,7 +231,7 @@ def cached_of(folder: str) -> int:
     return record["polygons_cached"]
 
 
-def test_the_command_line_reads_unless_told_not_to(harness, own_database):
+def test_no_cache_bypasses_the_database(harness, own_database):
     arguments = (*SPIRAL, "--triangulators", "greedy")
     assert harness(*arguments, "--out", "none", "--no-cache")[0] == 0
     assert not own_database.exists()
@@ -237,22 +242,22 @@ def test_the_command_line_reads_unless_told_not_to(harness, own_database):
     assert cached_of("without") == 0
 
 
-def test_damage_is_said_and_the_run_goes_on(harness, own_database):
+def test_damage_is_reported_and_the_run_continues(harness, own_database):
     ModelDatabase(own_database).close()
     own_database.write_bytes(b"this is no database" * 50)
     _, err = require_ok(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
-    assert len(re.findall("was damaged", err)) == 1
+    assert len(re.findall(r": damaged \(", err)) == 1
 
 
-def test_a_folder_that_cannot_be_written_is_said_once(harness, monkeypatch, tmp_path):
+def test_an_unwritable_folder_is_reported_once(harness, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("x")
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "file" / "model.sqlite"))
     _, err = require_ok(harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run"))
-    assert len(re.findall("cannot be opened.*this run does without", err)) == 1
+    assert len(re.findall("cannot be opened.*continuing without the cache", err)) == 1
 
 
-def test_times_are_those_of_the_triangulator_alone(monkeypatch, clock):
-    """Loading compiled code counts for no polygon, whatever path a polygon takes."""
+def test_times_exclude_loading(monkeypatch, clock):
+    """The time of loading compiled code does not count, for any kind of polygon."""
     calls: list[int] = []
 
     def slow_at_first(_recipe, polygon):
@@ -266,11 +271,11 @@ def test_times_are_those_of_the_triangulator_alone(monkeypatch, clock):
     monkeypatch.setattr(triangulate, "_warm", set())
     monkeypatch.setattr(Recipe, "triangulate", slow_at_first)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", slow_at_first)
-    found = cut("delaunay", POLYGONS, 0)
-    assert found.seconds == pytest.approx(1e-3 * len(POLYGONS))
+    result = triangulate_named("delaunay", POLYGONS, 0)
+    assert result.seconds == pytest.approx(1e-3 * len(POLYGONS))
 
 
-def test_what_a_batch_does_at_once_is_timed_as_one(monkeypatch, clock):
+def test_a_batch_is_timed_as_a_unit(monkeypatch, clock):
     small = make_frame(load("city:buildings=9").polygons, View(512)).polygons
     attempt = Recipe.attempt
 
@@ -282,13 +287,13 @@ def test_what_a_batch_does_at_once_is_timed_as_one(monkeypatch, clock):
         clock.spend(9.0)
         raise AssertionError
 
-    expected = cut("optimal:half-perimeter", small)
+    expected = triangulate_named("optimal:half-perimeter", small)
     triangulate.warm_up(parse("optimal:half-perimeter"))
     monkeypatch.setattr(Recipe, "attempt", timed)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", spent)
-    found = cut("optimal:half-perimeter", small)
-    assert found.seconds == 0.25
-    assert not found.failed
-    assert found.gaps == [0.0] * len(small)
-    for one, other in zip(found.parts, expected.parts, strict=True):
+    result = triangulate_named("optimal:half-perimeter", small)
+    assert result.seconds == 0.25
+    assert not result.failed
+    assert result.gaps == [0.0] * len(small)
+    for one, other in zip(result.parts, expected.parts, strict=True):
         assert np.array_equal(one, other)

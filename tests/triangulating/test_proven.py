@@ -1,4 +1,4 @@
-"""How many polygons an optimum is proven for, as they are computed and as they are read."""
+"""Numbers of proven optima, computed or read from the cache."""
 
 import math
 import pickle
@@ -12,7 +12,7 @@ from harness.frame import View, make_frame
 from harness.measuring import records
 from harness.measuring.pool import MAX_ROUNDS, MIN_ROUNDS, MeasuringPool
 from harness.settings import DEFAULT_TRIANGULATORS
-from harness.triangulating import database as store
+from harness.triangulating import database as database_module
 from harness.triangulating import triangulate
 from harness.triangulating.recipes import Recipe, parse, parse_all
 from harness.triangulating.result import FrameTriangulation
@@ -40,50 +40,50 @@ def polygons() -> list[Polygon]:
 
 
 @pytest.fixture
-def apart(monkeypatch):
-    """Let no skeleton connect the rings, and let the linear program not be asked."""
+def no_proof(monkeypatch):
+    """Prevent connected skeletons and the linear program."""
     monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     monkeypatch.setattr(optimal, "MAX_PROGRAM_VERTICES", 0)
 
 
-def cut(name: str, polygons: list[Polygon], database=None) -> FrameTriangulation:
+def triangulate_named(name: str, polygons: list[Polygon], database=None) -> FrameTriangulation:
     return triangulate_polygons(parse(name), polygons, database)
 
 
-def test_an_optimum_is_proven_and_others_say_nothing(polygons):
-    assert cut("optimal:half-perimeter", polygons).gaps == [0.0, 0.0, 0.0]
+def test_only_optima_have_gaps(polygons):
+    assert triangulate_named("optimal:half-perimeter", polygons).gaps == [0.0, 0.0, 0.0]
     for name in ("delaunay", "refined", "worst:half-perimeter"):
-        assert cut(name, polygons).gaps == []
+        assert triangulate_named(name, polygons).gaps == []
 
 
-def test_what_a_search_found_is_not_called_proven(polygons, apart):
-    gaps = cut("optimal:half-perimeter", polygons).gaps
+def test_search_results_are_not_proven(polygons, no_proof):
+    gaps = triangulate_named("optimal:half-perimeter", polygons).gaps
     assert [gaps[0], gaps[2]] == [0.0, 0.0]
     assert gaps[1] > 0.0
 
 
-def test_what_is_read_is_as_proven_as_what_was_computed(polygons, tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "KEEP_S", 0.0)
+def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
+    monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
-    first = cut("optimal:half-perimeter", polygons, database)
-    again = cut("optimal:half-perimeter", polygons, database)
-    assert (first.cached, again.cached) == (0, 3)
-    assert again.gaps == first.gaps == [0.0, 0.0, 0.0]
+    first = triangulate_named("optimal:half-perimeter", polygons, database)
+    second = triangulate_named("optimal:half-perimeter", polygons, database)
+    assert (first.cached, second.cached) == (0, 3)
+    assert second.gaps == first.gaps == [0.0, 0.0, 0.0]
 
 
-def test_what_is_not_proven_is_computed_again(polygons, tmp_path, monkeypatch, apart):
-    monkeypatch.setattr(store, "KEEP_S", 0.0)
+def test_unproven_results_are_computed_again(polygons, tmp_path, monkeypatch, no_proof):
+    monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
-    cut("optimal:half-perimeter", polygons, database)
-    again = cut("optimal:half-perimeter", polygons, database)
-    assert again.cached == 2
-    assert again.gaps[1] > 0.0
+    triangulate_named("optimal:half-perimeter", polygons, database)
+    second = triangulate_named("optimal:half-perimeter", polygons, database)
+    assert second.cached == 2
+    assert second.gaps[1] > 0.0
 
 
 @pytest.mark.parametrize(
-    ("gaps", "told"),
+    ("gaps", "expected"),
     [
         ([], (None, None)),
         ([0.0, 0.0], (2, 0.0)),
@@ -91,8 +91,8 @@ def test_what_is_not_proven_is_computed_again(polygons, tmp_path, monkeypatch, a
         ([0.0, math.inf], (1, None)),
     ],
 )
-def test_a_record_says_how_many_are_proven(gaps, told):
-    assert records.summarise_gaps(gaps) == told
+def test_records_have_the_number_of_proven_optima(gaps, expected):
+    assert records.summarise_gaps(gaps) == expected
 
 
 POLYGONS = [box(k, 0, k + 1, 1) for k in range(3)]
@@ -101,17 +101,17 @@ RECIPES = [parse("ear-clipping"), parse("fan")]
 
 @pytest.fixture
 def calls(monkeypatch):
-    """The names of triangulators in the order in which they were timed, and no others' time."""
-    found = []
+    """Names of triangulators in the order of timing, without the time of others."""
+    names = []
 
     def batch(recipe, polygons, result):
-        found.append(str(recipe))
-        result.seconds += len(found)
+        names.append(str(recipe))
+        result.seconds += len(names)
         return dict.fromkeys(range(len(polygons)))
 
     monkeypatch.setattr(triangulate, "run_batch", batch)
     monkeypatch.setattr(triangulate, "warm_up", lambda *_: None)
-    return found
+    return names
 
 
 def test_each_round_has_every_triangulator_once_in_changing_order(calls):
@@ -121,12 +121,12 @@ def test_each_round_has_every_triangulator_once_in_changing_order(calls):
     assert len(set(pairs)) == 2
     by_round = np.array(samples)
     assert by_round.shape == (2, 12)
-    # a call's time stands with its triangulator and its round
+    # a call's time belongs to its triangulator and round
     assert sorted(by_round.ravel()) == list(range(1, 25))
     assert (np.abs(by_round[0] - by_round[1]) == 1).all()
 
 
-def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
+def test_polygons_outside_a_batch_are_timed_one_by_one(monkeypatch):
     seen, clock = [], Clock()
 
     def timed(_recipe, polygon):
@@ -145,23 +145,23 @@ def test_what_a_batch_leaves_is_timed_one_by_one(monkeypatch):
 @pytest.mark.parametrize(
     ("seconds", "rounds"), [(1e-6, MAX_ROUNDS), (0.04, 8), (0.4, MIN_ROUNDS), (0.6, 0)]
 )
-def test_a_budget_gives_the_rounds_and_leaves_out_what_is_too_slow(seconds, rounds):
+def test_the_budget_limits_rounds_and_skips_slow_triangulators(seconds, rounds):
     pool = MeasuringPool(lambda *_: InlineWorker(), 60.0, None)
-    once = dict.fromkeys(RECIPES, seconds)
-    found = pool.time_triangulating(once, POLYGONS, 1.0, 0)
+    seconds_by_recipe = dict.fromkeys(RECIPES, seconds)
+    times = pool.time_triangulating(seconds_by_recipe, POLYGONS, 1.0, 0)
     pool.close()
-    assert {recipe: len(samples) for recipe, samples in found.items()} == (
+    assert {recipe: len(samples) for recipe, samples in times.items()} == (
         dict.fromkeys(RECIPES, rounds) if rounds else {}
     )
 
 
-def test_polygons_of_a_view_are_converted_twice_however_many_triangulators(monkeypatch):
-    """From shapely for the frame, and to shapely for those that work one by one."""
+def test_polygons_of_a_view_are_converted_twice_for_any_number_of_triangulators(monkeypatch):
+    """From shapely for the frame, and to shapely for triangulators that work one by one."""
     conversions = []
     from_shapely, to_shapely = PolygonArray.from_shapely, shapely.from_ragged_array
 
     def count(name, convert):
-        return lambda *given: (conversions.append(name), convert(*given))[1]
+        return lambda *arguments: (conversions.append(name), convert(*arguments))[1]
 
     scene = load("city:buildings=20").polygons
     recipes = parse_all([*DEFAULT_TRIANGULATORS, "flips:l1", "random#1", "greedy"])
@@ -170,7 +170,7 @@ def test_polygons_of_a_view_are_converted_twice_however_many_triangulators(monke
     monkeypatch.setattr(shapely, "from_ragged_array", count("shapely", to_shapely))
     polygons = pickle.loads(pickle.dumps(make_frame(scene, View(256)))).polygons
     sent = pickle.dumps(polygons)
-    for recipe in recipes:  # as a worker gets them
+    for recipe in recipes:  # as in a worker
         result = triangulate_polygons(recipe, pickle.loads(sent))
         assert result.drawn.any()
     triangulate.time_in_rounds(recipes, pickle.loads(sent), 2, seed=0)
