@@ -59,8 +59,9 @@ class Viewing:
     @cached_property
     def rank_offsets(self) -> NDArray[np.int64]:
         """Offsets (p + 1,) of the pieces in `ranks`."""
-        triangles = [*self.polygon_triangles, (), *(rows for _, rows in self.invalid_faces)]
-        sizes = np.array([len(rows) for rows in triangles])[self.source]
+        polygon_sizes = [len(rows) for rows in self.polygon_triangles]
+        face_sizes = [len(rows) for _, rows in self.invalid_faces]
+        sizes = np.array([*polygon_sizes, 0, *face_sizes])[self.source]
         for piece, rows in self.other_triangles.items():
             sizes[piece] = len(rows)
         return offsets_of(sizes)

@@ -1,1 +1,1 @@
-"""Carries out a plan: processes, counts, times, records."""
+"""Execution of a plan: worker processes, counting, timing, records."""

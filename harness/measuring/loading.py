@@ -1,6 +1,6 @@
-"""Loads the scene, triangulators, rasterisers and devices of a run.
+"""Loading of a run's scene, triangulators, rasterisers and devices.
 
-Third-party code is loaded in a worker process.
+Worker processes load third-party code.
 """
 
 from collections.abc import Iterable
@@ -27,19 +27,19 @@ from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
-"""A backend and which of the plan's options it can draw with."""
+"""A backend with the plan's options that it supports."""
 
 MAX_POLYGONS_NAMED = 10
-"""Dropped polygons, and repaired polygons, that are named on the screen."""
+"""Maximum number of dropped or repaired polygons named on the screen."""
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
-    """Load a scene and print what was read, projected and skipped.
+    """Load a scene, and print notes about reading, projection and skipped polygons.
 
     Raises
     ------
     InputError
-        if it cannot be loaded, or its third-party code ends the process
+        if the scene cannot be loaded, or third-party code ends the process
     """
     if _is_foreign(name):
         allow_user_module(name)
@@ -53,18 +53,18 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
     if scene.notes:
         reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
-        for which, reason in notes[:MAX_POLYGONS_NAMED]:
-            reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
+        for polygon, reason in notes[:MAX_POLYGONS_NAMED]:
+            reporter.warn(f"{scene.name}: {verb} {polygon}: {reason}")
         if len(notes) > MAX_POLYGONS_NAMED:
             more = f"{scene.name}: {verb} {len(notes) - MAX_POLYGONS_NAMED:,} more"
-            reporter.warn(f"{more}; a run's run.json names them")
+            reporter.warn(f"{more}; see run.json of a run for all")
     return scene
 
 
 def _load(name: str, seed: int) -> Scene:
     try:
         if is_model_with_views(name):
-            from harness.models import seen  # it takes long to import
+            from harness.models import seen  # slow to import
 
             return seen.load(name)
         return load(name, seed=seed, attributes=False)
@@ -79,19 +79,19 @@ def _is_foreign(name: str) -> bool:
     try:
         base, _, is_file = registry.split_parameters(name)
     except SceneError:
-        return False  # wrong parameters of a file; `load` reports them
+        return False  # invalid parameters of a file; `load` reports these
     if is_file or base in registry.ENTRIES:
         return False
     return base in registry.names() or is_function(base)
 
 
 def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
-    """Load all third-party triangulators; return those that crash, and why.
+    """Load all third-party triangulators; return crashing triangulators with the reasons.
 
     Raises
     ------
     UsageError
-        if one cannot be imported: nothing is measured then
+        if a triangulator cannot be imported
     """
     broken = {}
     for recipe in recipes:
@@ -105,45 +105,46 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
 
 
 def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[Usable]:
-    """Pair each rasteriser with its options and with the plan's devices that it supports.
+    """Return backends: each rasteriser on the plan's devices that it supports, with its options.
 
-    A rasteriser that supports none of them, such as the CPU reference, runs on its best device. A
-    third-party rasteriser that crashes is skipped, with a warning.
+    A rasteriser that supports no requested device, such as the CPU reference, runs on its best
+    device. A third-party rasteriser that crashes is skipped, with a warning.
 
     Raises
     ------
     UsageError, NoRasteriserError
-        if a name is unknown, a requested device is missing, or no rasteriser is left
+        if a name is unknown, a requested device is missing, or no rasteriser remains
     """
     usable: list[Usable] = []
-    known: set[str] = set()
+    known_devices: set[str] = set()
     for name in plan.rasterisers:
         try:
-            options, devices, supported = _ask(name, plan, pool)
+            options, devices, supported = _survey(name, plan, pool)
         except TaskError as error:
-            reporter.warn(f"rasteriser '{name}' is skipped: {error}")
+            reporter.warn(f"rasteriser '{name}': skipped ({error})")
             continue
         if not options:
             raise UsageError(
-                f"{name} has {rasterisers.get(name).limitation}: use opengl for "
-                "--samples and --work, or add the plain case, e.g. --work 0,8"
+                f"rasteriser '{name}': unsupported options ({rasterisers.get(name).limitation}); "
+                "use opengl for --samples and --work, or add a supported case, e.g. --work 0,8"
             )
-        known.update(supported)
+        known_devices.update(supported)
         usable += [(Backend(name, device), options) for device in devices]
-    strange = [device for device in plan.devices if device not in known]
-    if strange:
+    unknown_devices = [device for device in plan.devices if device not in known_devices]
+    if unknown_devices:
         if plan.rasterisers[0] in rasterisers.BUILT_IN:
-            rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
-        raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
+            # raises with a suggestion
+            rasterisers.find_device(plan.rasterisers[0], unknown_devices[0])
+        raise UsageError(f"device '{unknown_devices[0]}': unknown to all rasterisers of this run")
     if not usable:
-        raise NoRasteriserError("no rasteriser is left that works")
+        raise NoRasteriserError("all rasterisers of the run failed; see the warnings above")
     return usable
 
 
-def _ask(name: str, plan: Plan, pool: MeasuringPool) -> Survey:
-    """Ask a rasteriser for its devices and options; a third-party one in a worker process."""
+def _survey(name: str, plan: Plan, pool: MeasuringPool) -> Survey:
+    """Return a rasteriser's devices and options; third-party code runs in a worker process."""
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
         return survey(name, plan.options, plan.devices)
     timeout_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
-    home = worker_of_rasteriser(name)
-    return pool.run(home, survey, name, plan.options, plan.devices, timeout_s=timeout_s)
+    worker = worker_of_rasteriser(name)
+    return pool.run(worker, survey, name, plan.options, plan.devices, timeout_s=timeout_s)

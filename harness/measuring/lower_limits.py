@@ -46,7 +46,7 @@ def start(frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: Measuri
 
 
 def collect(pending: Pending) -> dict[str, NDArray[np.int64]]:
-    """Return the computed bounds, -1 for each polygon without one."""
+    """Return the computed bounds, -1 for polygons without a bound."""
     bounds = {}
     for name, future in pending.items():
         with suppress(TaskError):  # measurements do not depend on the bounds
@@ -97,14 +97,14 @@ def min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
         return unknown
     seconds = estimate_seconds(frame)
     order = np.argsort(seconds, kind="stable")
-    chosen = np.sort(order[np.cumsum(seconds[order]) <= MAX_SEARCH_S])
-    if not len(chosen):
+    solvable = np.sort(order[np.cumsum(seconds[order]) <= MAX_SEARCH_S])
+    if not len(solvable):
         return unknown
     warm_up(EXACT_QUADS)
-    result = triangulate_polygons(EXACT_QUADS, frame.polygons.take(chosen), database)
+    result = triangulate_polygons(EXACT_QUADS, frame.polygons.take(solvable), database)
     parts: list[NDArray[np.int32] | None] = [None] * len(unknown)
     gaps = iter(result.gaps)
-    for index, part in zip(chosen.tolist(), result.parts, strict=True):
+    for index, part in zip(solvable.tolist(), result.parts, strict=True):
         if part is not None and next(gaps) == 0.0:
             parts[index] = part
     return np.where([part is not None for part in parts], count_quads(frame, parts), unknown)

@@ -42,14 +42,14 @@ FOLDER = "base"
 
 @dataclass(frozen=True)
 class OtherVersion:
-    """Location of another version of the code, and how it is run.
+    """Location of another version of the code, and the environment that runs it.
 
-    name : as the user gave it
+    name : the user's name for the version
     commit : commit of the version, or ""
-    folder : its top folder, or that of its environment
+    folder : top folder of the code or the environment
     instead_of : folder of HEAD, whose code must not be imported, or ""
     cwd, path, python : current folder, entries of PYTHONPATH and interpreter
-    twice : draw triangulations twice even if both versions have the same
+    twice : True to time equal triangulations of both versions separately
     """
 
     name: str
@@ -63,7 +63,7 @@ class OtherVersion:
 
     @cached_property
     def has_same_builtins(self) -> bool:
-        """Return whether its package `triangulators` equals that of HEAD."""
+        """True if the version's package `triangulators` equals HEAD's."""
         if self.python != sys.executable:
             return False
         file = _ask(self, {"triangulator": None})["file"]
@@ -72,7 +72,7 @@ class OtherVersion:
 
 
 def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of BASE's `run.json`, given that of HEAD's."""
+    """Return the content of BASE's `run.json`, given HEAD's."""
     beside = facts["beside"]
     environment = dict(facts["environment"])
     project = {**(environment.get("project") or {}), "commit": beside["commit"], "dirty": False}
@@ -85,7 +85,7 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
     """Yield another version of the user's code.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
-        temporary folder; or a folder with code, or with an environment that has it installed
+        temporary folder; or a folder with code, or with an environment with the code installed
 
     Raises
     ------
@@ -101,24 +101,24 @@ def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersi
     folder = Path(reference)
     python = folder / "bin" / "python"
     if python.is_file():
-        location, interpreter = str(folder.resolve()), str(python.absolute())
-        yield OtherVersion(reference, "", location, "", str(Path.cwd()), (), interpreter)
+        environment_folder, interpreter = str(folder.resolve()), str(python.absolute())
+        yield OtherVersion(reference, "", environment_folder, "", str(Path.cwd()), (), interpreter)
     elif folder.is_dir():
         commit = find_commit(folder, "HEAD") or ""
         yield _version_in(reference, commit, folder.resolve(), top or Path.cwd())
     else:
-        where = f"the repository {top}" if top else f"{Path.cwd()}, which is in no git repository"
+        repository = f"the repository {top}" if top else f"{Path.cwd()} (not in a git repository)"
         raise UsageError(
-            f"--beside {reference}: no commit of {where}, and no folder; in CI, fetch it first: "
-            f"git fetch --depth=1 origin {reference}"
+            f"--beside {reference}: neither a commit of {repository} nor a folder; in CI, fetch "
+            f"the commit first: git fetch --depth=1 origin {reference}"
         )
 
 
 def _version_in(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
     """Return the version in `folder` of the code in `top`.
 
-    Import paths inside `top` are replaced by those inside `folder`, in the same order; paths that
-    the version lacks, such as an environment, stay the same.
+    Import paths inside `top` are replaced by the paths inside `folder`, in the same order; paths
+    that the version lacks, such as an environment, stay the same.
     """
     top = top.resolve()
     path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
@@ -146,7 +146,7 @@ def triangulate_elsewhere(
     Raises
     ------
     TaskError
-        if it cannot be imported or run, or if HEAD's code would run instead
+        if the triangulator cannot be imported or run, or if HEAD's code would run instead
     """
     answer = _ask(
         other,
@@ -178,9 +178,9 @@ def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
         question_file.write_bytes(pickle.dumps(question))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(other.path)}
         command = [other.python, "-P", str(SCRIPT), str(question_file), str(answer_file)]
-        done = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
-        if done.returncode or not answer_file.exists():
-            raise TaskError(f"{other.name}: its code ended with exit code {done.returncode}")
+        process = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
+        if process.returncode or not answer_file.exists():
+            raise TaskError(f"{other.name}: the code ended with exit code {process.returncode}")
         answer: dict[str, Any] = pickle.loads(answer_file.read_bytes())
     if "error" in answer:
         raise TaskError(f"{other.name}: {truncate(answer['error'])}")
@@ -195,6 +195,6 @@ def _refuse_head_code(other: OtherVersion, name: str, file: str | None) -> None:
     inside = source.is_relative_to(other.instead_of)
     if inside and not source.is_relative_to(other.folder) and "site-packages" not in source.parts:
         raise TaskError(
-            f"{other.name}: {name} is imported from {source}, which is HEAD's; an editable "
-            "install hides BASE's code: add its folder to PYTHONPATH"
+            f"{other.name}: {name} is imported from HEAD ({source}), as an editable install hides "
+            "BASE's code; add BASE's folder to PYTHONPATH"
         )

@@ -1,7 +1,7 @@
 """Program that triangulates with another version of the code; `other_version.py` runs it.
 
-It does not import the harness, which may be missing or different in that version, but only public
-interfaces. The question file comes from a process of the same user.
+It imports only public interfaces, not the harness, which may be missing or different in that
+version. The question file comes from a process of the same user.
 """
 
 import importlib
@@ -18,7 +18,7 @@ def main(question_file: str, answer_file: str) -> None:
     question = pickle.loads(Path(question_file).read_bytes())
     try:
         answer = _answer(question)
-    except (Exception, SystemExit) as error:  # told to the one who question_file
+    except (Exception, SystemExit) as error:  # reported by the process that reads the answer
         answer = {"error": f"{type(error).__name__}: {error}"}
     Path(answer_file).write_bytes(pickle.dumps(answer))
 
@@ -33,7 +33,7 @@ def _answer(question: dict[str, Any]) -> dict[str, Any]:
     for polygon in shapely.from_wkb(question["warm_up"]):
         try:
             function(polygon)
-        except (Exception, SystemExit):  # reported for the real polygons
+        except (Exception, SystemExit):  # reported for the polygons of the scene
             continue
     results, seconds = [], 0.0
     for polygon in shapely.from_wkb(question["polygons"]):

@@ -1,4 +1,4 @@
-"""The plan of a run: what it measures, as the user gave it."""
+"""The plan of a run: the cases to measure, and how."""
 
 import json
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from harness.triangulating.recipes import Recipe, parse_all
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that decides what a run measures; two runs of equal plans are comparable.
+    """The experiment of a run; two runs of equal plans are comparable.
 
-    devices : () lets every rasteriser choose its best device
-    timeout_s : longest that one triangulation, count or timing task may take
+    devices : () for the best device of each rasteriser
+    timeout_s : time limit of a triangulation, count or timing task
     """
 
     scene: str
@@ -33,7 +33,7 @@ class Plan:
     timeout_s: float = TIMEOUT_S
 
     def to_json(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values: triangulators by name, calibration apart."""
+        """Return the plan as JSON-ready values: names of triangulators, and the calibration."""
         calibrations = [recipe.calibration for recipe in self.triangulators]
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = asdict(self)
@@ -52,12 +52,12 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
-        """Build the plan that `to_json` gave, as `read_run` returns it.
+        """Return the plan of a value of `to_json`.
 
         Raises
         ------
         InputError
-            if it is none, or was damaged
+            if the value is not a plan
         """
         from pydantic import TypeAdapter, ValidationError
 

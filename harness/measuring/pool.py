@@ -1,4 +1,4 @@
-"""The worker processes of a run: compile, triangulate, count and time in them."""
+"""The worker processes of a run, which compile, triangulate, count and time."""
 
 import logging
 import time
@@ -34,27 +34,26 @@ MIN_IMPORT_TIMEOUT_S = 60.0
 """Lower bound of the time limit for importing third-party code."""
 
 MIN_ROUNDS, MAX_ROUNDS = 5, 12
-"""Rounds of triangulating; more than 12 narrow an interval little."""
+"""Rounds of triangulating; more than 12 rounds narrow an interval little."""
 
 TRIANGULATING_SHARE = 1 / 3
 """Seconds of repeated triangulating per second of drawing the triangles."""
 
 COMPILE_TIMEOUT_S = 900.0
-"""Time limit for compiling a built-in triangulator; does not count as triangulating."""
+"""Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""A module whose kernels are compiled after those of the optimum."""
-
+"""A module whose kernels are compiled after the kernels of the optimum."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
 """Runs all built-in triangulators."""
 
 SECOND = WorkerSpec("second process")
-"""Compiles and computes while `TRIANGULATORS` triangulates."""
+"""Compiles and computes bounds while `TRIANGULATORS` triangulates."""
 
 
 def worker_of_rasteriser(name: str) -> WorkerSpec:
-    """Return the worker in which a rasteriser is asked for its devices and options."""
+    """Return the worker that lists a rasteriser's devices and options."""
     return WorkerSpec(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
 
 
@@ -85,12 +84,12 @@ class Backend:
 
 
 class MeasuringPool(WorkerPool):
-    """Workers of a run: one for each device, one for built-in triangulators, one for each other.
+    """Workers of a run: for each device, for built-in, and for each third-party triangulator.
 
     open_worker : starts a process
     timeout_s : time limit of a task, in addition to the requested drawing time
     database : cache of triangulations, or None
-    other : baseline version of the code, which triangulates as well, or None
+    other : interleaved baseline, which triangulates as well, or None
     """
 
     def __init__(
@@ -113,13 +112,11 @@ class MeasuringPool(WorkerPool):
         Raises
         ------
         TaskError
-            if its process crashed, hung or ran out of memory
+            if the process crashed, hung or ran out of memory
         """
         if not recipe.other and recipe.base not in self._compiled:
             timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s) if recipe.builtin else self.timeout_s
-            message = (
-                f"compiling it took more than {timeout_s:g} s; close other programs, and --resume"
-            )
+            message = f"compilation exceeded {timeout_s:g} s; close other programs, and --resume"
             self._run_recipe("compile", message, warm_up, recipe, timeout_s=timeout_s, tick=tick)
             self._compiled.add(recipe.base)
 
@@ -147,12 +144,12 @@ class MeasuringPool(WorkerPool):
         Raises
         ------
         TaskError
-            if its process crashed, hung or ran out of memory
+            if the process crashed, hung or ran out of memory
         """
         self.compile(recipe)
         message = (
-            f"triangulating took more than {self.timeout_s:g} s; give it longer with "
-            "--timeout, or a smaller scene (limit=)"
+            f"triangulation exceeded {self.timeout_s:g} s; increase --timeout, or give a smaller "
+            "scene (limit=)"
         )
         if recipe.other:
             task = (triangulate_elsewhere, recipe, polygons, self.other)
@@ -168,36 +165,40 @@ class MeasuringPool(WorkerPool):
         message: str,
         function: Callable[..., T],
         recipe: Recipe,
-        *rest: Any,
-        **how: Any,
+        *arguments: Any,
+        **options: Any,
     ) -> T:
-        """Run a function in a recipe's worker; `message` if a built-in one exceeds the limit."""
+        """Run a function in a recipe's worker; `message` reports a built-in one's timeout."""
         try:
             with self.clocked(stage):
-                return self.run(worker_of_recipe(recipe), function, recipe, *rest, **how)
+                return self.run(worker_of_recipe(recipe), function, recipe, *arguments, **options)
         except TaskTimeoutError as error:
             if recipe.builtin:
                 raise TaskTimeoutError(message) from error
             raise
 
     def time_triangulating(
-        self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int
+        self,
+        seconds_by_recipe: Mapping[Recipe, float],
+        polygons: Sequence[Polygon],
+        budget_s: float,
+        seed: int,
     ) -> dict[Recipe, list[float]]:
         """Triangulate again in rounds; return the seconds of each round, as `time_in_rounds` does.
 
-        once : seconds that each triangulator took; those that would take too long are skipped
-        budget_s : seconds for which each is drawn; a share of that is spent here
+        seconds_by_recipe : seconds of the first triangulation; slow triangulators are skipped
+        budget_s : seconds of drawing for each triangulator, of which a share is used here
 
         Third-party triangulators run in separate processes, and so in separate rounds.
         """
-        chosen = [recipe for recipe, seconds in once.items() if 2 * seconds <= budget_s]
-        if not chosen:
+        timed = [recipe for recipe, seconds in seconds_by_recipe.items() if 2 * seconds <= budget_s]
+        if not timed:
             return {}
-        mean_s = sum(once[recipe] for recipe in chosen) / len(chosen)
-        wanted = int(TRIANGULATING_SHARE * budget_s / max(mean_s, 1e-9))
-        rounds = min(MAX_ROUNDS, max(MIN_ROUNDS, wanted))
-        together = [recipe for recipe in chosen if recipe.builtin]
-        groups = [together, *([recipe] for recipe in chosen if not recipe.builtin)]
+        mean_s = sum(seconds_by_recipe[recipe] for recipe in timed) / len(timed)
+        fitting = int(TRIANGULATING_SHARE * budget_s / max(mean_s, 1e-9))
+        rounds = min(MAX_ROUNDS, max(MIN_ROUNDS, fitting))
+        builtin = [recipe for recipe in timed if recipe.builtin]
+        groups = [builtin, *([recipe] for recipe in timed if not recipe.builtin)]
         seconds: dict[Recipe, list[float]] = {}
         for group in filter(None, groups):
             arguments = (group, polygons, rounds, seed)
@@ -209,7 +210,7 @@ class MeasuringPool(WorkerPool):
         return seconds
 
     def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Run a built-in function in the second process; no triangulator's time limit applies."""
+        """Run a built-in function in the second process, without a triangulator's time limit."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
@@ -219,7 +220,7 @@ class MeasuringPool(WorkerPool):
         Raises
         ------
         HarnessError
-            if it cannot be opened
+            if the device cannot be opened
         """
         if backend.label not in self._opened:
             with self.clocked("open"):
@@ -232,16 +233,16 @@ class MeasuringPool(WorkerPool):
     def count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
-        """Count what drawing `triangles` costs.
+        """Count the cost of drawing `triangles`.
 
         Raises
         ------
         HarnessError
-            if the device cannot do it, or fails
+            if the device does not support the options, or fails
         """
         with self.clocked("count"):
-            drawn = (backend.rasteriser, backend.device, frame, triangles, options)
-            return self.run(backend.worker, tasks.count, *drawn)
+            arguments = (backend.rasteriser, backend.device, frame, triangles, options)
+            return self.run(backend.worker, tasks.count, *arguments)
 
     def time(
         self,
@@ -251,36 +252,36 @@ class MeasuringPool(WorkerPool):
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates together, in shuffled rounds.
+        """Time the candidates together, in shuffled rounds, in one or more processes in turn.
 
-        The settings say in how many fresh processes, one after another, as time allows. If the
-        device fails, each candidate is timed alone, so that only the failing one is lost.
+        If the device fails, candidates are timed one by one, so that only a failing candidate is
+        lost.
 
-        Returns ({candidate: its group's times by name}, {candidate: reason of its failure}).
+        Returns ({candidate: the group's times by name}, {candidate: reason of the failure}).
         """
         test = self.open(backend).timer
         timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
         parts: list[dict[str, Times]] = []
         report: Callable[[float], None] = tick or (lambda _: None)
-        began = time.perf_counter()
+        start = time.perf_counter()
         try:
             with self.clocked("time"):
                 for number in range(settings.processes):
-                    spent = time.perf_counter() - began
-                    share = settings.of_process(number, spent)
+                    elapsed = time.perf_counter() - start
+                    share = settings.of_process(number, elapsed)
                     if share is None:
                         break
                     if number > 0:
-                        # A fresh process has another memory layout, which affects times.
+                        # A new process has another memory layout, which affects times.
                         self.replace_worker(backend.worker)
-                    drawn = (backend.rasteriser, backend.device, dict(candidates))
+                    arguments = (backend.rasteriser, backend.device, dict(candidates))
                     parts.append(
                         self.run(
                             backend.worker,
                             tasks.time_group,
-                            *(*drawn, share, test, seed + number),
+                            *(*arguments, share, test, seed + number),
                             timeout_s=timeout_s,
-                            tick=lambda waited, spent=spent: report(spent + waited),
+                            tick=lambda waited, elapsed=elapsed: report(elapsed + waited),
                         )
                     )
         except TaskError as error:
@@ -289,8 +290,8 @@ class MeasuringPool(WorkerPool):
             groups: dict[str, dict[str, Times]] = {}
             failures: dict[str, str] = {}
             for name, candidate in candidates.items():
-                more, failed = self.time(backend, {name: candidate}, settings, seed, tick)
-                groups |= more
+                times, failed = self.time(backend, {name: candidate}, settings, seed, tick)
+                groups |= times
                 failures |= failed
             return groups, failures
         group = {name: Times.of_processes([part[name] for part in parts]) for name in parts[0]}
@@ -301,7 +302,7 @@ class MeasuringPool(WorkerPool):
         return {label: asdict(opened) for label, opened in self._opened.items()}
 
     def close(self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND.name,)) -> None:
-        """End all processes; the second one's results are no longer needed."""
+        """End all processes; results of the second process are no longer needed."""
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget(self, spec: WorkerSpec) -> None:

@@ -12,13 +12,13 @@ from harness.workers.serving import MARK
 
 def preload() -> None:
     """Load the modules and compiled code of workers into the server."""
-    # A process group of its own: a terminal's signals go to the command, not to the server, which
+    # A separate process group: a terminal's signals go to the command, not to the server, which
     # ends when the command does.
     system.start_process_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # Processes that a task starts in a session of their own become the server's children when
-    # their worker ends.
+    # Processes that a task starts in a new session become the server's children when the worker
+    # ends.
     system.become_subreaper()
     warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
     from harness.measuring import tasks  # noqa: F401 - for the workers
@@ -31,7 +31,7 @@ def preload() -> None:
     with suppress(NotCompiledError), forbid_compiling():  # on a new machine nothing is compiled yet
         for name in DEFAULT_TRIANGULATORS:
             warm_up(parse(name))
-    # Workers collect only their own garbage: a scan of shared objects would copy their pages.
+    # Exclude shared objects from the workers' garbage collection, which would copy their pages.
     gc.freeze()
 
 

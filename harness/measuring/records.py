@@ -1,4 +1,4 @@
-"""Make a case's record from predictions, counters and times; store and report it."""
+"""Records of cases from predictions, counters and times; their storage and report."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,22 +31,21 @@ from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 
 SHORT_DRAW_S = 20e-6
-"""A draw shorter than this is mostly the cost of asking for it."""
+"""Duration of a draw below which the cost of the draw call dominates."""
 
 SCATTER = 0.10
-"""Interquartile range, relative to the median, above which a machine is called unstable."""
+"""Tolerated interquartile range of times, relative to the median."""
 
 Columns = Mapping[str, NDArray[Any]]
-"""Values of each polygon, (p,) each."""
+"""Values per polygon, (p,), by name."""
 
 
 class RunWriter:
     """Stores frames, triangulations and records of a run, and reports finished cases.
 
-    stores : the run's folder and, if two versions are measured, that of the other version's run, in
-        which its triangulators have no mark
-    records : of finished cases, by the key of their identity
-    with_drawings : whether frames and triangulations are stored, too
+    stores : the run's folder and, with an interleaved baseline, the folder of the baseline's run
+    records : records of finished cases by key
+    with_drawings : True to store frames and triangulations, too
     """
 
     def __init__(
@@ -65,36 +64,36 @@ class RunWriter:
 
     def write_facts(self, facts: RunFacts) -> None:
         """Replace `run.json` of the folders."""
-        own, *of_base = self._stores
-        own.write_facts(facts)
-        for store in of_base:
+        head, *base_stores = self._stores
+        head.write_facts(facts)
+        for store in base_stores:
             store.write_facts(facts_of_base(facts))
 
     def add_frame(self, frame: Frame) -> None:
-        """Note what snapping to the grid did to the scene."""
+        """Note the scale of a frame, and polygons changed by snapping."""
         size = {"polygons": len(frame.source), "vertices": len(frame.points)}
         broken = {"dropped": frame.dropped, "repaired": frame.repaired}
         self.frames.append({**asdict(frame.view), "scale": frame.scale, **size, **broken})
 
     def add_triangulations(self, frame: Frame, triangles: dict[Recipe, NDArray[np.int32]]) -> None:
-        """Store the triangles (m, 3) that will be drawn."""
+        """Store the triangles (m, 3) of a frame by recipe."""
         if not self._with_drawings:
             return
-        for store, of_base in zip(self._stores, (False, True), strict=False):
-            named = {
+        for store, is_base in zip(self._stores, (False, True), strict=False):
+            by_name = {
                 str(replace(recipe, other=False)): rows
                 for recipe, rows in triangles.items()
-                if recipe.other == of_base
+                if recipe.other == is_base
             }
-            drawings.write(store, frame, named)
+            drawings.write(store, frame, by_name)
 
     def add_counted(self, record: Record, columns: Columns | None) -> None:
-        """Store a record that lacks its time, so that a resumed run need not count again."""
+        """Store a record without time, so that a resumed run need not count again."""
         self._store_columns(record, columns)
         self._stores[0].append_counted(replace(record, status="counted"))
 
     def add_finished(self, record: Record, columns: Columns | None = None) -> None:
-        """Store a record, and report it."""
+        """Store and report a record."""
         store, stored = self._store_columns(record, columns)
         store.append(stored)
         self.records[record.id.key] = record
@@ -103,7 +102,7 @@ class RunWriter:
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
     def _store_columns(self, record: Record, columns: Columns | None) -> tuple[RunFolder, Record]:
-        """Store a case's columns; return the folder of the record, and the record as stored."""
+        """Store a case's columns; return the folder for the record, and the record to store."""
         store = self._stores[0]
         if record.id.version:
             store = self._stores[1]
@@ -119,14 +118,14 @@ def _summarise(record: Record) -> str:
     result = record.reason or "counted"
     if time is not None and time.median_s is not None:
         result = f"{time.median_s * 1e3:.4g} ms"
-    where = f"{case.scene}, {view}: {record.name}, {case.rasteriser} on {case.device}"
-    return f"{where}: {record.status}, {result}"
+    subject = f"{case.scene}, {view}: {record.name}, {case.rasteriser} on {case.device}"
+    return f"{subject}: {record.status}, {result}"
 
 
 def count_covered(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
-    """Return the fragments of each polygon that the baseline drew, (p,), -1 for the others.
+    """Return the fragments (p,) of the baseline's polygons, -1 if not drawn; None if not counted.
 
-    None if the device does not count them. Every triangulation of a polygon covers as many.
+    All triangulations of a polygon cover the same number of fragments.
     """
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
@@ -142,10 +141,10 @@ def make_counted(
     covered: NDArray[np.int64] | None,
     limits: Mapping[str, NDArray[np.int64]],
 ) -> Record:
-    """Return the record of a case that was counted; it has no time yet.
+    """Return the record of a counted case, without time.
 
-    covered : what `count_covered` returned
-    limits : `OUTLINE` and `LEAST`, each (p,) quads of a polygon, -1 if unknown
+    covered : result of `count_covered`
+    limits : quads (p,) of `OUTLINE` and `LEAST`, -1 if unknown
     """
     parts = [part for part in triangulation.parts if part is not None]
     proven, gap = summarise_gaps(triangulation.gaps)
@@ -175,9 +174,9 @@ def make_counted(
 
 
 def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
-    """Return how many polygons are proven optimal, and the largest gap, None if one is infinite.
+    """Return the number of proven optima, and the largest gap, or None if a gap is infinite.
 
-    Both are None without gaps, as of a triangulator that computes no optimum.
+    Both are None without gaps, for triangulators that compute no optimum.
     """
     if not gaps:
         return None, None
@@ -188,7 +187,7 @@ def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
 def _coverage_error(
     triangulation: FrameTriangulation, counters: Counters, covered: NDArray[np.int64] | None
 ) -> int | None:
-    """Return the pixels covered too often or not at all; None if it is unknown for all polygons."""
+    """Return the number of pixels covered too often or not at all; None if unknown everywhere."""
     if covered is None or "fragments" not in counters:
         return None
     compared = triangulation.drawn & (covered >= 0)
@@ -198,7 +197,7 @@ def _coverage_error(
 
 
 def _view_counters(frame: Frame, counters: Counters) -> ViewCounters | None:
-    """Return the sums of each counter over each tile, or view of a model."""
+    """Return the sums of each counter over each tile or view, or None without these."""
     if frame.tiles is None:
         return None
     sums = {
@@ -210,7 +209,7 @@ def _view_counters(frame: Frame, counters: Counters) -> ViewCounters | None:
 
 
 def _outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
-    """Return the quads of the outlines of what was drawn; None unless all are known."""
+    """Return the quads of the outlines of drawn polygons, or None unless all are known."""
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
@@ -219,17 +218,17 @@ def _outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) 
 def _least_quads(
     drawn: NDArray[np.bool_], counters: Counters, least: NDArray[np.int64] | None
 ) -> LeastQuads | None:
-    """Return the minimum quads of what was drawn next to its own, over polygons with both."""
+    """Return the minimum quads and the drawn quads, over drawn polygons with a minimum."""
     quads, fragments = counters.get("quads"), counters.get("fragments")
     if least is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return None
-    known = drawn & (least >= 0)
-    sums = (int(values[known].sum()) for values in (least, quads, fragments))
-    return LeastQuads(int(known.sum()), *sums)
+    has_minimum = drawn & (least >= 0)
+    sums = (int(values[has_minimum].sum()) for values in (least, quads, fragments))
+    return LeastQuads(int(has_minimum.sum()), *sums)
 
 
 def incomplete(triangulation: FrameTriangulation) -> str | None:
-    """Return in one line which polygons a triangulator left out, or None if it did all."""
+    """Return a line about skipped and failed polygons, or None if all have triangles."""
     notes = []
     for verb, entries in (("skipped", triangulation.skipped), ("failed", triangulation.failed)):
         if entries:
@@ -264,7 +263,7 @@ def make_time(
 
 
 def make_samples(times: Times, timer: str) -> Time:
-    """Return samples and, of CPU time, wall clock, waiting, and what other programs took."""
+    """Return the samples and, for CPU time, wall time, waiting time and load by other programs."""
     samples, processes = _rounded(times.samples_s), tuple(times.processes or ())
     if not times.wall_s:
         return Time(timer, samples, processes=processes)
@@ -284,12 +283,12 @@ def make_samples(times: Times, timer: str) -> Time:
 
 
 def _rounded(seconds: Sequence[float]) -> tuple[float, ...]:
-    """Round to six digits: more than any timer resolves, and half the size on disk."""
+    """Round to six digits, which exceed any timer's resolution and halve the size on disk."""
     return tuple(float(f"{value:.6g}") for value in seconds)
 
 
 def time_warnings(times: Times) -> list[str]:
-    """Return what makes these samples less trustworthy, a line each."""
+    """Return warnings about the samples, a line each."""
     warnings = []
     median = times.median_s
     low, high = np.percentile(times.undisturbed_s, [25, 75])

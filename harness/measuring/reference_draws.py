@@ -1,4 +1,4 @@
-"""The best reference draw of this machine in each condition, in a file that outlives runs.
+"""File of this machine's fastest reference draws over all runs, by condition.
 
 A run whose reference draw took longer was disturbed: see `harness.stats.run_quality`.
 """
@@ -20,7 +20,7 @@ FILE = "reference-draws.json"
 
 
 class DrawId(NamedTuple):
-    """Conditions that a reference draw's time depends on, besides the machine."""
+    """Conditions, other than the machine, that determine a reference draw's time."""
 
     rasteriser: str
     device: str
@@ -31,16 +31,16 @@ class DrawId(NamedTuple):
 
 
 def default_path() -> Path:
-    """Return the file of this machine's best draws, next to the cache of triangulations."""
+    """Return the path of the file, next to the cache of triangulations."""
     return system.cache_file(FILE)
 
 
 def reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
-    """Return how long each device's reference draw took, and update the best in the file `path`.
+    """Return the times of each device's reference draw, and update the file `path`.
 
-    One entry for each `DrawId`: `reference_s`, the median of the run's reference draws; `best_s`,
-    the least of this machine, this run included; `runs`, how many runs that is; `slower`, their
-    ratio.
+    An entry for each `DrawId`: `reference_s`, the median of the run's reference draws; `best_s`,
+    the minimum on this machine including this run; `runs`, the number of runs; `slower`, the ratio
+    of `reference_s` to `best_s`.
     """
     times: dict[DrawId, dict[str, tuple[float, ...]]] = {}
     for record in records:
@@ -53,24 +53,24 @@ def reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any
         draw: statistics.median(second for group in groups.values() for second in group)
         for draw, groups in times.items()
     }
-    known = _update(draws, path)
+    best = _update(draws, path)
     return [
         {
             **draw._asdict(),
             "reference_s": second,
-            "best_s": known[draw][0],
-            "runs": known[draw][1],
-            "slower": second / known[draw][0],
+            "best_s": best[draw][0],
+            "runs": best[draw][1],
+            "slower": second / best[draw][0],
         }
         for draw, second in draws.items()
     ]
 
 
 def _update(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
-    """Return the best time in s of each draw and of how many runs, those of this run included.
+    """Return the minimum time in s of each draw and the number of runs, including this run.
 
-    A file that cannot be read is replaced, and one that cannot be written is left alone: results do
-    not depend on it.
+    An unreadable file is replaced, and an unwritable file is ignored, as results do not depend on
+    it.
     """
     machine = f"{processor()['label']}, {os.cpu_count()} threads"
     names = {draw: json.dumps([machine, *draw]) for draw in draws}

@@ -1,4 +1,4 @@
-"""Carries out a plan: scene -> frame -> triangulations -> counters and times -> records."""
+"""Execution of a plan: scene -> frame -> triangulations -> counters and times -> records."""
 
 import signal
 import threading
@@ -60,8 +60,8 @@ _CLOSED_TRIANGLE = 4
 class Part(NamedTuple):
     """A part of a scene that is measured separately.
 
-    label : the scene's name in its records
-    triangulators : those of the part, or () for those of the plan
+    label : the scene's name in records
+    triangulators : triangulators of the part, or () for the plan's
     """
 
     label: str
@@ -77,8 +77,8 @@ Split = Callable[[str, Scene], list[Part]]
 class RunResult:
     """Result of a measurement.
 
-    run : the run, with the records of finished cases in the order written
-    interrupted : whether it was stopped before all cases were done
+    run : the run, with the records of finished cases in the order of writing
+    interrupted : True if stopped before all cases were finished
     aborted : True if a second signal arrived: reports are skipped
     """
 
@@ -98,7 +98,7 @@ class RunResult:
 
     @cached_property
     def decided(self) -> list[Decided]:
-        """The groups of the run with the decision about each."""
+        """Groups of the run with the decision about each group."""
         return decide_all(self.run)
 
 
@@ -107,11 +107,11 @@ class RunOptions:
     """Options of a run that are not part of its plan.
 
     resume : continue the run in the folder; cases with an ok or skipped record are not repeated
-    force : resume even if plan, code or device differ from those of the run
-    split : how a study divides the scene; by default it is not divided
-    database : cache that triangulations are read from and written to, or None
-    beside : another version of the code to measure in the same rounds
-    base : triangulator that tables and reports compare the others with
+    force : resume even if plan, code or device differ from the run's
+    split : function by which a study divides the scene, or None
+    database : cache of triangulations, or None
+    beside : interleaved baseline, or None
+    base : triangulator to which tables and reports compare the others
     """
 
     resume: bool = False
@@ -126,39 +126,39 @@ def run(
     plan: Plan,
     out: Path,
     reporter: Reporter,
-    how: RunOptions | None = None,
+    options: RunOptions | None = None,
     *,
     open_worker: OpenWorker = Worker,
 ) -> RunResult:
-    """Measure all cases of `plan` and store them in the folder `out`.
+    """Measure all cases of `plan` and store the run in the folder `out`.
 
     open_worker : creates worker processes; tests run tasks in the current process
 
     Raises
     ------
     HarnessError
-        if nothing can be measured, all polygons are triangles, or the folder cannot be written
+        if no case can be measured, all polygons are triangles, or the folder cannot be written
     """
-    began = time.perf_counter()
-    how = how or RunOptions()
-    pool = MeasuringPool(open_worker, plan.timeout_s, how.database, how.beside)
+    start = time.perf_counter()
+    options = options or RunOptions()
+    pool = MeasuringPool(open_worker, plan.timeout_s, options.database, options.beside)
     try:
         # Names are checked first: loading a scene may take long.
         broken = find_broken(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
         if all(shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE for p in scene.polygons):
             raise NothingMeasuredError(
-                f"{plan.scene}: every polygon is a triangle, so there is nothing to measure; for a "
-                "model, raster-harness triangulate MODEL --check reports the savings of flips"
+                f"{plan.scene}: nothing to measure (every polygon is a triangle); for a model, "
+                "raster-harness triangulate MODEL --check reports the savings of flips"
             )
-        if how.split is None:
+        if options.split is None:
             plan = _set_scene_view(plan, scene)
         if viewing_of(scene) is None and any(r.base == ORIGINAL for r in plan.triangulators):
             raise UsageError(
-                f"{ORIGINAL} is the triangulation in a model's file: give --scene "
-                "model.glb:views=24, or omit it"
+                f"{ORIGINAL}: requires a model with views; give --scene model.glb:views=24, or "
+                "omit the triangulator"
             )
-        return _measure(plan, scene, out, reporter, pool, broken, how, began)
+        return _measure(plan, scene, out, reporter, pool, broken, options, start)
     finally:
         pool.close(at_once=pool.stopping)
 
@@ -186,38 +186,42 @@ def _measure(
     reporter: Reporter,
     pool: MeasuringPool,
     broken: dict[Recipe, str],
-    how: RunOptions,
-    began: float,
+    options: RunOptions,
+    start: float,
 ) -> RunResult:
-    # A file is labelled by its name only: the same file in another folder is the same scene.
+    # Only the name labels a file, as the same file in another folder is the same scene.
     label = scene_label(plan.scene)
-    parts = how.split(label, scene) if how.split else [Part(label, scene)]
+    parts = options.split(label, scene) if options.split else [Part(label, scene)]
     plans = [replace(plan, triangulators=p.triangulators or plan.triangulators) for p in parts]
     loaded = set(plan.triangulators)
     recipes = dict.fromkeys(chain.from_iterable(part.triangulators for part in plans))
     plan = replace(plan, triangulators=tuple(recipes))
     usable = find_backends(plan, pool, reporter)
     broken |= find_broken(set(plan.triangulators) - loaded, pool)
-    base = how.base or (ORIGINAL if viewing_of(scene) is not None and not how.split else None)
+    base = options.base or (
+        ORIGINAL if viewing_of(scene) is not None and not options.split else None
+    )
     facts = _make_facts(plan, scene) | ({"base": base} if base else {})
-    if beside := how.beside:
+    if beside := options.beside:
         facts["beside"] = {"base": beside.name, "commit": beside.commit, "twice": beside.twice}
         (head,) = plans
         base_recipes = [replace(recipe, other=True) for recipe in head.triangulators]
         plans = [replace(head, triangulators=(*head.triangulators, *base_recipes))]
-    stores, records = open_stores(out, facts, reporter.warn, resume=how.resume, force=how.force)
-    counted = {} if how.force else read_counted(out)
-    pool.seconds["prepare"] = time.perf_counter() - began
+    stores, records = open_stores(
+        out, facts, reporter.warn, resume=options.resume, force=options.force
+    )
+    counted = {} if options.force else read_counted(out)
+    pool.seconds["prepare"] = time.perf_counter() - start
     aborted = False
     with ExitStack() as stack:
         for store in stores:
             stack.enter_context(store)
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        writer = RunWriter(stores, records, reporter, with_drawings=not how.split)
+        writer = RunWriter(stores, records, reporter, with_drawings=not options.split)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
         # BASE's code triangulates in another process, not in HEAD's rounds.
-        rounds = not (how.split or how.beside)
+        rounds = not (options.split or options.beside)
         try:
             with _handle_signals(pool, reporter):
                 for number, (part, part_plan) in enumerate(zip(parts, plans, strict=True)):
@@ -240,7 +244,7 @@ def _measure(
         finally:
             facts["frames"] = writer.frames or facts["frames"]
             facts["devices"] |= pool.describe()
-            facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - began}
+            facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - start}
             facts["interrupted"] = pool.stopping
             draws = reference_draws(records.values(), default_path())
             facts["state"] = {**vars(judge_records(records.values(), draws)), "draws": draws}
@@ -263,10 +267,10 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
         return
 
     def stop(number: int, _: object) -> None:
-        again, pool.stopping = pool.stopping, True
+        is_second, pool.stopping = pool.stopping, True
         if number == system.HANGUP:
             detach_terminal()
-        if again or number != signal.SIGINT:
+        if is_second or number != signal.SIGINT:
             raise KeyboardInterrupt
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
@@ -283,18 +287,16 @@ def open_stores(
     resume: bool,
     force: bool,
 ) -> tuple[list[RunFolder], dict[str, Record]]:
-    """Return the run folders to write to, and their records by key.
+    """Return the folder of the run and, if any, of the baseline's run inside; and records by key.
 
-    The first is the run's, the second, if any, that of the baseline's run inside it.
-
-    facts : content of the new run.json; fields of the run so far are copied from the old one
-    warn : called with each problem of the old run, such as a damaged record
-    force : continue even if plan, scene, code or machine differ
+    facts : content of the new run.json, to which fields of a resumed run are copied
+    warn : called with each problem of a resumed run, such as a damaged record
+    force : resume even if plan, scene, code or machine differ
 
     Raises
     ------
     InputError
-        if they differ, the folder holds a run that must not be resumed, or cannot be written
+        if these differ, the run must not be resumed, or the folder cannot be written
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
@@ -316,14 +318,12 @@ def open_stores(
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
     facts["created"] = before.facts.get("created", facts["created"])
     stores, records = [store], list(before.records)
-    for folder in base:  # it has no facts if the run was killed between the two
+    for folder in base:
         if folder.is_symlink():
-            raise InputError(
-                f"{folder} is a symbolic link, which is not followed; copy its target here"
-            )
-        stores.append(
-            (RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create)(folder)
-        )
+            raise InputError(f"{folder}: is a symbolic link; copy the target instead")
+        # Without facts if the run was killed before it wrote the second folder's.
+        open_folder = RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create
+        stores.append(open_folder(folder))
         records += [record.with_id(version="base") for record in read_run(folder).records]
     return stores, {record.id.key: record for record in records}
 
@@ -346,8 +346,8 @@ def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
         differences.append("the machine")
     if differences:
         raise IncompatibleRunsError(
-            f"cannot resume {out}; since then changed: {', '.join(differences)}; "
-            "start a new run, or add --force to mix them"
+            f"{out}: cannot be resumed, as these changed: {', '.join(differences)}; start a new "
+            "run, or add --force to mix the results"
         )
 
 

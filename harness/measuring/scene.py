@@ -1,4 +1,4 @@
-"""Measures one scene: view by view it is framed, triangulated, counted and timed."""
+"""Measurement of one scene, view by view: framing, triangulation, counting, timing."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,13 +24,13 @@ from harness.workers.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 
 DONE = ("ok", "skipped")
-"""Records of cases that a resumed run leaves alone; what failed is tried again."""
+"""Statuses of records that a resumed run does not measure again."""
 
 BASELINE = Recipe("delaunay")
-"""Its fragments say what each polygon covers on a device: it leaves no vertex out."""
+"""Triangulator whose fragments define each polygon's coverage, as it uses all vertices."""
 
 MESSAGE_AFTER_S = 2.0
-"""Seconds of compiling after which it is told; loading what is compiled takes less."""
+"""Seconds of waiting after which a compilation is reported; loading compiled code takes less."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Group:
 class _View:
     """State that a view's groups share.
 
-    triangulations, triangles : by recipe, and the triangles (m, 3) that are drawn
+    triangulations, triangles : results by recipe, and their triangles (m, 3) in the frame
     limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     vertices : results of `count_vertices` by recipe, order and seed
     """
@@ -73,9 +73,9 @@ class SceneRun:
 
     label : the scene's name in records
     broken : triangulators that cannot run, with the reasons
-    writer : stores results at once; cases whose records are ok or skipped are not measured again
-    counted : records by key of cases that remain to be timed
-    rounds : whether to time triangulators in rounds, like drawings
+    writer : has the records of finished cases, which are not measured again
+    counted : records of counted cases without times, by key
+    rounds : True to time triangulators in rounds, like drawings
     """
 
     plan: Plan
@@ -183,17 +183,17 @@ class SceneRun:
     def _prepare_one(
         self, current: _View, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[Status, str]:
-        """Return a triangulator's result, or (status, reason) if it has none.
+        """Return a triangulator's result, or (status, reason) without a result.
 
-        If both versions have the same code, it runs once.
+        If both versions have the same code, the triangulator runs once.
         """
 
         def report_wait(waited: float) -> None:
             if waited > MESSAGE_AFTER_S:
                 self.reporter.once(
-                    f"compiling {recipe.base}, which only the first run on a machine does ..."
+                    f"compiling {recipe.base}, once on each machine ..."
                     if recipe.builtin
-                    else f"still waiting for {recipe.base}, on its first polygons ..."
+                    else f"still waiting for the first polygons of {recipe.base} ..."
                 )
 
         try:
@@ -220,7 +220,7 @@ class SceneRun:
             return (
                 status,
                 records.incomplete(result)
-                or "no polygon is left on the grid of 1/256 px; increase --resolution",
+                or "all polygons vanish on the grid of 1/256 px; increase --resolution",
             )
         return result
 
@@ -228,29 +228,29 @@ class SceneRun:
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
         """Run one triangulator over the frame, the scene before its rotation, or flat faces."""
-        before_turning = replace(recipe, upright=False)
+        plain_recipe = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
                 return original_triangulation(frame)
             faces = frame.flat.polygons
-            done = self.pool.triangulate(before_turning, faces, tick)
-            return carry_to_views(frame, done, recipe)
+            flat = self.pool.triangulate(plain_recipe, faces, tick)
+            return carry_to_views(frame, flat, recipe)
         if not recipe.upright:
             return self.pool.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
-        before = self.pool.triangulate(before_turning, upright.polygons, tick)
+        before = self.pool.triangulate(plain_recipe, upright.polygons, tick)
         return carry_over(before, upright, frame)
 
     def _time_triangulating(self, current: _View) -> None:
         """Triangulate again in rounds, to measure the variation of the triangulation time."""
-        once = {
+        seconds_by_recipe = {
             recipe: result.seconds
             for recipe, result in current.triangulations.items()
             if not recipe.upright and recipe.base != ORIGINAL
         }
         polygons = (current.frame.flat or current.frame).polygons
         budget_s, seed = self.plan.timing.budget_s, self.plan.seed
-        samples_s = self.pool.time_triangulating(once, polygons, budget_s, seed)
+        samples_s = self.pool.time_triangulating(seconds_by_recipe, polygons, budget_s, seed)
         for recipe, samples in samples_s.items():
             triangulation = current.triangulations[recipe]
             triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
@@ -279,14 +279,14 @@ class SceneRun:
             self._time(current, group, in_order)
 
     def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
-        """Count the group's cases; return the records of those that remain to be timed.
+        """Count the group's cases; return the records to be timed.
 
-        The baseline is counted first, even if it is not a case: it gives each polygon's pixels.
+        The baseline is counted first, even if it is not a case, for the pixels of each polygon.
         """
         ready: dict[Recipe, Record] = {}
         covered = None
         frame, backend, options, cases = current.frame, group.backend, group.options, group.cases
-        limits = current.limits if options.samples == 1 else {}  # they refer to pixel centres
+        limits = current.limits if options.samples == 1 else {}  # bounds are for pixel centres
         names = [
             recipe
             for recipe in dict.fromkeys([BASELINE, *cases])
@@ -317,13 +317,13 @@ class SceneRun:
         return ready
 
     def _time(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
-        """Time the counted cases together; `ready` are their records without times."""
+        """Time the counted cases together; `ready` has the records without times."""
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open(backend).timer
         assert test is not None
         if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
-            self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
-        drawn_as = {recipe: self._drawn_as(current, recipe, ready) for recipe in ready}
+            self.reporter.detail(f"{backend.label}: timed by the wall clock, as {test.reason}")
+        drawn_as = {recipe: self._choose_drawing(current, recipe, ready) for recipe in ready}
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.pool.time(
@@ -344,8 +344,10 @@ class SceneRun:
                 time = records.make_time(groups[name], name, test, settings)
                 self.writer.add_finished(replace(record, time=time))
 
-    def _drawn_as(self, current: _View, recipe: Recipe, ready: Mapping[Recipe, Record]) -> Recipe:
-        """Return whose drawing is timed: HEAD's if both versions have the same triangles."""
+    def _choose_drawing(
+        self, current: _View, recipe: Recipe, ready: Mapping[Recipe, Record]
+    ) -> Recipe:
+        """Return the recipe to draw: HEAD's if both versions have the same triangles."""
         head, other = replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or head not in ready:
             return recipe

@@ -1,4 +1,4 @@
-"""Tasks of a device's worker: open the device once, then count and time on it.
+"""Tasks of a device's worker: opening the device, counting and timing.
 
 These functions run in the worker process; the parent calls them through `MeasuringPool`.
 """
@@ -25,20 +25,20 @@ from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteri
 from harness.settings import TimingSettings
 
 Candidate = tuple[Frame, Triangles, Options]
-"""A frame, its triangles, and the options of drawing."""
+"""A frame, triangles, and the options of drawing."""
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
 SELF_TEST_S = 10e-3
-"""Duration of a draw, in seconds, that is long enough to compare timers."""
+"""Minimum duration of a draw for the comparison of timers."""
 
 
 @dataclass(frozen=True)
 class Opened:
     """Details of an open device.
 
-    details : strings and limits as its driver reports them
-    timer : result of the self-test; None for a rasteriser that is not timed
+    details : strings and limits reported by the driver
+    timer : result of the self-test, or None for a rasteriser that is not timed
     draws_indexed : see `Rasteriser`
     """
 
@@ -48,25 +48,25 @@ class Opened:
 
 
 Survey = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
-"""What a rasteriser can do here of what a plan wants: the options that it can draw with; the wanted
-devices that it knows, or its best one; and by name those that it knows."""
+"""Supported options of a plan; supported devices of the plan, or else the rasteriser's best device;
+and the names of the supported devices."""
 
 
 def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
-    """Ask the rasteriser `name` what it can do; raises as `rasterisers.find_device` does."""
+    """Return the support of a rasteriser for a plan; raise as `rasterisers.find_device` does."""
     kind = rasterisers.get(name)
-    known = tuple(device for device in devices if kind.is_device_name(device))
-    found = tuple(rasterisers.find_device(name, device) for device in known or (None,))
-    return tuple(filter(kind.supports, options)), found, known
+    names = tuple(device for device in devices if kind.is_device_name(device))
+    available = tuple(rasterisers.find_device(name, device) for device in names or (None,))
+    return tuple(filter(kind.supports, options)), available, names
 
 
-_open: dict[tuple[str, str], Rasteriser] = {}
-"""Rasterisers that this process has opened, by rasteriser and device."""
+_rasterisers: dict[tuple[str, str], Rasteriser] = {}
+"""Open rasterisers of this process by (rasteriser, device)."""
 
 
 def open_device(name: str, device: Device) -> Opened:
     """Open `device` with the rasteriser `name` and test its timer."""
-    rasteriser = _opened(name, device)
+    rasteriser = _get_rasteriser(name, device)
     timer = choose_timer(rasteriser) if rasteriser.timed else None
     return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
 
@@ -74,8 +74,8 @@ def open_device(name: str, device: Device) -> Opened:
 def count(
     name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
 ) -> Counters:
-    """Count what drawing `triangles` costs on the device."""
-    return _opened(name, device).count(frame, triangles, options)
+    """Count the cost of drawing `triangles` on the device."""
+    return _get_rasteriser(name, device).count(frame, triangles, options)
 
 
 def time_group(
@@ -91,10 +91,10 @@ def time_group(
     All frames have one size. The result also has EMPTY and REFERENCE, drawn with the options of the
     first candidate.
     """
-    rasteriser = _opened(name, device)
+    rasteriser = _get_rasteriser(name, device)
     frame, _, options = next(iter(candidates.values()))
-    far = frame.width * SUBPIXEL
-    corner = bare_frame(frame.width, np.array([[0, 0], [far, 0], [0, far]], np.int32))
+    far_corner = frame.width * SUBPIXEL
+    corner = bare_frame(frame.width, np.array([[0, 0], [far_corner, 0], [0, far_corner]], np.int32))
     drawn: dict[str, Candidate] = {
         EMPTY: (frame, np.empty((0, 3), np.int32), options),
         REFERENCE: (corner, np.array([[0, 1, 2]], np.int32), options),
@@ -114,17 +114,19 @@ def time_group(
         return time_together(drawings, settings, test, seed=seed, renew=prepare)
 
 
-def _opened(name: str, device: Device) -> Rasteriser:
+def _get_rasteriser(name: str, device: Device) -> Rasteriser:
     key = (name, device.name)
-    if key not in _open:
-        _open[key] = rasterisers.get(name)(device)
-    return _open[key]
+    if key not in _rasterisers:
+        _rasterisers[key] = rasterisers.get(name)(device)
+    return _rasterisers[key]
 
 
 def choose_timer(rasteriser: Rasteriser) -> TimerTest:
     """Select the timer of a device by drawing many layers that fill the viewport."""
-    far = SELF_TEST_PX * SUBPIXEL
-    square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
+    far_corner = SELF_TEST_PX * SUBPIXEL
+    square = np.array(
+        [[0, 0], [far_corner, 0], [far_corner, far_corner], [0, far_corner]], np.int32
+    )
     frame = bare_frame(SELF_TEST_PX, square)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     layers = 1

@@ -1,14 +1,14 @@
 """Timing: clock selection, warm-up, interleaved sampling, stopping rule.
 
-Drawings that are compared are timed together, in rounds. Each round times every drawing once, in a
-new random order, so that a machine that slows down slows all of them; comparing within rounds
+Drawings to compare are timed together, in rounds. Each round times every drawing once, in a new
+random order, so that a machine that slows down affects all drawings; comparison within rounds
 cancels the drift. Every round also times an empty draw and a reference triangle, which measure the
 overhead and the speed of the machine.
 
-The memory layout of a drawing's buffers makes it some tenths of a per cent faster or slower, and no
-number of rounds averages that out. So the rounds are split into epochs. Before each epoch all
-drawings are released and prepared again in another random order. The interval of a ratio follows
-from its variation between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
+The memory layout of a drawing's buffers changes times by some tenths of a per cent, and no number
+of rounds averages that out. So the rounds are split into epochs. Before each epoch all drawings are
+released and prepared again in another random order. The interval of a ratio follows from the
+variation between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
 """
@@ -37,23 +37,23 @@ REFERENCE = "(reference)"
 """Names of the two drawings that every round times in addition to the candidates."""
 
 MIN_CPU_SHARE = 0.5
-"""Lower bound of the share of a large draw's time that its process computed or waited for a core.
-Below it another process draws, and the CPU time of this one is meaningless."""
+"""Lower bound of the share of a large draw's time in which the process computed or waited for a
+core. With a lower share another process draws, and this process's CPU time is meaningless."""
 
 MAX_CPU_CLOCK_STEP_S = 1e-4
-"""Largest usable resolution of a CPU clock; a coarser one would need too long batches."""
+"""Maximum step of a usable CPU clock; coarser clocks would require too long batches."""
 
 MAX_TIMER_DIFFERENCE = 0.30
 """Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
 MAX_BATCHES = 10
-"""Upper bound of a batch, in usual batch lengths, for a drawing compared with much faster ones."""
+"""Maximum batch, in usual batch lengths, of a drawing compared with much faster drawings."""
 
 MIN_ROUNDS = 12
-"""Lower bound that gives a 95 % interval of the median narrower than the sample's range."""
+"""Minimum number of rounds for a 95 % interval of the median narrower than the sample's range."""
 
 EPOCH_ROUNDS = 2
-"""Lower bound of the rounds of an epoch; `TimingSettings.epochs` of them are `MIN_ROUNDS`."""
+"""Minimum number of rounds of an epoch; `TimingSettings.epochs` epochs have `MIN_ROUNDS`."""
 
 Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
 """Releases all drawings and prepares them again, in the given order of names."""
@@ -64,7 +64,7 @@ class TimerTest:
     """Result of the timer self-test of a device.
 
     timer : the selected timer
-    gpu_s, cpu_s, wall_s : seconds of one large draw; None if the timer does not exist
+    gpu_s, cpu_s, wall_s : seconds of one large draw, or None if the timer does not exist
     resolution_s : resolution of the selected timer
     reason : reason of the selection
     """
@@ -82,13 +82,13 @@ class Times:
     """Samples of one drawing: seconds per draw, one sample per round.
 
     repeats : draws per sample
-    wall_s, waited_s : wall time of the same draws, and their wait for a core; [] if the CPU timer
-        is not used or the system does not report it
+    wall_s, waited_s : wall time of the same draws, and time of waiting for a core; [] if the CPU
+        timer is not used or the system does not report waiting
     stolen_s, others_s, timing_s : steal time of all cores, CPU time of all other processes, and
         duration of the timing
-    precision_reached : whether the interval of the median became narrow enough
-    epochs : rounds of each epoch, in order; a single one if drawings were prepared once
-    processes : rounds of each process, if there were several
+    precision_reached : True if the interval of the median is narrow enough
+    epochs : rounds of each epoch, in order; a single epoch if drawings were prepared once
+    processes : rounds of each process, if several
     """
 
     repeats: int
@@ -145,7 +145,7 @@ class Times:
         return median_interval(self.undisturbed_s)
 
     def is_precise(self, precision: float) -> bool:
-        """Return whether half of the interval is at most a share `precision` of the median."""
+        """Return whether the interval's half-width is at most `precision` times the median."""
         low, high = self.ci95_s
         return (high - low) / 2 <= precision * self.median_s
 
@@ -153,9 +153,9 @@ class Times:
 def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     """Select the timer of a device by timing a large draw.
 
-    `software` rasterisers are timed by the CPU time of all threads of the process, because the wall
+    `software` rasterisers are timed by the CPU time of all threads of the process, as the wall
     clock includes the time in which other programs use the core. A GPU timer must agree with the
-    wall clock, because some drivers time a part of the work only.
+    wall clock, as some drivers time only a part of the work.
     """
     repeats = 1
     while big_draw.sample(repeats).wall < 0.02 and repeats < 1 << 16:
@@ -167,28 +167,28 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     if software and len(cpu_samples) == len(samples):
         cpu = statistics.median(cpu_samples) / repeats
         step = _clock_resolution(time.process_time)
-        figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
+        detail = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
         if step > MAX_CPU_CLOCK_STEP_S:
             reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
         elif any(
-            own + (each.waited or 0.0) >= MIN_CPU_SHARE * each.wall
-            for own, each in zip(cpu_samples, samples, strict=True)
+            cpu_s + (sample.waited or 0.0) >= MIN_CPU_SHARE * sample.wall
+            for cpu_s, sample in zip(cpu_samples, samples, strict=True)
         ):
-            reason = f"the process computed for {figures}"
+            reason = f"the process computed for {detail}"
             return TimerTest("cpu", wall, None, step, reason, cpu)
         else:
-            reason = f"the process computed for only {figures}"
+            reason = f"the process computed for only {detail}"
         return TimerTest("wall", wall, None, resolution, reason, cpu)
     gpu_samples = [sample.gpu for sample in samples if sample.gpu is not None]
     if not gpu_samples:
         return TimerTest("wall", wall, None, resolution, "the device has no GPU timer")
     gpu = statistics.median(gpu_samples) / repeats
-    apart = abs(gpu - wall) / wall
-    figures = f"{gpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
-    if apart > MAX_TIMER_DIFFERENCE:
-        reason = f"the driver's GPU timer disagrees: {figures}"
+    difference = abs(gpu - wall) / wall
+    detail = f"{gpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
+    if difference > MAX_TIMER_DIFFERENCE:
+        reason = f"the driver's GPU timer disagrees: {detail}"
         return TimerTest("wall", wall, gpu, resolution, reason)
-    return TimerTest("gpu", wall, gpu, 1e-9, f"the GPU timer saw {figures}")
+    return TimerTest("gpu", wall, gpu, 1e-9, f"the GPU timer saw {detail}")
 
 
 def time_together(
@@ -202,10 +202,10 @@ def time_together(
 ) -> dict[str, Times]:
     """Time all `drawings` in shuffled, interleaved rounds.
 
-    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that
-    of its median or of its ratio to the other drawings, is narrow enough and the minimum share of
-    the budget is spent, or when `settings.budget_s` times the number of drawings has passed. With
-    `renew` there are at least `settings.epochs` epochs, unless `settings.limit_s` is over.
+    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, of
+    the median or of the ratio to the other drawings, is narrow enough and the minimum share of the
+    budget is spent, or when `settings.budget_s` times the number of drawings has passed. `renew`
+    gives at least `settings.epochs` epochs within `settings.limit_s`.
     """
     start, stolen_s, others_s = clock(), system.stolen_s(), system.other_processes_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -216,23 +216,23 @@ def time_together(
         times[name] = Times(repeats)
     compared = [name for name in drawings if name not in (EMPTY, REFERENCE)]
     if settings.paired and compared:
-        most = max(times[name].repeats for name in compared)
+        max_repeats = max(times[name].repeats for name in compared)
         for name in compared:
             fits = int(MAX_BATCHES * batch / max(draw_s[name], 1e-12))
-            times[name].repeats = min(most, max(times[name].repeats, fits))
+            times[name].repeats = min(max_repeats, max(times[name].repeats, fits))
     order = list(drawings)
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
     latest = math.inf if settings.limit_s is None else start + settings.limit_s
-    # On a slow device, epochs that would not fit before the limit get one round each: rounds of
+    # On a slow device, epochs that would not fit before the limit have a single round, as rounds of
     # different epochs are more informative than rounds of one epoch.
     round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
     slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
-    wanted, now = settings.epochs if renew else 1, clock()
-    epoch_s = max(0.0, earliest - now) / wanted
-    least = 1 if slow else EPOCH_ROUNDS
-    epochs = _Epochs(renew, wanted, least, epoch_s, now + epoch_s, clock)
+    min_epochs, warm_at = settings.epochs if renew else 1, clock()
+    epoch_s = max(0.0, earliest - warm_at) / min_epochs
+    min_rounds = 1 if slow else EPOCH_ROUNDS
+    epochs = _Epochs(renew, min_epochs, min_rounds, epoch_s, warm_at + epoch_s, clock)
     check_at = MIN_ROUNDS
     while True:
         if epochs.is_over():
@@ -244,12 +244,12 @@ def time_together(
         epochs.rounds[-1] += 1
         rounds = len(times[order[0]].samples_s)
         over = clock() >= latest
-        if not over and (rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few()):
+        if not over and (rounds < MIN_ROUNDS or clock() < earliest or epochs.needs_more()):
             continue
         if over or rounds >= check_at or clock() >= deadline:
-            # The cost of intervals grows with the rounds, so they are computed at growing steps.
+            # Intervals are computed at growing steps, as their cost grows with the rounds.
             check_at = rounds + max(1, rounds // 8)
-            # An empty draw is pure noise and is not waited for.
+            # The empty draw is pure noise, so its precision is not required.
             precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or entry.is_precise(settings.precision)
@@ -275,17 +275,17 @@ def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
 
 @dataclass
 class _Epochs:
-    """Schedule of epochs, before each of which drawings are prepared again.
+    """Schedule of epochs, before which drawings are prepared again.
 
-    wanted, least : lower bounds of the number of epochs, and of the rounds of each
+    min_epochs, min_rounds : lower bounds of the number of epochs, and of rounds per epoch
     seconds : shortest duration of an epoch
     until : earliest end of the current epoch
-    rounds : rounds of each epoch, the current one last
+    rounds : rounds of each epoch, the current epoch last
     """
 
     renew: Renew | None
-    wanted: int
-    least: int
+    min_epochs: int
+    min_rounds: int
     seconds: float
     until: float
     clock: Callable[[], float]
@@ -293,8 +293,8 @@ class _Epochs:
 
     def is_over(self) -> bool:
         """Return whether the next epoch is due."""
-        long_enough = self.rounds[-1] >= self.least and self.clock() >= self.until
-        return self.wanted > 1 and long_enough
+        long_enough = self.rounds[-1] >= self.min_rounds and self.clock() >= self.until
+        return self.min_epochs > 1 and long_enough
 
     def begin(self, order: Sequence[str]) -> Mapping[str, Drawing]:
         """Return the drawings of the next epoch, prepared in the given order."""
@@ -306,9 +306,9 @@ class _Epochs:
         self.until = max(self.until + self.seconds, self.clock())
         return drawings
 
-    def are_few(self) -> bool:
+    def needs_more(self) -> bool:
         """Return whether more epochs, or more rounds of the current one, are required."""
-        return len(self.rounds) < self.wanted or self.rounds[-1] < self.least
+        return len(self.rounds) < self.min_epochs or self.rounds[-1] < self.min_rounds
 
 
 def _compared_precisely(
@@ -317,9 +317,9 @@ def _compared_precisely(
     settings: TimingSettings,
     epochs: Sequence[int],
 ) -> Sequence[str]:
-    """Return the drawings whose ratio to the geometric mean of all is precise enough.
+    """Return the drawings whose ratio to the geometric mean of all drawings is precise enough.
 
-    Ratios become precise even while the machine drifts, medians do not. The reference draw, which
+    Unlike medians, ratios become precise even while the machine drifts. The reference draw, which
     measures the drift, counts as precise if all ratios are.
     """
     if not settings.paired or len(compared) < 2:
@@ -327,26 +327,23 @@ def _compared_precisely(
     samples = np.array([times[name].samples_s for name in compared])
     if not (samples > 0.0).all():
         return ()
-    together = np.exp(np.log(samples).mean(axis=0))
-    ratios = [paired_ratio(own, together, epochs) for own in samples]
-    precise = [each.high - each.low <= 2 * settings.precision * each.value for each in ratios]
-    names = [name for name, is_so in zip(compared, precise, strict=True) if is_so]
+    mean_samples = np.exp(np.log(samples).mean(axis=0))
+    ratios = [paired_ratio(drawing_samples, mean_samples, epochs) for drawing_samples in samples]
+    precise = [ratio.high - ratio.low <= 2 * settings.precision * ratio.value for ratio in ratios]
+    names = [name for name, is_precise in zip(compared, precise, strict=True) if is_precise]
     return [*names, REFERENCE] if all(precise) else names
 
 
 def _warm_up(
     drawing: Drawing, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
 ) -> tuple[int, float]:
-    """Draw until times are stable.
-
-    Returns the number of draws that make a batch last `batch_s`, and the seconds of one draw.
-    """
+    """Draw until times are stable; return draws per batch of `batch_s`, and seconds per draw."""
     deadline = clock() + limit_s
     repeats = 1
     while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
         # Aim at 1.2 batches, and extrapolate one short sample at most eightfold.
-        wanted = 1.2 * batch_s / seconds if seconds > 0 else math.inf
-        repeats = max(repeats + 1, int(repeats * min(wanted, 8.0)))
+        factor = 1.2 * batch_s / seconds if seconds > 0 else math.inf
+        repeats = max(repeats + 1, int(repeats * min(factor, 8.0)))
         if repeats > 1 << 20:
             break
     recent = [_seconds(drawing.sample(repeats), timer) for _ in range(3)]

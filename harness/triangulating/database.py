@@ -106,7 +106,9 @@ class ModelDatabase:
     def info(self) -> dict[str, tuple[int, int]]:
         """Return the number of cached triangulations and bytes of each triangulator."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
-        rows = self._attempt(lambda: self._database.execute(query).fetchall(), [])
+        rows: list[tuple[str, int, int]] = self._attempt(
+            lambda: self._database.execute(query).fetchall(), []
+        )
         return {name: (count, size) for name, count, size in sorted(rows)}
 
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:

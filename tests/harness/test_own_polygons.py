@@ -116,7 +116,7 @@ def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the
     for line in named:
         name, reason = line.partition("dropped ")[2].split(": ")
         assert dropped.pop(name) == reason
-    assert "dropped 2 more; a run's run.json names them" in err
+    assert "dropped 2 more; see run.json of a run" in err
 
 
 def test_what_is_read_is_never_written_over(harness):

@@ -165,10 +165,10 @@ def test_resume_measures_only_what_is_missing(block, tmp_path):
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
-        ("plan", r"cannot resume .*plan \(seed: 0 then, 7 now\)"),
+        ("plan", r"cannot be resumed, as these changed: plan \(seed: 0 then, 7 now\)"),
         ("scene", "the scene's content"),
-        ("code", "since then changed: the code;"),
-        ("machine", "since then changed: the machine;"),
+        ("code", "these changed: the code;"),
+        ("machine", "these changed: the machine;"),
     ],
 )
 def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch, changed, reason):

@@ -157,7 +157,7 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
 @pytest.mark.parametrize(
     ("name", "code", "parts"),
     [
-        ("theirs:Dying", 3, ["no rasteriser is left"]),
+        ("theirs:Dying", 3, ["all rasterisers of the run failed"]),
         ("theirs:cut", 2, ["not a subclass of harness.rasterisers.Rasteriser"]),
         ("theirs:nothing", 2, ["import failed", "nothing"]),
     ],

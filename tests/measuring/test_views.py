@@ -151,7 +151,7 @@ def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
 
 def test_faces_side_by_side_have_no_original(model, tmp_path):
     names = parse_all(["original", "delaunay"])
-    with pytest.raises(UsageError, match="original is the triangulation in a model"):
+    with pytest.raises(UsageError, match="original: requires a model with views"):
         measure(plan(model, scene=model, triangulators=names), tmp_path / "out")
 
 

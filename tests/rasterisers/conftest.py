@@ -96,7 +96,7 @@ def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, 
 
 def seconds(name: str, device: Device, case: Any) -> float:
     """Draw three times, inside the worker, and return the seconds."""
-    with tasks._opened(name, device).prepare(*case, Options()) as drawing:
+    with tasks._get_rasteriser(name, device).prepare(*case, Options()) as drawing:
         return drawing.sample(3).wall
 
 

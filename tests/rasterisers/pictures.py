@@ -15,7 +15,7 @@ Image = NDArray[np.uint8]
 
 def image(name: str, device: Device, frame: Frame, triangles: Triangles, options: Options) -> Image:
     """Return the picture, top row first, of a drawing on a device open in this process."""
-    return image_of(tasks._opened(name, device), frame, triangles, options)
+    return image_of(tasks._get_rasteriser(name, device), frame, triangles, options)
 
 
 def image_of(rasteriser: Rasteriser, frame: Frame, triangles: Triangles, options: Options) -> Image:

@@ -53,7 +53,7 @@ def record_instances(name: str, device: Device, software: bool) -> tuple[list[in
     """Draw 10 times in the worker; return the instances of each draw call, and the seconds."""
     from wgpu.backends import wgpu_native as wgpu
 
-    opened = tasks._opened(name, device)
+    opened = tasks._get_rasteriser(name, device)
     frame, triangles = loose_triangles(np.array([[256, 256], [9000, 256], [256, 9000]]), 64)
     instances_drawn: list[int] = []
     draw = wgpu.GPURenderPassEncoder.draw_indexed
@@ -74,7 +74,7 @@ def record_instances(name: str, device: Device, software: bool) -> tuple[list[in
 
 def count_with_limit_of_32_px(name: str, device: Device, *case: Any) -> None:
     """Count in the worker with a maximum viewport of 32 px."""
-    opened = tasks._opened(name, device)
+    opened = tasks._get_rasteriser(name, device)
     before, opened.max_size = opened.max_size, 32
     try:
         opened.count(*case)
@@ -91,7 +91,7 @@ def test_every_repeat_is_drawn(on_device, software, drawn):
 
 def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
     """Count and draw in the worker on a device that snaps to 1/16 px."""
-    opened = tasks._opened(name, device)
+    opened = tasks._get_rasteriser(name, device)
     tally = opened._tally_once
 
     def coarse(frame: Any, part: Any) -> Any:
