@@ -1,4 +1,4 @@
-"""Two versions of a user's code measured in the same rounds: what is paired, kept and refused."""
+"""Two versions of a user's code measured in the same rounds: pairs, stored facts, refusals."""
 
 import contextlib
 import shutil
@@ -50,7 +50,7 @@ POLYGONS = load("city:buildings=2", seed=0).polygons
 
 @contextlib.contextmanager
 def project(folder: Path) -> Iterator[Path]:
-    """Make a repository whose only commit has the good triangulation; it is the current folder."""
+    """Make a repository with a commit of the good triangulation, and enter it."""
     folder.mkdir()
     (folder / "theirs.py").write_text(GOOD)
     git(folder, "init", "-q", "-b", "main")
@@ -66,7 +66,7 @@ def project(folder: Path) -> Iterator[Path]:
 def measure(
     plan: Plan, out: str, reference: str = "main", *, resume: bool = False, twice: bool = False
 ) -> None:
-    """Measure HEAD's code, imported anew, beside another version, all in this process."""
+    """Measure HEAD's code, imported again, with an interleaved baseline, in this process."""
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
     registry.load.cache_clear()
@@ -87,7 +87,7 @@ def runs(out: Path | str):
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory) -> Iterator[Path]:
-    """A repository with a run: a worse version and a module that BASE has not, beside main."""
+    """A repository with a run of main as baseline and a worse HEAD, which has a new module."""
     with project(tmp_path_factory.mktemp("beside") / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         git(folder, "checkout", "-q", "-b", "change")
@@ -97,24 +97,24 @@ def measured(tmp_path_factory) -> Iterator[Path]:
         yield folder
 
 
-def test_samples_pair_and_a_change_is_found(measured):
+def test_samples_pair_and_a_change_is_detected(measured):
     base, head = runs(measured / "out")
     statuses = [{r["triangulator"]: r["status"] for r in lines_of(run)} for run in (base, head)]
     assert statuses[0] == {"fan": "ok", "theirs:cut": "ok", "newer:cut": "failed"}
     assert statuses[1] == dict.fromkeys(statuses[0], "ok")
     keys = [{r["triangulator"]: r["key"] for r in lines_of(run)} for run in (base, head)]
     assert keys[0] == keys[1]
-    found = compare_runs(base, head)
-    times = {case.id.name: case.time for case in found.compared()}
+    comparison = compare_runs(base, head)
+    times = {case.id.name: case.time for case in comparison.compared()}
     assert {time.against for time in times.values()} == {"rounds", "same-triangles"}
     assert (times["fan"].against, times["fan"].ratio) == ("same-triangles", None)
-    newer = {case.id.name: case.status for case in found.cases}["newer:cut"]
+    newer = {case.id.name: case.status for case in comparison.cases}["newer:cut"]
     assert newer == "now-measured"
     (reason,) = (r["reason"] for r in lines_of(base) if r["status"] == "failed")
     assert "newer" in reason
 
 
-def test_each_run_keeps_what_is_its_own(measured):
+def test_each_run_has_its_own_records(measured):
     base, head = runs(measured / "out")
     for run in (base, head):
         files = {file.stem for file in (run.path / "polygons").iterdir()}
@@ -127,18 +127,18 @@ def test_each_run_keeps_what_is_its_own(measured):
     assert np.array_equal(drawn[0]["theirs:cut"], drawn[1]["delaunay"])
 
 
-def test_each_run_tells_its_commit_and_nothing_is_left_behind(measured):
+def test_each_run_has_its_commit_and_work_trees_are_removed(measured):
     base, head = runs(measured / "out")
     commits = [git(measured, "rev-parse", name) for name in ("main", "change")]
     projects = [run.facts["environment"]["project"] for run in (base, head)]
-    assert [each["commit"] for each in projects] == commits
-    told = {"base": "main", "commit": commits[0], "twice": False}
-    assert head.facts["beside"] == told
-    assert base.facts["beside"] == {**told, "is_base": True}
+    assert [project["commit"] for project in projects] == commits
+    expected = {"base": "main", "commit": commits[0], "twice": False}
+    assert head.facts["beside"] == expected
+    assert base.facts["beside"] == {**expected, "is_base": True}
     assert len(git(measured, "worktree", "list").splitlines()) == 1
 
 
-def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
+def test_resume_uses_the_same_baseline(tmp_path):
     with project(tmp_path / "project") as folder:
         plan = replace(PLAN, triangulators=(THEIRS,))
         (folder / "theirs.py").write_text(BROKEN)
@@ -149,7 +149,7 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
         measure(plan, "out", resume=True)
         base, head = runs("out")
         assert [r["status"] for r in lines_of(base) + lines_of(head)] == ["ok", "ok"]
-        # They were not timed together, so nothing is said of the one beside the other.
+        # They were not timed together, so the run has no comparison of the two.
         assert compare_runs(base, head).cases[0].time.against != "rounds"
         git(folder, "commit", "-q", "-a", "-m", "second")
         with pytest.raises(IncompatibleRunsError, match="the baseline"):
@@ -157,13 +157,13 @@ def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
 
 
 @pytest.mark.parametrize("twice", [False, True])
-def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkeypatch):
+def test_equal_triangulations_are_drawn_once_by_default(twice, tmp_path, monkeypatch):
     drawn: list[str] = []
     time = MeasuringPool.time
 
-    def watched(self, backend, candidates, *rest):
+    def watched(self, backend, candidates, *arguments):
         drawn.extend(candidates)
-        return time(self, backend, candidates, *rest)
+        return time(self, backend, candidates, *arguments)
 
     monkeypatch.setattr(MeasuringPool, "time", watched)
     with project(tmp_path / "project") as folder:
@@ -177,7 +177,7 @@ def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkey
     assert set(base) == set(head) == {"fan", "theirs:cut"}
 
 
-def test_the_other_version_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
+def test_the_baseline_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     other, environment = tmp_path / "other", tmp_path / "environment"
     other.mkdir()
@@ -189,18 +189,18 @@ def test_the_other_version_may_be_a_folder_or_an_environment(tmp_path, monkeypat
     python.chmod(0o755)
     parts = []
     for reference in (str(other), str(environment)):
-        with version(reference, ["theirs:cut"]) as place:
-            result = triangulate_elsewhere(THEIRS, POLYGONS, place)
+        with version(reference, ["theirs:cut"]) as other:
+            result = triangulate_elsewhere(THEIRS, POLYGONS, other)
         assert not result.failed
         assert result.conforming
         parts.append(np.concatenate(result.parts))
     assert np.array_equal(*parts)
 
 
-def test_an_editable_install_that_hides_base_is_said(measured):
-    """Nothing would be compared if BASE's name led to HEAD's code."""
-    with version("main", ["theirs:cut"]) as place:
-        hidden = replace(place, path=(str(measured), *place.path))
+def test_an_editable_install_that_hides_base_is_reported(measured):
+    """If BASE's name led to HEAD's code, HEAD would be compared with itself."""
+    with version("main", ["theirs:cut"]) as other:
+        hidden = replace(other, path=(str(measured), *other.path))
         with pytest.raises(TaskError, match=r"is imported from HEAD .*editable"):
             triangulate_elsewhere(THEIRS, POLYGONS, hidden)
 
@@ -208,17 +208,17 @@ def test_an_editable_install_that_hides_base_is_said(measured):
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
-        (["--beside", "nowhere"], ["--beside nowhere", "no commit", "git fetch"]),
+        (["--beside", "nowhere"], ["--beside nowhere", "neither a commit", "git fetch"]),
         (["--draw-twice"], ["--draw-twice", "--beside"]),
     ],
 )
-def test_bad_usage_is_one_line(harness, options, parts):
+def test_bad_usage_is_reported_in_one_line(harness, options, parts):
     assert_refused(harness("run", "--scene", "city:buildings=2", "--out", "out", *options), *parts)
     assert not Path("out").exists()
 
 
-def test_removes_only_its_own_work_tree(measured, tmp_path):
-    """Neither a lost folder of its own nor another work tree that is out of reach is in the way."""
+def test_only_the_created_work_tree_is_removed(measured, tmp_path):
+    """A lost folder and an inaccessible work tree of another project do not matter."""
     git(measured, "worktree", "add", "-q", "--detach", str(tmp_path / "another"))
     (tmp_path / "another").rename(tmp_path / "out of reach")
     with version("main", []) as base:

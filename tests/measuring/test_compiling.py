@@ -1,4 +1,4 @@
-"""Compiling is no triangulator's time: it has a budget and a line of its own."""
+"""Compilation does not count as triangulating: it has a separate budget and message."""
 
 import io
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from triangulators.compute import compiled_files
 
 
 class Slow(InlineWorker):
-    """An executor that says that loading code took a minute, and notes what tasks may take."""
+    """An executor that reports a minute of loading, and notes the tasks' time limits."""
 
     def __init__(self, log: list[tuple[str, float | None]], fails: str = "") -> None:
         self._log = log
@@ -38,38 +38,38 @@ class Slow(InlineWorker):
 
 
 def measured(block, out, log, fails="", names=("ear-clipping", "optimal:overdraw")):
-    said = io.StringIO()
+    stream = io.StringIO()
     seconds = count(step=60)
-    reporter = Reporter(console=Console(file=said, width=200), clock=lambda: next(seconds))
+    reporter = Reporter(console=Console(file=stream, width=200), clock=lambda: next(seconds))
     plan = plan_for(block, triangulators=names, timeout_s=7.0)
     result = run(plan, out, reporter, open_worker=lambda *_: Slow(log, fails))
-    return lines_of(result), said.getvalue()
+    return lines_of(result), stream.getvalue()
 
 
-def test_compiling_has_its_own_budget_and_line(block, tmp_path):
+def test_compilation_has_a_separate_budget_and_message(block, tmp_path):
     log: list[tuple[str, float | None]] = []
-    records, said = measured(block, tmp_path / "out", log)
+    records, output = measured(block, tmp_path / "out", log)
     assert {record["status"] for record in records} == {"ok"}
     assert {seconds for name, seconds in log if name == "warm_up"} == {COMPILE_TIMEOUT_S}
     assert {seconds for name, seconds in log if name == "triangulate_polygons"} == {7.0}
-    # Once each, before it is timed: the baseline, which is no case, and the two.
+    # Once each before timing: the baseline, which is not a case, and the two triangulators.
     names = [name for name, _ in log if name in ("warm_up", "triangulate_polygons")]
     assert names == ["warm_up", "triangulate_polygons"] * 3
     assert ("min_quads", COMPILE_TIMEOUT_S) in log
-    assert said.count("compiling optimal:overdraw, once on each machine") == 1
+    assert output.count("compiling optimal:overdraw, once on each machine") == 1
 
 
-def test_a_users_function_is_waited_for_not_compiled_and_lines_go_on(block, tmp_path):
+def test_waiting_for_third_party_code_is_reported(block, tmp_path):
     name = "tests.broken:triangulate_clockwise"
-    _, said = measured(block, tmp_path / "out", [], names=("ear-clipping", name))
-    assert said.count(f"still waiting for the first polygons of {name}") == 1
-    assert f"compiling {name}" not in said
-    # One line when the baseline is waited for, and one when it is done, and so on.
-    told = [line for line in said.splitlines() if line.startswith("triangulating: ")]
-    assert [line.split()[1] for line in told] == ["0%", "33%", "33%", "67%", "67%"]
+    _, output = measured(block, tmp_path / "out", [], names=("ear-clipping", name))
+    assert output.count(f"still waiting for the first polygons of {name}") == 1
+    assert f"compiling {name}" not in output
+    # One line while waiting for the baseline, one at its end, and so on.
+    lines = [line for line in output.splitlines() if line.startswith("triangulating: ")]
+    assert [line.split()[1] for line in lines] == ["0%", "33%", "33%", "67%", "67%"]
 
 
-def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(block, tmp_path):
+def test_slow_compilation_and_slow_triangulation_are_distinguished(block, tmp_path):
     slow, _ = measured(block, tmp_path / "slow", [], "triangulate_polygons")
     assert {record["status"] for record in slow} == {"skipped"}
     assert "triangulation exceeded 7 s; increase --timeout" in slow[0]["reason"]
@@ -80,7 +80,7 @@ def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(bl
 
 
 class Recorded(InlineWorker):
-    """An executor that notes who was asked to load what, and whether it was ended."""
+    """An executor that notes the loaded triangulators, and whether it was closed."""
 
     def __init__(self, name: str, log: list[tuple[str, list[str]]]) -> None:
         self.name, self._log = name, log
@@ -92,15 +92,15 @@ class Recorded(InlineWorker):
         self._log.append((f"{self.name} closed", [str(at_once)]))
 
 
-def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(monkeypatch):
+def test_a_second_process_compiles_in_reverse_order_if_nothing_is_compiled(monkeypatch):
     recipes = parse_all(["fan", "refined", "optimal", "tests.broken:triangulate_clockwise"])
-    for kept, cores, expected in (
+    for is_cached, cores, expected in (
         (False, 2, [(SECOND.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
         (True, 2, []),
         (False, 1, []),
     ):
         log: list[tuple[str, list[str]]] = []
-        monkeypatch.setattr(measuring_pool, "is_cached", lambda _, kept=kept: kept)
+        monkeypatch.setattr(measuring_pool, "is_cached", lambda _, is_cached=is_cached: is_cached)
         monkeypatch.setattr(measuring_pool, "cores", lambda cores=cores: cores)
         pool = measuring_pool.MeasuringPool(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
         pool.compile_ahead(recipes)
@@ -111,7 +111,7 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
         assert log == [*expected, *[(f"{SECOND.name} closed", ["True"])] * len(expected)]
 
 
-def test_what_is_compiled_late_is_a_module_with_kernels():
+def test_the_late_module_has_kernels():
     triangulate(box(0, 0, 2, 1), "optimal:half-perimeter")
     assert compiled_files.is_cached(measuring_pool.COMPILED_LATE)
     assert not compiled_files.is_cached("triangulators.errors")

@@ -1,4 +1,4 @@
-"""The fewest quads of a frame's polygons: known where it is cheap, and never undercut."""
+"""Minimum quads of a frame's polygons: known if cheap, and never too high."""
 
 import time
 from contextlib import closing
@@ -27,25 +27,29 @@ def limits_of(frame, open_worker=inline):
         return lower_limits.collect(lower_limits.start(frame, parts, pool))
 
 
-def test_it_lies_between_the_outline_and_every_triangulation():
+def test_minimum_quads_are_between_outline_and_triangulations():
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    found = limits_of(frame)
-    assert (found[OUTLINE] <= found[LEAST]).all()
+    limits = limits_of(frame)
+    assert (limits[OUTLINE] <= limits[LEAST]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         parts = [triangulate(polygon, name) for polygon in frame.polygons]
         of_polygon = lower_limits.count_quads(frame, parts)
-        assert (found[LEAST] <= of_polygon).all()
-        assert (found[LEAST] < of_polygon).any()
+        assert (limits[LEAST] <= of_polygon).all()
+        assert (limits[LEAST] < of_polygon).any()
 
 
-def test_the_quickest_polygons_come_first_and_the_others_are_left_out(monkeypatch):
+def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
     seconds = lower_limits.estimate_seconds(frame)
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
-    known = limits_of(frame)[LEAST] >= 0
-    assert known.any()
-    assert seconds[known].max() <= seconds[~known].min()
-    assert seconds[known].sum() <= seconds.sum() / 2 < seconds[known].sum() + seconds[~known].min()
+    has_minimum = limits_of(frame)[LEAST] >= 0
+    assert has_minimum.any()
+    assert seconds[has_minimum].max() <= seconds[~has_minimum].min()
+    assert (
+        seconds[has_minimum].sum()
+        <= seconds.sum() / 2
+        < seconds[has_minimum].sum() + seconds[~has_minimum].min()
+    )
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", 0.0)
     assert (limits_of(frame)[LEAST] == -1).all()
 
@@ -61,44 +65,44 @@ def test_seconds_grow_with_height_vertices_and_holes():
 
 
 class Failing(InlineWorker):
-    """An executor in which looking for the fewest quads crashes."""
+    """An executor in which the computation of minimum quads crashes."""
 
-    def call(self, function, *arguments, **how):
+    def call(self, function, *arguments, **options):
         if function is lower_limits.min_quads:
             raise TaskError("it crashed")
-        return super().call(function, *arguments, **how)
+        return super().call(function, *arguments, **options)
 
 
-def test_a_crash_leaves_the_outline():
+def test_a_crash_does_not_affect_outline_quads():
     frame = make_frame([shapely.box(0, 0, 1, 1)], View(32))
-    found = limits_of(frame, lambda *_: Failing())
-    assert found[OUTLINE].item() > 0
-    assert LEAST not in found
+    limits = limits_of(frame, lambda *_: Failing())
+    assert limits[OUTLINE].item() > 0
+    assert LEAST not in limits
 
 
-def test_regret_is_helper_lanes_above_the_fewest():
-    known = {"polygons": 3, "quads": 290, "shaded": 300, "fragments": 1000}
+def test_regret_is_helper_lanes_above_the_minimum():
+    fields = {"polygons": 3, "quads": 290, "shaded": 300, "fragments": 1000}
     regret = find_metric("regret")
-    assert regret(make_record(least=known)) == pytest.approx(200 / 160 - 1)
+    assert regret(make_record(least=fields)) == pytest.approx(200 / 160 - 1)
     assert regret(make_record()) is None
-    assert regret(make_record(least={**known, "quads": 250})) is None  # no helper lane: no ratio
+    assert regret(make_record(least={**fields, "quads": 250})) is None  # no helper lane: no ratio
 
 
-def test_a_record_compares_the_polygons_that_are_known():
+def test_records_compare_polygons_with_a_minimum():
     counters = {name: np.array(values) for name, values in COUNTED.items()}
     drawn = np.array([True, False, True])
-    least = np.array([9, 8, -1])
+    min_quads = np.array([9, 8, -1])
     expected = LeastQuads(polygons=1, quads=9, shaded=10, fragments=30)
-    assert records._least_quads(drawn, counters, least) == expected
-    assert records._least_quads(drawn, {"fragments": counters["fragments"]}, least) is None
+    assert records._least_quads(drawn, counters, min_quads) == expected
+    assert records._least_quads(drawn, {"fragments": counters["fragments"]}, min_quads) is None
     totals = {name: values.sum() for name, values in counters.items()}
-    assert records._least_quads(drawn, totals, least) is None
+    assert records._least_quads(drawn, totals, min_quads) is None
 
 
 COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
 
 
-def test_what_a_triangulator_may_take_does_not_limit_what_is_ours():
+def test_a_triangulators_timeout_does_not_limit_bounds():
     pool = MeasuringPool(Worker, 0.05)
     try:
         assert pool.compute(time.sleep, 0.3).result() is None
@@ -108,8 +112,8 @@ def test_what_a_triangulator_may_take_does_not_limit_what_is_ours():
 
 @pytest.mark.parametrize("scene", ["city:buildings=12", "cad:parts=2,segments=12"])
 @pytest.mark.parametrize("name", ["delaunay", "optimal:half-perimeter", "worst:overdraw"])
-def test_it_is_counted_by_pixels_whatever_the_triangulation(scene, name):
-    """Against the picture of the polygons, pixel by pixel."""
+def test_outline_quads_do_not_depend_on_the_triangulation(scene, name):
+    """Compared with an image of the polygons, pixel by pixel."""
     frame = make_frame(load(scene).polygons, View(128))
     parts = [triangulate(polygon, name) for polygon in frame.polygons]
     x, y = np.meshgrid(np.arange(128) + 0.5, np.arange(128) + 0.5)
@@ -123,7 +127,7 @@ def test_it_is_counted_by_pixels_whatever_the_triangulation(scene, name):
         assert quads.sum() <= count <= quads.sum() + unsure.sum()
 
 
-def test_a_polygon_without_triangles_has_none():
+def test_polygons_without_triangles_have_no_outline_quads():
     frame = make_frame([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)], View(64))
     part = triangulate(frame.polygons[0], "ear-clipping")
     assert count_outline_quads(frame, [part, None]).tolist()[1] == -1

@@ -1,4 +1,4 @@
-"""The best reference draw of a machine outlives its runs."""
+"""The file of a machine's fastest reference draws."""
 
 import json
 
@@ -10,17 +10,17 @@ from tests.records import make_record
 
 
 def records(reference_s: float, **changes: object) -> list[Record]:
-    """Return two cases timed together, so that they share their reference draws."""
+    """Return two cases timed together, which share reference draws."""
     draws = [reference_s * 0.9, reference_s, reference_s * 1.4]
     time = {"timer": "cpu", "samples_s": draws, "reference_s": draws}
     return [make_record(name, **{"time": time, **changes}) for name in ("fan", "another")]
 
 
-def test_the_first_run_is_its_own_best(tmp_path):
+def test_the_first_run_sets_the_minimum(tmp_path):
     file = tmp_path / "a" / "new" / "draws.json"
-    (found,) = reference_draws(records(1e-3), file)
+    (draw,) = reference_draws(records(1e-3), file)
     assert file.is_file()
-    assert found == {
+    assert draw == {
         "rasteriser": "opengl",
         "device": "llvmpipe",
         "resolution": 1024,
@@ -34,7 +34,7 @@ def test_the_first_run_is_its_own_best(tmp_path):
     }
 
 
-def test_a_slower_run_is_told_by_how_much(tmp_path):
+def test_slower_runs_have_their_ratio_to_the_minimum(tmp_path):
     file = tmp_path / "draws.json"
     reference_draws(records(1e-3), file)
     (slow,) = reference_draws(records(2e-3), file)
@@ -43,7 +43,7 @@ def test_a_slower_run_is_told_by_how_much(tmp_path):
     assert (faster["best_s"], faster["slower"], faster["runs"]) == (0.5e-3, 1.0, 3)
 
 
-def test_each_device_view_and_machine_has_its_own(tmp_path, monkeypatch):
+def test_devices_views_and_machines_have_separate_minima(tmp_path, monkeypatch):
     file = tmp_path / "draws.json"
     reference_draws(records(1e-3), file)
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
@@ -53,18 +53,18 @@ def test_each_device_view_and_machine_has_its_own(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("content", ["", "[1]", '{"a": [0, 1]}', '{"a": [1, 0]}', '{"a": 3}', "{"])
-def test_a_damaged_file_is_begun_anew(content, tmp_path):
+def test_damaged_files_are_replaced(content, tmp_path):
     file = tmp_path / "draws.json"
     file.write_text(content)
     assert reference_draws(records(1e-3), file)[0]["best_s"] == 1e-3
     assert len(json.loads(file.read_text())) == 1
 
 
-def test_a_place_that_cannot_be_written_stops_nothing(tmp_path):
+def test_unwritable_files_are_ignored(tmp_path):
     (tmp_path / "file").write_text("")
-    (found,) = reference_draws(records(1e-3), tmp_path / "file" / "draws.json")
-    assert (found["slower"], found["runs"]) == (1.0, 1)
+    (draw,) = reference_draws(records(1e-3), tmp_path / "file" / "draws.json")
+    assert (draw["slower"], draw["runs"]) == (1.0, 1)
 
 
-def test_cases_without_times_have_no_state(tmp_path):
+def test_cases_without_times_have_no_entry(tmp_path):
     assert reference_draws(records(1e-3, time=None), tmp_path / "draws.json") == []

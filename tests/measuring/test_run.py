@@ -1,4 +1,4 @@
-"""Whole runs on a scripted rasteriser: what is measured, stored, resumed and refused."""
+"""Complete runs on a scripted rasteriser: measuring, storing, resuming, refusals."""
 
 import json
 import os
@@ -54,19 +54,21 @@ def quiet() -> Reporter:
     return Reporter(quiet=True, console=Console(quiet=True))
 
 
-def measure(plan: Plan, out: Path, open_worker: OpenWorker = inline, **how: object) -> RunResult:
+def measure(
+    plan: Plan, out: Path, open_worker: OpenWorker = inline, **options: object
+) -> RunResult:
     MockRasteriser.begin_run()
-    return run(plan, out, quiet(), RunOptions(**how), open_worker=open_worker)  # type: ignore[arg-type]
+    return run(plan, out, quiet(), RunOptions(**options), open_worker=open_worker)  # type: ignore[arg-type]
 
 
-def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
+def test_every_case_gets_a_complete_record(block, tmp_path):
     outcome = measure(plan_for(block), tmp_path / "out")
     records = {record["triangulator"]: record for record in lines_of(outcome)}
     assert set(records) == set(NAMES)
     for record in records.values():
         assert record["status"] == "ok"
         assert record["polygons"] == 3
-        # n + 2h - 2 a polygon: an L of 6, a square with a square hole, a square.
+        # n + 2h - 2 per polygon: an L of 6, a square with a square hole, a square.
         assert record["triangles"] == 4 + 8 + 2
         assert record["conforming"] is True
         assert record["coverage_error"] == 0
@@ -88,33 +90,31 @@ def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
 
 
 def nothing_at_once(_recipe: Recipe, polygons: PolygonArray) -> tuple[list[object], np.ndarray]:
-    """Leave every polygon of a batch to single calls."""
+    """Leave all polygons to single calls."""
     return [], np.zeros(len(polygons), np.bool_)
 
 
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the triangulator `name` fail on every polygon of that many holes."""
-    whole = triangulators.triangulate_with_gap
+    """Make the triangulator `name` fail on every polygon with this number of holes."""
+    original = triangulators.triangulate_with_gap
 
-    def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
-        if wanted == name and len(polygon.interiors) == holes:
+    def triangulate(polygon: Polygon, triangulator: str, **options: object) -> object:
+        if triangulator == name and len(polygon.interiors) == holes:
             raise ValueError("scripted")
-        return whole(polygon, wanted, **more)
+        return original(polygon, triangulator, **options)
 
     monkeypatch.setattr(triangulators, "triangulate_with_gap", triangulate)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
 
 
-def test_a_triangulation_that_covers_too_much_is_found_whatever_the_baseline_left_out(
-    block, tmp_path, monkeypatch
-):
+def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_path, monkeypatch):
     failing("delaunay", 1, monkeypatch)
     count = MockRasteriser._count
 
-    def count_too_much(self: MockRasteriser, frame: Frame, *rest: object) -> Counters:
-        counters = count(self, frame, *rest)  # type: ignore[arg-type]
-        # The fan's are 4 + 2; ear clipping's, with the courtyard's, are 14.
-        if len(rest[0]) == 14:  # type: ignore[arg-type]
+    def count_too_much(self: MockRasteriser, frame: Frame, *arguments: object) -> Counters:
+        counters = count(self, frame, *arguments)  # type: ignore[arg-type]
+        # The fan has 4 + 2; ear clipping, with the courtyard, has 14.
+        if len(arguments[0]) == 14:  # type: ignore[arg-type]
             counters["fragments"] += [1, 10, 100]
         return counters
 
@@ -129,7 +129,7 @@ def test_a_triangulation_that_covers_too_much_is_found_whatever_the_baseline_lef
     assert delaunay["polygons_failed"] == 1
 
 
-def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkeypatch):
+def test_coverage_is_unknown_without_common_polygons(tmp_path, monkeypatch):
     failing("delaunay", 0, monkeypatch)
     scene = write_geojson(tmp_path / "squares.geojson", [box(0, 0, 4, 4), box(6, 0, 9, 3)])
     plan = plan_for(scene, triangulators=("fan", "delaunay"))
@@ -139,8 +139,8 @@ def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkey
     assert records["delaunay"]["status"] == "failed"
 
 
-def test_triangles_leave_nothing_to_choose(tmp_path):
-    """An icosahedron: no two faces lie in one plane."""
+def test_scenes_of_triangles_are_refused(tmp_path):
+    """An icosahedron: no two faces are coplanar."""
     trimesh.creation.icosphere(0).export(tmp_path / "die.obj")
     plan = plan_for(tmp_path / "die.obj", triangulators=("fan",))
     with pytest.raises(NothingMeasuredError, match=r"every polygon is a triangle"):
@@ -148,17 +148,17 @@ def test_triangles_leave_nothing_to_choose(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_resume_measures_only_what_is_missing(block, tmp_path):
-    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
+def test_resume_measures_only_missing_cases(block, tmp_path):
+    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
     out = tmp_path / "out"
     measure(plan_for(block), out)
     lines = (out / "cases.jsonl").read_text().splitlines(keepends=True)
     (out / "cases.jsonl").write_text("".join(lines[:2]) + lines[2][:50])
-    kept = lines_of(read_run(out))
+    stored = lines_of(read_run(out))
     outcome = measure(plan_for(block), out, resume=True)
-    assert lines_of(outcome)[:2] == kept
+    assert lines_of(outcome)[:2] == stored
     assert [(r["key"], r["counters"]) for r in lines_of(outcome)] == [
-        (r["key"], r["counters"]) for r in whole
+        (r["key"], r["counters"]) for r in complete
     ]
 
 
@@ -171,7 +171,7 @@ def test_resume_measures_only_what_is_missing(block, tmp_path):
         ("machine", "these changed: the machine;"),
     ],
 )
-def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch, changed, reason):
+def test_resume_refuses_differences_unless_forced(block, tmp_path, monkeypatch, changed, reason):
     plan, out = plan_for(block), tmp_path / "out"
     measure(plan, out)
     if changed == "plan":
@@ -189,7 +189,7 @@ def test_resume_refuses_what_changed_unless_forced(block, tmp_path, monkeypatch,
         assert lines_of(measure(plan, out, resume=True, force=True))
 
 
-def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_path, monkeypatch):
+def test_resume_repeats_failed_but_not_skipped_cases(tmp_path, monkeypatch):
     courtyard = box(0, 0, 16, 16).difference(box(4, 4, 12, 12))
     scene = write_geojson(tmp_path / "courtyard.geojson", [courtyard])
     plan = plan_for(scene, triangulators=("fan", "ear-clipping"))
@@ -219,7 +219,7 @@ def interrupt_after_one(monkeypatch):
     monkeypatch.setattr(RunFolder, "append", append_and_interrupt)
 
 
-def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
+def test_an_interrupt_preserves_finished_cases(block, tmp_path, monkeypatch):
     interrupt_after_one(monkeypatch)
     plan = plan_for(block, views=(View(64), View(128)))
     outcome = measure(plan, tmp_path / "out")
@@ -238,9 +238,9 @@ def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
         ("count:hang", "exceeded the time limit of 4 s"),
     ],
 )
-def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypatch, fault, reason):
+def test_a_device_failure_affects_only_its_case(tmp_path, monkeypatch, fault, reason):
     # The mock fails on an odd number of triangles. A complete triangulation has 7 + 4 + 3;
-    # the fan leaves the courtyard out and has 4 + 3.
+    # the fan skips the courtyard and has 4 + 3.
     monkeypatch.setenv("MOCK_FAULT", fault)
     courtyard = Polygon(box(20, 0, 36, 16).exterior, [[(24, 4), (32, 4), (28, 12)]])
     ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
@@ -255,21 +255,21 @@ def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypat
     assert records["delaunay"]["triangles"] == 14
 
 
-def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, tmp_path):
-    wanted = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
+def test_upright_triangulations_are_drawn_rotated(block, tmp_path):
+    names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
     views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
-    outcome = measure(plan_for(block, triangulators=wanted, views=views), tmp_path / "out")
+    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
     seen = {(r["triangulator"], r["rotation"]): r for r in lines_of(outcome)}
     assert {record["status"] for record in lines_of(outcome)} == {"ok"}
     fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
     overdraw = {key: record["predicted"]["overdraw"] for key, record in seen.items()}
     assert overdraw[carried, 0.0] == overdraw[fresh, 0.0]
-    # Cut afresh it is the best there is; carried over it cannot be better.
+    # The new triangulation is optimal; the carried-over one cannot be better.
     assert overdraw[carried, 35.0] >= overdraw[fresh, 35.0]
     assert seen[carried, 35.0]["coverage_error"] == 0
 
 
-def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
+def test_random_triangulations_have_separate_seeds(block, tmp_path):
     plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
     records = lines_of(measure(plan, tmp_path / "out"))
     assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
@@ -277,7 +277,7 @@ def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
         measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
 
 
-def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
+def test_repeats_are_new_processes_in_turn(block, tmp_path):
     log: list[str] = []
 
     class Watched(InlineWorker):
@@ -303,7 +303,7 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
         assert min(times["processes"]) >= MIN_ROUNDS
         assert sum(times["processes"]) == sum(times["epochs"]) == len(times["samples_s"])
         assert len(times["reference_s"]) == len(times["samples_s"])
-    # A plan of one process is told as plans were before there were several.
+    # A plan of one process has no field for processes, as in older runs.
     assert "processes" not in plan_for(block).to_json()["timing"]
     assert Plan.from_json(plan.to_json()).timing == plan.timing
     assert Plan.from_json(plan_for(block).to_json()).timing.processes == 1
@@ -313,11 +313,13 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
     ("took", "limits"),
     [(2.0, [5.0, 6.0, 8.0, 14.0]), (9.0, [5.0, 11 / 3, 1.0]), (30.0, [5.0])],
 )
-def test_processes_share_a_limit_and_none_begins_when_it_is_over(monkeypatch, took, limits):
+def test_processes_share_a_time_limit(monkeypatch, took, limits):
     shares: list[float | None] = []
 
-    def timed(*given: object) -> dict[str, Times]:
-        shares.extend(each.limit_s for each in given if isinstance(each, TimingSettings))
+    def timed(*arguments: object) -> dict[str, Times]:
+        shares.extend(
+            argument.limit_s for argument in arguments if isinstance(argument, TimingSettings)
+        )
         return {"a": Times(1, [took], [1])}
 
     clock = SimpleNamespace(perf_counter=lambda: took * len(shares))

@@ -1,4 +1,4 @@
-"""A run that is stopped keeps what it has, counters too, and says how to go on."""
+"""A stopped run stores finished cases and counters, and prints how to continue."""
 
 import json
 import os
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 
 
 def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> None:
-    """Have the harness told to stop when all is counted and nothing is timed."""
+    """Send a signal to the harness after counting and before timing."""
 
     def stopped(*_: object) -> None:
         os.kill(os.getpid(), number)
@@ -32,8 +32,8 @@ def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, monkeypatch, number):
-    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
+def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monkeypatch, number):
+    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         signal_while_timing(number, patch)
@@ -44,7 +44,7 @@ def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, mo
     assert read_run(out).facts["interrupted"] is True
     counted = [json.loads(line) for line in (out / "counted.jsonl").read_text().splitlines()]
     assert [record["status"] for record in counted] == ["counted"] * len(NAMES)
-    assert {r["key"]: r["counters"] for r in counted} == {r["key"]: r["counters"] for r in whole}
+    assert {r["key"]: r["counters"] for r in counted} == {r["key"]: r["counters"] for r in complete}
 
     def count(*_: object) -> None:
         raise AssertionError("counted again")
@@ -52,9 +52,9 @@ def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, mo
     monkeypatch.setattr(MockRasteriser, "_count", count)
     resumed = lines_of(measure(plan_for(block), out, resume=True))
     assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
-    for record, other in zip(resumed, whole, strict=True):
-        # How often triangulating is timed depends on how long it takes.
-        names = [[n for n in each if n != "triangulate_samples_s"] for each in (record, other)]
+    for record, other in zip(resumed, complete, strict=True):
+        # The number of timed rounds depends on the speed.
+        names = [[n for n in fields if n != "triangulate_samples_s"] for fields in (record, other)]
         assert names[0] == names[1]
         assert record["counters"] == other["counters"]
         assert record["coverage_error"] == 0
@@ -65,17 +65,17 @@ def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, mo
     assert not (out / "counted.jsonl").exists()
 
 
-def test_a_case_is_kept_as_soon_as_it_is_counted(block, tmp_path, monkeypatch):
-    """Killed while the third is counted, with a torn line: two need not be counted again."""
+def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
+    """Killed while counting the third case, with a partial line: two are not counted again."""
     out = tmp_path / "out"
     count = MockRasteriser._count
     calls = []
 
-    def count_twice(self: MockRasteriser, *rest: object) -> object:
-        calls.append(rest)
+    def count_twice(self: MockRasteriser, *arguments: object) -> object:
+        calls.append(arguments)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return count(self, *rest)  # type: ignore[arg-type]
+        return count(self, *arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(MockRasteriser, "_count", count_twice)
     assert measure(plan_for(block), out).interrupted
@@ -83,11 +83,11 @@ def test_a_case_is_kept_as_soon_as_it_is_counted(block, tmp_path, monkeypatch):
         file.write('{"key": "torn')
     calls[:] = ["a third call", "is", "none"]
     assert len(lines_of(measure(plan_for(block), out, resume=True))) == len(NAMES)
-    # The two that were missing, and the baseline, which says what they cover.
+    # The two missing cases, and the baseline, which defines the coverage.
     assert len(calls) == 3 + 3
 
 
-def test_what_was_counted_by_other_code_is_counted_again_if_forced(block, tmp_path, monkeypatch):
+def test_force_counts_cases_of_other_code_again(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         signal_while_timing(signal.SIGTERM, patch)
@@ -95,11 +95,11 @@ def test_what_was_counted_by_other_code_is_counted_again_if_forced(block, tmp_pa
     lines = (out / "counted.jsonl").read_text().replace('"quads": ', '"quads": 1')
     (out / "counted.jsonl").write_text(lines)
     forced = lines_of(measure(plan_for(block), out, resume=True, force=True))
-    whole = lines_of(measure(plan_for(block), tmp_path / "whole"))
-    assert [r["counters"] for r in forced] == [r["counters"] for r in whole]
+    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
+    assert [r["counters"] for r in forced] == [r["counters"] for r in complete]
 
 
-def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
+def test_the_command_prints_how_to_resume(block, harness, monkeypatch):
     append = RunFolder.append
 
     def append_and_stop(self: RunFolder, record: dict[str, object]) -> None:
@@ -116,18 +116,18 @@ def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
 
 
 def measure_many(scene: str, out: str, *resume: str) -> None:
-    """Measure many short cases on the scripted rasteriser: no other processes, no plots."""
+    """Measure many short cases on the scripted rasteriser, without worker processes or plots."""
     views = tuple(View(size) for size in (64, 96, 128, 256, 512, 1024))
     measure(plan_for(Path(scene), views=views), Path(out), resume=bool(resume))
 
 
 def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
-    """`make endurance` kills whole commands at 30 moments each."""
+    """`make endurance` kills complete commands at 30 moments each."""
     out, cases = tmp_path / "killed", tmp_path / "killed" / "cases.jsonl"
     measure_many(str(block), str(tmp_path / "whole"))
     expected = {r["key"]: r["counters"] for r in lines_of(read_run(tmp_path / "whole"))}
-    alone = [sys.executable, "-m", "tests.measuring.test_stopping", str(block), str(out)]
-    process = subprocess.Popen(alone, cwd=ROOT, stdout=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "tests.measuring.test_stopping", str(block), str(out)]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     while process.poll() is None and not (cases.exists() and cases.read_bytes().count(b"\n") >= 9):
         time.sleep(0.001)
     process.kill()
@@ -136,7 +136,7 @@ def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
     lines = cases.read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
     assert 9 <= len(finished) < len(expected) == 24
-    subprocess.run([*alone, "resume"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, "resume"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []
     assert lines_of(resumed)[: len(finished)] == finished

@@ -1,4 +1,4 @@
-"""A third party's code may do anything: it costs its own cases, at once, and nothing else."""
+"""Third-party code may fail in any way: only its own cases fail, without delay."""
 
 import json
 import os
@@ -36,7 +36,7 @@ REASONS = {
 VALID = ("delaunay", "tests.broken:triangulate_clockwise", "tests.broken:fork")
 
 
-def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
+def test_failures_of_third_party_code_are_failed_records(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.workers.pool.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
     plan = plan_for(block, triangulators=(*names, *VALID), timeout_s=3.0)
@@ -53,7 +53,7 @@ def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Returns a function that writes a module, which this process and its workers can import."""
+    """Return a function that writes a module, which this process and workers can import."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def write(name: str, content: str) -> None:
@@ -71,20 +71,18 @@ def module(tmp_path, monkeypatch):
         ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     ],
 )
-def test_a_module_that_dies_when_imported_costs_its_case(
-    block, tmp_path, module, statement, reason
-):
-    said = tmp_path / "imported"
-    module("dying", f"import os, sys\nopen({str(said)!r}, 'a').write('x')\n{statement}\n")
+def test_a_module_that_crashes_on_import_fails_its_case(block, tmp_path, module, statement, reason):
+    log = tmp_path / "imported"
+    module("dying", f"import os, sys\nopen({str(log)!r}, 'a').write('x')\n{statement}\n")
     plan = plan_for(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
     start = time.monotonic()
     records = lines_of(run(plan, tmp_path / "out", quiet(), open_worker=Worker))
     assert time.monotonic() - start < 120
-    found = {record["triangulator"]: record for record in records}
-    assert found["delaunay"]["status"] == "ok"
-    assert found["dying:cut"]["status"] == "failed"
-    assert reason in found["dying:cut"]["reason"]
-    assert said.read_text() == "x"  # imported once: how it ended is known then
+    by_triangulator = {record["triangulator"]: record for record in records}
+    assert by_triangulator["delaunay"]["status"] == "ok"
+    assert by_triangulator["dying:cut"]["status"] == "failed"
+    assert reason in by_triangulator["dying:cut"]["reason"]
+    assert log.read_text() == "x"  # imported once, as the failure is then known
 
 
 @pytest.mark.parametrize(
@@ -102,9 +100,7 @@ def test_a_module_that_dies_when_imported_costs_its_case(
         ("delaunay@30", ["@0"]),
     ],
 )
-def test_what_cannot_be_imported_is_found_before_anything_is_measured(
-    block, harness, module, name, parts
-):
+def test_import_errors_are_reported_before_measuring(block, harness, module, name, parts):
     module("unwritten", "import os\ndef cut(:\n")
     module("lacking", "import no_such_package\n")
     arguments = ("--scene", str(block), "--triangulators", f"delaunay,{name}", "-q")
@@ -139,17 +135,17 @@ def cut(polygon):
 """
 
 
-def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_path):
+def test_third_party_code_runs_in_workers_only(block, harness, module, tmp_path):
     module("theirs", RASTERISER)
     arguments = ("--scene", str(block), "--triangulators", "delaunay,theirs:cut", "--quick")
     rasterisers = ("--rasterisers", "theirs:Dying,theirs:Theirs", "--out", "out")
     _, err = require_ok(harness("run", *arguments, *rasterisers))
-    assert "rasteriser 'theirs:Dying' is skipped" in err
+    assert "rasteriser 'theirs:Dying': skipped" in err
     assert "crashed: exit code 0" in err
     lines = Path("out/cases.jsonl").read_text().splitlines()
     assert {json.loads(line)["status"] for line in lines} == {"ok"}
     processes = set((tmp_path / "imported").read_text().split())
-    # Two rasterisers are asked, one of them draws in another process, and a triangulator.
+    # Two rasterisers are surveyed, one draws in another process, and a triangulator runs.
     assert len(processes) == 4
     assert str(os.getpid()) not in processes
 
@@ -162,13 +158,13 @@ def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_pat
         ("theirs:nothing", 2, ["import failed", "nothing"]),
     ],
 )
-def test_a_rasteriser_that_cannot_be_used_is_one_line(block, harness, module, name, code, parts):
+def test_unusable_rasterisers_are_reported_in_one_line(block, harness, module, name, code, parts):
     module("theirs", RASTERISER)
     answer = harness("run", "--scene", str(block), "--rasterisers", name, "-q")
     assert_refused(answer, *parts, code=code)
 
 
-def test_a_scene_that_exits_is_one_line(harness, module, tmp_path):
+def test_a_scene_that_exits_is_reported_in_one_line(harness, module, tmp_path):
     package = tmp_path / "theirs-1.0.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")

@@ -1,4 +1,4 @@
-"""The rounds: interleaved, long enough, stopped in time; and the timer that is believed."""
+"""Rounds of timing: interleaving, duration, stopping; selection of the timer."""
 
 import time
 from collections.abc import Callable
@@ -50,8 +50,8 @@ def test_every_round_times_every_drawing_once_in_changing_order():
     assert [len(entry.samples_s) for entry in times.values()] == [rounds] * 3
 
 
-def test_the_reference_draw_is_drawn_once_before_it_is_timed():
-    """A drawing that follows a large one in a round finds its caches empty."""
+def test_the_reference_draw_is_warmed_up_before_timing():
+    """A drawing after a large drawing in a round finds cold caches."""
 
     asked: list[int] = []
 
@@ -59,8 +59,8 @@ def test_the_reference_draw_is_drawn_once_before_it_is_timed():
         def sample(self, repeats: int) -> Sample:
             cold = self.log[-1:] != [self.name]
             asked.extend([repeats] * (cold and self.name == REFERENCE))
-            found = super().sample(repeats)
-            return Sample(wall=found.wall + cold * 1e-3)
+            sample = super().sample(repeats)
+            return Sample(wall=sample.wall + cold * 1e-3)
 
     clock, log = Clock(), []
     drawings = {name: Cold(name, 2e-3, clock, 0.0, log, 0) for name in ("a", REFERENCE)}
@@ -70,7 +70,7 @@ def test_the_reference_draw_is_drawn_once_before_it_is_timed():
     assert set(asked[1:]) == {1}
 
 
-def test_steady_drawings_stop_at_the_fewest_rounds():
+def test_steady_drawings_stop_at_the_minimum_rounds():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
@@ -78,14 +78,14 @@ def test_steady_drawings_stop_at_the_fewest_rounds():
     assert times["b"].median_s == pytest.approx(3e-3)
 
 
-def test_the_least_share_of_the_budget_is_drawn_however_steady_it_is():
+def test_the_minimum_share_of_the_budget_is_always_used():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
     assert clock.now == pytest.approx(TimingSettings.least_share * 2, rel=0.05)
     assert all(entry.precision_reached for entry in times.values())
 
 
-def test_noise_costs_rounds_until_the_interval_is_narrow():
+def test_noisy_drawings_get_rounds_until_the_interval_is_narrow():
     drawings, clock, _ = scripted({"a": 2e-3}, noise=0.05)
     times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
     entry = times["a"]
@@ -96,7 +96,7 @@ def test_noise_costs_rounds_until_the_interval_is_narrow():
 
 
 class Alternating:
-    """Draws of 1 ms, now longer and now shorter by `share` of it."""
+    """Draws of 1 ms, alternately longer and shorter by the share `share`."""
 
     def __init__(self, share: float, clock: Clock) -> None:
         self._share = share
@@ -110,7 +110,7 @@ class Alternating:
 
 
 @pytest.mark.parametrize(("share", "reached"), [(0.008, True), (0.012, False)])
-def test_precision_is_half_the_width_of_the_interval(share, reached):
+def test_precision_is_the_half_width_of_the_interval(share, reached):
     clock = Clock()
     settings = TimingSettings(precision=0.01, budget_s=0.1, warm_up_s=0.0)
     entry = time_together({"a": Alternating(share, clock)}, settings, WALL, clock=clock)["a"]
@@ -119,7 +119,7 @@ def test_precision_is_half_the_width_of_the_interval(share, reached):
     assert entry.precision_reached is reached
 
 
-def test_budget_ends_what_never_gets_precise():
+def test_the_budget_limits_imprecise_drawings():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, noise=0.5)
     times = time_together(drawings, TimingSettings(budget_s=0.5), WALL, clock=clock)
     assert not any(entry.precision_reached for entry in times.values())
@@ -127,8 +127,8 @@ def test_budget_ends_what_never_gets_precise():
 
 
 @pytest.mark.parametrize(("names", "reached"), [("ab", True), ("a", False)])
-def test_a_machine_that_drifts_is_not_waited_for_where_ratios_are_known(names, reached):
-    """It gets slower by a tenth each second, so medians never get as narrow as ratios are."""
+def test_precise_ratios_suffice_on_a_drifting_machine(names, reached):
+    """The speed drops by a tenth per second, so medians never become as narrow as ratios."""
     drawings, clock, _ = scripted(
         dict.fromkeys(names, 2e-3), 0.002, Clock(speed=lambda now: 1 + now / 10)
     )
@@ -141,14 +141,14 @@ def test_a_machine_that_drifts_is_not_waited_for_where_ratios_are_known(names, r
         assert (high - low) / 2 > 0.003 * entry.median_s
 
 
-def test_an_empty_draw_does_not_keep_the_others_waiting():
+def test_the_empty_draw_needs_no_precision():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)
     times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
-def test_short_draws_are_batched_until_they_can_be_timed():
+def test_short_draws_are_batched():
     drawings, clock, _ = scripted({"short": 1e-6, "long": 5e-3})
     settings = TimingSettings(min_batch_s=1e-3, paired=False)
     times = time_together(drawings, settings, WALL, clock=clock)
@@ -157,7 +157,7 @@ def test_short_draws_are_batched_until_they_can_be_timed():
     assert times["short"].median_s == pytest.approx(1e-6)
 
 
-def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
+def test_compared_drawings_have_equal_repeats():
     drawings, clock, _ = scripted({"a": 1.1e-4, "b": 0.9e-4, "c": 4e-4}, noise=0.2)
     drawings[REFERENCE] = ScriptedDrawing(REFERENCE, 1e-5, clock)
     times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
@@ -166,7 +166,7 @@ def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
     assert times[REFERENCE].repeats > 2 * times["a"].repeats
 
 
-def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
+def test_tiny_drawings_do_not_lengthen_other_batches():
     drawings, clock, _ = scripted({"tiny": 2e-6, "long": 5e-3, "as long": 5.1e-3})
     times = time_together(drawings, TimingSettings(budget_s=1e-3, warm_up_s=0.0), WALL, clock=clock)
     assert times["tiny"].repeats >= 400
@@ -174,12 +174,12 @@ def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
     assert clock.now < 3 * MIN_ROUNDS * 10e-3
 
 
-@pytest.mark.parametrize(("seconds", "fewest", "most"), [(1e-3, 10, 100), (1e-2, 1, 1)])
-def test_a_batch_is_as_long_as_a_hundred_steps_of_the_timer(seconds, fewest, most):
+@pytest.mark.parametrize(("seconds", "min_repeats", "max_repeats"), [(1e-3, 10, 100), (1e-2, 1, 1)])
+def test_a_batch_lasts_a_hundred_timer_steps(seconds, min_repeats, max_repeats):
     coarse = TimerTest("wall", 0.01, None, 1e-4, "scripted")
     drawings, clock, _ = scripted({"a": seconds})
     times = time_together(drawings, TimingSettings(), coarse, clock=clock)
-    assert fewest <= times["a"].repeats <= most
+    assert min_repeats <= times["a"].repeats <= max_repeats
 
 
 @pytest.mark.parametrize("slower_at", [0.3, 0.5, 0.8])
@@ -195,7 +195,7 @@ def test_a_machine_that_slows_down_by_a_fifth_does_not_change_a_verdict(slower_a
     assert ratio.value == pytest.approx(truth, abs=0.005)
 
 
-def test_drift_alone_is_no_difference():
+def test_drift_alone_is_not_significant():
     def speed(now: float) -> float:
         return 1.2 if now > 0.5 else 1.0
 
@@ -209,7 +209,7 @@ def test_drift_alone_is_no_difference():
 
 
 class TimedBy:
-    """A draw of 1 ms by the wall clock, of `gpu` seconds by the GPU's timer."""
+    """A draw of 1 ms by the wall clock, of `gpu` seconds by the GPU timer."""
 
     def __init__(self, gpu: float | None) -> None:
         self.gpu = gpu
@@ -222,7 +222,7 @@ class TimedBy:
     ("gpu", "timer"),
     [(1.0e-3, "gpu"), (0.8e-3, "gpu"), (7e-6, "wall"), (2e-3, "wall"), (None, "wall")],
 )
-def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
+def test_the_gpu_timer_is_used_only_if_the_wall_clock_agrees(gpu, timer):
     test = self_test(TimedBy(gpu))
     assert test.timer == timer
     assert test.wall_s == pytest.approx(1e-3)
@@ -230,7 +230,7 @@ def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
 
 
 class Computed:
-    """A draw of 1 ms, of which the process computes and, every other time, waits for shares."""
+    """A draw of 1 ms with shares of computing and, every other time, of waiting."""
 
     def __init__(self, cpu: float | None, waited: float | None) -> None:
         self.told = cycle([(cpu, waited), (cpu, waited and 0.0)])
@@ -247,14 +247,14 @@ class Computed:
     [(0.9, 0.0, "cpu"), (0.6, None, "cpu"), (0.4, None, "wall"), (0.25, 0.25, "cpu")]
     + [(0.1, 0.3, "wall"), (None, 0.9, "wall"), (0.0, 0.9, "cpu")],
 )
-def test_the_cpu_timer_is_believed_where_it_accounts_for_the_draw(cpu, waited, timer):
+def test_the_cpu_timer_is_used_if_it_accounts_for_the_draw(cpu, waited, timer):
     test = self_test(Computed(cpu, waited), software=True)
     assert test.timer == timer
     assert test.cpu_s == (None if cpu is None else pytest.approx(1e-3 * cpu))
     assert self_test(Computed(cpu, waited)).timer == "wall"
 
 
-def test_of_the_cpu_timer_what_the_wall_clock_saw_is_kept():
+def test_cpu_times_include_wall_times():
     by_cpu, by_wall = Times(repeats=2), Times(repeats=2)
     for sample in (Sample(4.0, cpu=2.0, waited=1.0), Sample(6.0)):
         by_cpu.add(sample, "cpu")
@@ -264,7 +264,7 @@ def test_of_the_cpu_timer_what_the_wall_clock_saw_is_kept():
 
 
 @pytest.mark.parametrize("others", [2.0, -2.0])
-def test_what_host_and_others_took_is_that_of_the_rounds(monkeypatch, others):
+def test_steal_and_other_load_are_measured_over_the_rounds(monkeypatch, others):
     drawings, clock, _ = scripted({"a": 2e-3})
     clock.now = 7.0
     monkeypatch.setattr("harness.machine.system.stolen_s", lambda: 3.0 + 0.5 * clock())
@@ -276,7 +276,7 @@ def test_what_host_and_others_took_is_that_of_the_rounds(monkeypatch, others):
 
 
 @pytest.mark.parametrize(("gpu", "seconds"), [(7e-6, 1e-3), (0.9e-3, 0.9e-3)])
-def test_a_timer_that_was_rejected_times_nothing(gpu, seconds):
+def test_rejected_timers_are_not_used(gpu, seconds):
     drawings = {name: TimedBy(gpu) for name in (EMPTY, REFERENCE, "a")}
     test = self_test(drawings["a"])
     settings = TimingSettings(budget_s=0.001, warm_up_s=0.0)
@@ -290,7 +290,7 @@ def test_pairs_must_come_from_the_same_rounds():
 
 
 class Renewed:
-    """Drawings whose cost changes by some tenths of a per cent each time they are prepared."""
+    """Drawings whose cost changes by some tenths of a per cent with each preparation."""
 
     def __init__(self, costs: dict[str, float], bias: float, noise: float, seed: int) -> None:
         self.orders: list[list[str]] = []
@@ -316,7 +316,7 @@ class Renewed:
         return time_together(drawings, settings, WALL, seed=seed, clock=self.clock, renew=self)
 
 
-def test_drawings_are_prepared_anew_in_changing_order():
+def test_drawings_are_prepared_again_in_changing_order():
     renewed = Renewed({"a": 2e-3, "b": 3e-3, "c": 1e-3}, 0.0, 0.01, 1)
     times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
     assert len(renewed.orders) >= 6
@@ -326,20 +326,20 @@ def test_drawings_are_prepared_anew_in_changing_order():
     assert len(epochs) == len(renewed.orders)
     assert min(epochs) >= 2
     assert {sum(epochs)} == {len(entry.samples_s) for entry in times.values()}
-    # The first draw after preparing is no sample.
+    # The first draw after preparing is not a sample.
     pieces = " ".join(renewed.log).split("renewed")[2:]
     assert [len(piece.split()) for piece in pieces] == [3 * (1 + n) for n in epochs[1:]]
 
 
 @pytest.mark.parametrize("epochs", [1, 2])
-def test_drawings_are_prepared_no_more_often_than_asked_for(epochs):
+def test_drawings_are_prepared_once_per_requested_epoch(epochs):
     renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 1)
     times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0, least_share=1, epochs=epochs))
     assert len(renewed.orders) == len(times["a"].epochs) == epochs
 
 
 @pytest.mark.parametrize(("limit_s", "rounds", "end_s"), [(26.0, 1, 26.0), (45.0, 2, 38.0)])
-def test_a_limit_leaves_as_many_epochs_as_there_is_time_for(limit_s, rounds, end_s):
+def test_the_time_limit_bounds_the_epochs(limit_s, rounds, end_s):
     """Warming up takes 9 s, a round 2 s, and a new epoch half a round more."""
     renewed = Renewed({"a": 0.5, "b": 0.5}, 0.0, 0.0, 2)
     renewed.clock.now = 1000.0
@@ -350,21 +350,21 @@ def test_a_limit_leaves_as_many_epochs_as_there_is_time_for(limit_s, rounds, end
     assert far.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=1.0))["a"].epochs == [1]
 
 
-def test_a_limit_that_is_far_changes_nothing():
+def test_a_distant_limit_has_no_effect():
     one, other = (Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 2) for _ in range(2))
     settings = TimingSettings(budget_s=0.5)
     assert one.time(settings) == other.time(replace(settings, limit_s=60.0))
 
 
-def test_what_is_not_prepared_anew_is_one_epoch():
+def test_without_renewal_there_is_one_epoch():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=0.5), WALL, clock=clock)
     assert times["a"].epochs == [len(times["a"].samples_s)]
 
 
 @pytest.mark.parametrize("budget_s", [0.3, 3.0])
-def test_equal_drawings_are_seldom_called_different_however_long_they_are_drawn(budget_s):
-    """Where buffers lie makes 0.2 %, which rounds do not average out."""
+def test_equal_drawings_rarely_differ_significantly(budget_s):
+    """The position of buffers causes 0.2 %, which rounds do not average out."""
     settings = TimingSettings(budget_s=budget_s, precision=1e-9, least_share=1.0, warm_up_s=0.0)
     wrong, fooled = 0, 0
     for seed in range(100):
@@ -372,27 +372,28 @@ def test_equal_drawings_are_seldom_called_different_however_long_they_are_drawn(
         times = renewed.time(settings, seed)
         a, b = times["a"], times["b"]
         wrong += paired_ratio(a.samples_s, b.samples_s, a.epochs).verdict != "not significant"
-        first = a.epochs[0]  # what one epoch as long as all would say
-        once = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
-        alone = time_together(once(["a", "b"]), settings, WALL, seed=seed, clock=once.clock)
-        ratio = paired_ratio(alone["a"].samples_s, alone["b"].samples_s)
+        first = a.epochs[0]
+        # a single epoch of the same length
+        fixed = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
+        times = time_together(fixed(["a", "b"]), settings, WALL, seed=seed, clock=fixed.clock)
+        ratio = paired_ratio(times["a"].samples_s, times["b"].samples_s)
         fooled += ratio.verdict != "not significant"
         assert first < len(a.samples_s)
     assert wrong <= 10
     assert fooled >= 2 * wrong + (0 if budget_s < 1 else 20)
 
 
-def test_one_per_cent_more_is_found_over_epochs():
+def test_one_per_cent_is_detected_over_epochs():
     settings = TimingSettings(budget_s=2.0, precision=1e-9, warm_up_s=0.0)
-    found = 0
+    slower = 0
     for seed in range(40):
         times = Renewed({"a": 5e-3, "b": 5.05e-3}, 0.002, 0.01, seed).time(settings, seed)
         a, b = times["a"], times["b"]
-        found += paired_ratio(b.samples_s, a.samples_s, a.epochs).verdict == "slower"
-    assert found >= 38
+        slower += paired_ratio(b.samples_s, a.samples_s, a.epochs).verdict == "slower"
+    assert slower >= 38
 
 
-def test_over_epochs_the_interval_is_students():
+def test_intervals_over_epochs_are_students():
     rng = np.random.default_rng(3)
     epochs = [5, 9, 4, 7, 6, 8]
     samples, base = rng.lognormal(0.0, 0.01, sum(epochs)), np.ones(sum(epochs))
@@ -405,13 +406,13 @@ def test_over_epochs_the_interval_is_students():
 
 
 @pytest.mark.parametrize("epochs", [None, [], [36], [12, 12, 12], [1, 2, 3, 4]])
-def test_with_few_epochs_or_damaged_ones_the_rounds_alone_speak(epochs):
+def test_few_or_invalid_epochs_fall_back_to_rounds(epochs):
     samples = np.random.default_rng(4).lognormal(0.0, 0.01, 36)
     ratio = paired_ratio(samples, np.ones(36), epochs)
     assert (ratio.low, ratio.high) == median_interval(samples.tolist())
 
 
-def test_epochs_are_as_many_whenever_the_clock_began():
+def test_epochs_do_not_depend_on_the_clocks_start():
     counts = []
     for began in (0.0, 1e4):
         renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.0, 1)
@@ -421,14 +422,14 @@ def test_epochs_are_as_many_whenever_the_clock_began():
     assert counts[0] == counts[1] >= 6
 
 
-def test_a_batch_that_is_a_little_too_short_has_one_draw_more():
+def test_slightly_short_batches_get_one_more_draw():
     drawings, clock, _ = scripted({"a": 0.9e-3})
     times = time_together(drawings, TimingSettings(min_batch_s=1e-3), WALL, clock=clock)
     assert times["a"].repeats == 2
 
 
-class Told:
-    """Takes as many seconds a draw as are told of its number; notes its repeats."""
+class ScriptedSeconds:
+    """A drawing whose seconds per draw are a function of the number; notes the repeats."""
 
     def __init__(self, seconds: Callable[[int], float]) -> None:
         self.clock = Clock()
@@ -441,27 +442,27 @@ class Told:
         return Sample(wall=self.clock.spend(cost * repeats))
 
     def time(self, **settings: Any) -> Times:
-        chosen = TimingSettings(warm_up_s=0.0, **settings)
-        return time_together({"a": self}, chosen, WALL, clock=self.clock)["a"]
+        timing = TimingSettings(warm_up_s=0.0, **settings)
+        return time_together({"a": self}, timing, WALL, clock=self.clock)["a"]
 
 
 @pytest.mark.parametrize(
     ("seconds", "tried"),
     [(0.02, [1]), (0.009, [1, 2, 4]), (0.0, [2**power for power in range(17)])],
 )
-def test_a_timer_is_tested_on_a_draw_of_a_fiftieth_of_a_second(seconds, tried):
-    """Or on 65,536 draws, where they take no time; five times."""
-    draw = Told(lambda _: seconds)
+def test_the_self_test_draws_for_a_fiftieth_of_a_second(seconds, tried):
+    """Or on 65,536 draws, if these take no time; five times."""
+    draw = ScriptedSeconds(lambda _: seconds)
     assert self_test(draw).timer == "wall"
     assert draw.repeats == tried + [tried[-1]] * 5
 
 
-def test_a_gpu_timer_tells_nanoseconds():
+def test_gpu_timers_have_nanosecond_resolution():
     assert self_test(TimedBy(1e-3)).resolution_s == 1e-9
 
 
-def test_the_step_of_a_coarse_clock_is_the_least_that_is_seen(monkeypatch):
-    """It tells each time thrice, and goes on by 3 and by 1 in turns."""
+def test_clock_resolution_is_the_smallest_step(monkeypatch):
+    """The clock returns each time thrice, and advances by 3 and 1 in turns."""
     ends = accumulate(cycle([3.0, 1.0]))
     ticks = chain.from_iterable([end] * 3 for end in ends)
     with monkeypatch.context() as patch:
@@ -473,9 +474,9 @@ def test_the_step_of_a_coarse_clock_is_the_least_that_is_seen(monkeypatch):
     ("seconds", "repeats"),
     [(2.0**-20, [1, 8, 64, 512] + [1228] * 4), (0.0, [8**k for k in range(7)] + [8**7] * 3)],
 )
-def test_no_short_batch_is_trusted_for_more_than_eightfold(seconds, repeats):
-    """A fifth past the batch is aimed at; a million draws are enough where they take no time."""
-    draw = Told(lambda _: seconds)
+def test_batches_grow_at_most_eightfold(seconds, repeats):
+    """1.2 batches are the target; a million draws are the maximum if draws take no time."""
+    draw = ScriptedSeconds(lambda _: seconds)
     assert _warm_up(draw, 2.0**-10, 0.0, "wall", draw.clock) == (repeats[-1], seconds)
     assert draw.repeats == repeats
 
@@ -489,34 +490,34 @@ def test_no_short_batch_is_trusted_for_more_than_eightfold(seconds, repeats):
     ],
     ids=["steady", "within two per cent at last", "never"],
 )
-def test_it_is_drawn_until_three_draws_take_as_long_as_the_three_before(seconds, limit_s, draws):
-    draw = Told(seconds)
+def test_warm_up_ends_when_times_are_stable(seconds, limit_s, draws):
+    draw = ScriptedSeconds(seconds)
     _warm_up(draw, 1.0, limit_s, "wall", draw.clock)
     assert draw.repeats == [1] * draws
 
 
 def test_rounds_end_when_the_budget_is_spent():
-    """Warming up takes 1 s and a round a quarter; the sixteenth is not looked at, the last is."""
-    entry = Told(lambda _: 0.25).time(precision=-1.0, budget_s=5.25, least_share=0.0)
+    """Warming up takes 1 s, a round a quarter; the sixteenth round is not checked, the last is."""
+    entry = ScriptedSeconds(lambda _: 0.25).time(precision=-1.0, budget_s=5.25, least_share=0.0)
     assert len(entry.samples_s) == 17
     assert not entry.precision_reached
 
 
-def test_rounds_end_when_the_least_share_of_the_budget_is_spent():
-    entry = Told(lambda _: 0.25).time(budget_s=8.0, least_share=0.5)
+def test_rounds_end_after_the_minimum_share_of_the_budget():
+    entry = ScriptedSeconds(lambda _: 0.25).time(budget_s=8.0, least_share=0.5)
     assert len(entry.samples_s) == MIN_ROUNDS
 
 
 @pytest.mark.parametrize(("slow", "rounds"), [(3, 15), (4, 18)])
-def test_precision_is_looked_at_again_when_there_are_an_eighth_more_rounds(slow, rounds):
-    """Of 15 rounds three, and of 17 rounds four may be slow; after 16, two more are waited for."""
-    draw = Told(lambda number: 2.0 if 4 <= number < 4 + slow else 1.0)
+def test_precision_is_checked_after_an_eighth_more_rounds(slow, rounds):
+    """3 of 15 and 4 of 17 rounds may be slow; after 16, two more rounds follow."""
+    draw = ScriptedSeconds(lambda number: 2.0 if 4 <= number < 4 + slow else 1.0)
     entry = draw.time(precision=0.0, budget_s=100.0, least_share=0.0)
     assert len(entry.samples_s) == rounds
     assert entry.precision_reached
 
 
-def test_the_noisiest_drawing_is_waited_for():
+def test_the_noisiest_drawing_determines_the_rounds():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings["b"] = ScriptedDrawing("b", 2e-3, clock, noise=0.05)
     times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
@@ -525,45 +526,45 @@ def test_the_noisiest_drawing_is_waited_for():
 
 
 @pytest.mark.parametrize("second", [1.0, 1 / 16])
-def test_epochs_share_what_is_drawn_evenly(second):
-    """Rounds take a quarter of a second; warming up takes one, and preparing anew a round."""
+def test_epochs_divide_the_budget_evenly(second):
+    """A round takes a quarter of a second, warming up a second, and preparation a round."""
     renewed = Renewed({"a": 0.25 * second}, 0.0, 0.0, 1)
     settings = TimingSettings(budget_s=7 * second, least_share=1.0, warm_up_s=0.0)
     assert renewed.time(settings)["a"].epochs == [4, 3, 3, 3, 3, 3]
 
 
-def test_there_are_epochs_enough_however_long_preparing_takes():
+def test_slow_preparation_does_not_reduce_epochs():
     class Slowly(Renewed):
         def __call__(self, order):
             self.clock.spend(4.0)
             return super().__call__(order)
 
     renewed = Slowly({"a": 1 / 16}, 0.0, 0.0, 1)
-    first, *others = renewed.time(TimingSettings(budget_s=8.0, least_share=1.0))["a"].epochs
+    first, *later_epochs = renewed.time(TimingSettings(budget_s=8.0, least_share=1.0))["a"].epochs
     assert first >= MIN_ROUNDS
-    assert others == [2] * 5
+    assert later_epochs == [2] * 5
 
 
-def test_times_of_processes_follow_each_other():
+def test_times_of_processes_are_concatenated():
     parts = [Times(3, [1.0, 2.0], [1, 1], True), Times(5, [3.0], [1], False)]
     assert Times.of_processes(parts) == Times(3, [1.0, 2.0, 3.0], [1, 1, 1], False, [2, 1])
     assert Times.of_processes(parts[:1]) == parts[0]
 
 
 def compared_precisely(samples: dict[str, list[float]], precision: float) -> list[str]:
-    times = {name: Times(1, own) for name, own in samples.items()}
+    times = {name: Times(1, drawing_samples) for name, drawing_samples in samples.items()}
     settings = TimingSettings(precision=precision)
     return list(_compared_precisely(times, list(samples), settings, []))
 
 
-def test_ratios_are_as_precise_as_half_their_interval_is_wide():
-    """Beside two steady drawings, the third one's ratio moves twice as far as theirs."""
+def test_precision_of_ratios_is_the_half_width():
+    """Of three drawings, the ratio of the unsteady one moves twice as far as the others."""
     wide, level = [1.0] * 6 + [1.015**2, 1.015] * 3, [1.0] * 12
     samples = {"wide": wide, "level": level, "as level": level}
     together = np.prod(list(samples.values()), axis=0) ** (1 / 3)
     half = {}
-    for name, own in samples.items():
-        ratio = paired_ratio(own, together)
+    for name, drawing_samples in samples.items():
+        ratio = paired_ratio(drawing_samples, together)
         half[name] = (ratio.high - ratio.low) / 2 / ratio.value
     assert half["wide"] > 1.5 * half["level"] > 0.0
     for precision in half.values():
@@ -573,11 +574,11 @@ def test_ratios_are_as_precise_as_half_their_interval_is_wide():
             assert compared_precisely(samples, share * precision) == names
 
 
-def test_ratios_that_never_move_are_as_precise_as_may_be():
+def test_constant_ratios_are_precise():
     steady = {"a": [1.0] * 8, "b": [2.0] * 8}
     assert compared_precisely(steady, 0.0) == ["a", "b", REFERENCE]
 
 
-def test_a_draw_that_took_no_time_has_no_precise_ratio():
+def test_draws_of_zero_time_have_no_precise_ratio():
     with np.errstate(all="raise"):
         assert compared_precisely({"a": [1.0] * 8, "b": [0.0] + [1.0] * 7}, 1e9) == []

@@ -1,4 +1,4 @@
-"""Runs on views of a model and on map tiles: each a view of its own, figures are sums over them."""
+"""Runs on views of a model and on map tiles: separate views, and metrics as sums over views."""
 
 from dataclasses import replace
 
@@ -44,18 +44,18 @@ def model(tmp_path) -> str:
 
 def plan(model: str, **changes: object) -> Plan:
     names = parse_all(["delaunay", "optimal:edge-length"])
-    known = Plan(
+    default_plan = Plan(
         f"{model}:views=4,pixels=128",
         triangulators=names,
         rasterisers=("reference",),
         timing=FAST,
     )
-    return replace(known, **changes)  # type: ignore[arg-type]
+    return replace(default_plan, **changes)  # type: ignore[arg-type]
 
 
-def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path):
+def test_the_original_triangles_are_the_base_and_views_add_up(model, tmp_path):
     out = tmp_path / "out"
-    records = {each["triangulator"]: each for each in lines_of(measure(plan(model), out))}
+    records = {record["triangulator"]: record for record in lines_of(measure(plan(model), out))}
     assert list(records) == ["original", "delaunay", "optimal:edge-length"]
     stored = read_run(out)
     assert stored.facts["base"] == "original"
@@ -75,16 +75,16 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
     assert best["proven"] == best["polygons"] == base["polygons"]
     typed = {record.name: record for record in stored.records}
     ratio = compare_views(typed["optimal:edge-length"], typed["original"], "helper_lanes")
-    lanes = [each["counters"]["helper_lanes"] for each in (best, base)]
+    lanes = [record["counters"]["helper_lanes"] for record in (best, base)]
     assert ratio.ratio == pytest.approx(lanes[0] / lanes[1])
     assert 0.5 < ratio.ratio < 1.0
     (group,) = group_run(stored)
-    told = describe_views(group)
-    few = "helper lanes relative to original (4 views, too few for intervals): "
-    assert told[0].startswith(f"{few}optimal:edge-length {ratio.text}, delaunay ")
+    lines = describe_views(group)
+    expected = "helper lanes relative to original (4 views, too few for intervals): "
+    assert lines[0].startswith(f"{expected}optimal:edge-length {ratio.text}, delaunay ")
 
 
-def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
+def test_with_a_depth_test_the_outline_is_no_bound(model, tmp_path):
     records = lines_of(
         measure(plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out")
     )
@@ -92,11 +92,11 @@ def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
         assert record["outline_quads"] is None
         assert record["counters"]["depth_ties"] == 0
         assert sum(record["views"]["quads"]) == record["counters"]["quads"]
-    lanes = {each["triangulator"]: each["counters"]["helper_lanes"] for each in records}
+    lanes = {record["triangulator"]: record["counters"]["helper_lanes"] for record in records}
     assert lanes["optimal:edge-length"] < lanes["original"]
 
 
-def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
+def test_loose_triangles_count_their_own_quads_as_outline(tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
     scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
     frame = frame_of(scene, view_of(scene))
@@ -106,7 +106,7 @@ def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
     assert (count_quads(frame, parts) > count_outline_quads(frame, parts)).all()
 
 
-def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monkeypatch):
+def test_faces_are_triangulated_once_for_all_views(model, tmp_path, monkeypatch):
     timed = []
 
     def in_rounds(recipes, polygons, rounds, seed):
@@ -119,11 +119,13 @@ def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monke
     assert timed == [70]
 
 
-def test_ties_of_depth_are_told():
+def test_depth_ties_are_reported():
     views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
 
     def last_line(*ties: int) -> str:
-        counted = [{"helper_lanes": 9, "quads": 5, "depth_ties": each} for each in ties]
+        counted = [
+            {"helper_lanes": 9, "quads": 5, "depth_ties": ties_in_view} for ties_in_view in ties
+        ]
         records = [
             make_record(name, counters=counters, views=views)
             for name, counters in zip(("original", "delaunay"), counted, strict=True)
@@ -137,25 +139,25 @@ def test_ties_of_depth_are_told():
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
         measure(plan(model, views=(View(512),)), tmp_path / "other")
-    for scene, what in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
+    for scene, noun in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
         for option in ("--resolution=512", "--rotation=30", "--fit=box"):
             answer = harness("run", "--scene", scene, option, "--quick")
-            assert_refused(answer, f"error: {ITS_OWN_VIEW.format(what)}")
+            assert_refused(answer, f"error: {ITS_OWN_VIEW.format(noun)}")
 
 
-def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
+def test_models_without_a_choice_are_refused(tmp_path):
     trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
     with pytest.raises(NothingMeasuredError, match="nothing to measure"):
         measure(plan(str(tmp_path / "ball.glb")), tmp_path / "out")
 
 
-def test_faces_side_by_side_have_no_original(model, tmp_path):
+def test_original_requires_views(model, tmp_path):
     names = parse_all(["original", "delaunay"])
     with pytest.raises(UsageError, match="original: requires a model with views"):
         measure(plan(model, scene=model, triangulators=names), tmp_path / "out")
 
 
-def test_options_that_views_have_not_are_told_in_a_line(model, harness):
+def test_unknown_view_options_are_reported_in_one_line(model, harness):
     for text, reason in (
         ("view=4", "no parameter 'view'; did you mean views?"),
         ("pixel=64", "no parameter 'pixel'; did you mean pixels?"),
@@ -177,40 +179,42 @@ def test_options_that_views_have_not_are_told_in_a_line(model, harness):
     "damage", [{"names": 3}, {"names": ["a"], "quads": [1, 2]}, {"names": ["a"], "quads": ["x"]}, 7]
 )
 def test_damaged_views_are_refused(damage):
-    whole = {"key": "0" * 16, "resolution": 8, "rotation": 0.0, "views": damage}
-    whole |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device"), "a")
+    fields = {"key": "0" * 16, "resolution": 8, "rotation": 0.0, "views": damage}
+    fields |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device"), "a")
     with pytest.raises(FieldError, match=r"^views"):
-        parse_record({**whole, "status": "ok"})
+        parse_record({**fields, "status": "ok"})
     views = {"names": ["a"], "quads": [1]}
-    assert parse_record({**whole, "status": "ok", "views": views}).views is not None
+    assert parse_record({**fields, "status": "ok", "views": views}).views is not None
 
 
-def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, harness, tmp_path):
-    words = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
-    told, err = require_ok(harness("run", "--scene", f"{model}:views=4,pixels=64", *words))
-    names = [each["triangulator"] for each in lines_of(read_run(tmp_path / "out"))]
+def test_models_have_default_triangulators(model, harness, tmp_path):
+    options = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
+    output, err = require_ok(harness("run", "--scene", f"{model}:views=4,pixels=64", *options))
+    names = [record["triangulator"] for record in lines_of(read_run(tmp_path / "out"))]
     assert names == list(MODEL_TRIANGULATORS)
-    assert "helper lanes relative to original (4 views, too few" in told
+    assert "helper lanes relative to original (4 views, too few" in output
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
 
 
 @pytest.mark.parametrize("view", [View(128, 0.0, "view"), View(512, 0.0, "tile")], ids=str)
-def test_a_run_goes_on_in_views_of_its_own_which_a_page_cannot_cut(model, tmp_path, view):
+def test_runs_with_views_can_be_resumed_but_not_exported_as_pages(model, tmp_path, view):
     out = tmp_path / "out"
-    wanted, what = (
+    expected, noun = (
         (plan(model), "a model's views") if view.fit == "view" else (OF_TILES, "map tiles")
     )
-    first = measure(wanted, out)
+    first = measure(expected, out)
     stored = Plan.from_json(read_run(out).facts["plan"])
     assert stored.views == (view,)
     assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
-    again = measure(stored, out, resume=True)
-    assert [each["key"] for each in lines_of(again)] == [each["key"] for each in lines_of(first)]
-    with pytest.raises(InputError, match=f"is of {what}, which pages do not support"):
+    resumed = measure(stored, out, resume=True)
+    assert [record["key"] for record in lines_of(resumed)] == [
+        record["key"] for record in lines_of(first)
+    ]
+    with pytest.raises(InputError, match=f"is of {noun}, which pages do not support"):
         make_page_content(read_run(out))
 
 
-def test_the_same_faces_turned_in_space_are_another_scene(model, tmp_path):
+def test_rotated_models_are_different_scenes(model, tmp_path):
     measure(plan(model), tmp_path / "out")
     solid(0.3).export(model)
     with pytest.raises(IncompatibleRunsError, match="the scene's content"):
@@ -222,14 +226,14 @@ def scene() -> Scene:
     return load(TILES)
 
 
-def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path, monkeypatch):
+def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(Reference, "draws_indexed", True)
     out = tmp_path / "out"
     (record, _) = lines_of(measure(OF_TILES, out))
     assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
     assert record["coverage_error"] == 0
     polygons = read_arrays(read_run(out), record["key"])
-    alone = []
+    tile_sums = []
     for name, start, stop in zip(
         scene.tiling.names, scene.tiling.first, scene.tiling.first[1:], strict=False
     ):
@@ -243,21 +247,21 @@ def test_counters_are_sums_over_tiles_that_are_drawn_alone(scene, tmp_path, monk
         rows = frame.join(parts)
         counted = Reference().count(frame, rows, Options())
         assert counted["quads"].tolist() == polygons["quads"][start:stop].tolist()
-        alone.append({each: int(counted[each].sum()) for each in counted})
-        alone[-1] |= count_vertices(frame, rows)
-    assert len(alone) == 3
-    for name in alone[0]:
-        assert record["counters"][name] == sum(each[name] for each in alone)
+        tile_sums.append({name: int(counted[name].sum()) for name in counted})
+        tile_sums[-1] |= count_vertices(frame, rows)
+    assert len(tile_sums) == 3
+    for name in tile_sums[0]:
+        assert record["counters"][name] == sum(sums[name] for sums in tile_sums)
 
 
-def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):
+def test_minimum_quads_exclude_polygons_cut_by_a_tiles_edge(scene):
     frame = frame_of(scene, view_of(scene))
-    found = min_quads(frame, None)
+    quads = min_quads(frame, None)
     tile = shapely.box(64, 64, 64 + 512, 64 + 512)
     inside = shapely.covers(tile, np.asarray(frame.polygons))
     assert 0 < inside.sum() < len(inside)
-    assert (found[~inside] == -1).all()
-    assert (found[inside] > 0).sum() > 0.9 * inside.sum()
+    assert (quads[~inside] == -1).all()
+    assert (quads[inside] > 0).sum() > 0.9 * inside.sum()
 
 
 def test_a_tile_is_upright_and_of_even_pixels():

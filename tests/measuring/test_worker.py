@@ -1,4 +1,4 @@
-"""A worker's crash, hang or error costs one task, and says what happened."""
+"""A worker's crash, hang or error fails one task, with the reason."""
 
 import ctypes
 import os
@@ -47,7 +47,7 @@ def leave_a_child(path: str, code: int | None) -> int:
 
 
 def leave_a_daemon(path: str, code: int | None) -> int:
-    """Start what is in a session of its own and has lost its parent, then return, or end."""
+    """Start an orphan in a new session, then return, or end with an exit code."""
     if (child := os.fork()) == 0:
         os.setsid()
         if (daemon := os.fork()) == 0:
@@ -83,7 +83,7 @@ def raise_at_length() -> None:
 
 
 class TheirError(NoRasteriserError):
-    """An error of somebody else's, which this process would have to import."""
+    """A third-party error, which this process would have to import."""
 
 
 def raise_theirs() -> None:
@@ -91,7 +91,7 @@ def raise_theirs() -> None:
 
 
 def send_to(who: str, number: int) -> None:
-    """Send a signal to this process, the one that started it, or the one that started that."""
+    """Send a signal to this process, its parent or its grandparent."""
     process = psutil.Process()
     if who != "itself":
         process = process.parent()
@@ -115,7 +115,7 @@ def test_tasks_run_in_one_process_with_its_own_environment(worker):
     assert "MOCK_SETTING" not in os.environ
 
 
-def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
+def test_a_crash_is_reported_with_the_last_output(worker):
     with pytest.raises(TaskError, match=r"crashed: SIGSEGV; last output: .*lost the device"):
         worker.call(shout_and_die)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
@@ -130,40 +130,38 @@ def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
         (raise_theirs, ()),
     ],
 )
-def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(task, arguments):
+def test_output_and_errors_are_truncated(task, arguments):
     with Worker("a plugin", limits=Limits(file_bytes=10_000_000)) as printing:
-        with pytest.raises(TaskError) as found:
+        with pytest.raises(TaskError) as caught:
             printing.call(task, *arguments)
-        assert len(str(found.value)) < 800
-        assert len(found.value.detail) <= MAX_TRACEBACK
+        assert len(str(caught.value)) < 800
+        assert len(caught.value.detail) <= MAX_TRACEBACK
         assert printing._output.stat().st_size <= 10_000_000
-        assert type(found.value) is TaskError
+        assert type(caught.value) is TaskError
     if task is print_and_die:
-        assert "crashed: exit code 1; last output: ... x" in str(found.value)
-        assert str(found.value).endswith("| last")
+        assert "crashed: exit code 1; last output: ... x" in str(caught.value)
+        assert str(caught.value).endswith("| last")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("who", ["itself", "its parent", "the server"])
-def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
-    who, number, monkeypatch
-):
+def test_a_plugin_that_signals_its_parents_fails_only_its_task(who, number, monkeypatch):
     monkeypatch.setattr("harness.workers.worker.SUSPENSION_CHECK_S", 0.3)
     with Worker("a device") as other, Worker("a plugin", limits=Limits()) as killing:
         assert other.call(os.getpid) != killing.call(os.getpid)
         start = time.monotonic()
         limit_s = 1.0 if (who, number) == ("the server", signal.SIGSTOP) else 300.0
         reason = "crashed: SIGKILL" if number == signal.SIGKILL else "was suspended"
-        if who == "the server":  # all go with it; stopped, it starts no other, and is woken then
+        if who == "the server":  # all workers end; a stopped server starts none
             reason = (
                 "crashed: the fork server was killed" if limit_s > 1 else "exceeded the time limit"
             )
         with pytest.raises(TaskError, match=f"^a plugin {reason}"):
             killing.call(send_to, who, number, timeout_s=limit_s)
         assert time.monotonic() - start < 10
-        for each in (other, killing):
-            assert each.call(environment_of, "MOCK_SETTING")[0] is None
+        for worker in (other, killing):
+            assert worker.call(environment_of, "MOCK_SETTING")[0] is None
         assert time.monotonic() - start < 60
 
 
@@ -175,7 +173,7 @@ def test_a_hang_is_stopped(worker):
 
 
 @pytest.mark.parametrize("code", [0, 3])
-def test_an_error_is_one_line_and_an_exit_is_one(worker, code):
+def test_errors_and_exits_are_reported_in_one_line(worker, code):
     with pytest.raises(TaskError, match=r"^ValueError: two lines$") as failure:
         worker.call(raise_value_error)
     assert "in raise_value_error" in failure.value.detail
@@ -183,19 +181,19 @@ def test_an_error_is_one_line_and_an_exit_is_one(worker, code):
         worker.call(sys.exit, code)
 
 
-def test_an_error_of_the_harness_keeps_its_kind(worker):
+def test_harness_errors_keep_their_class(worker):
     with pytest.raises(NoRasteriserError, match="no such device"):
         worker.call(raise_no_rasteriser)
 
 
-def test_ticks_say_how_long_it_takes(worker):
+def test_ticks_report_the_waiting_time(worker):
     waited: list[float] = []
     worker.call(time.sleep, 0.5, tick=waited.append)
     assert waited == sorted(waited)
     assert waited
 
 
-def test_an_interrupted_task_answers_no_later_one(worker):
+def test_results_of_interrupted_tasks_are_discarded(worker):
     def interrupt(waited: float) -> None:
         raise KeyboardInterrupt
 
@@ -215,8 +213,8 @@ def test_an_interrupted_task_answers_no_later_one(worker):
         ),
     ],
 )
-def test_what_a_task_leaves_holds_nothing_up_and_ends_with_the_worker(tmp_path, leave, code):
-    """It has copies of all pipes; its parent answers, or dies. Another worker lives on."""
+def test_child_processes_end_with_the_worker(tmp_path, leave, code):
+    """The child has copies of all pipes; its parent answers or crashes. Other workers continue."""
     start = time.monotonic()
     with Worker("another") as other:
         ends = pytest.raises(TaskError, match="crashed: exit code 1") if code else nullcontext()
@@ -224,9 +222,9 @@ def test_what_a_task_leaves_holds_nothing_up_and_ends_with_the_worker(tmp_path, 
             assert forking.call(leave, str(tmp_path / "pid"), code, timeout_s=300) == 17
         assert time.monotonic() - start < 60
         child = int((tmp_path / "pid").read_text())
-        for _ in range(600):  # it is killed, but the system may take its time
-            left = psutil.pid_exists(child) and psutil.Process(child).status()
-            if left in (False, psutil.STATUS_ZOMBIE):
+        for _ in range(600):  # it is killed, which may take the system some time
+            status = psutil.pid_exists(child) and psutil.Process(child).status()
+            if status in (False, psutil.STATUS_ZOMBIE):
                 break
             time.sleep(0.1)
         else:
@@ -234,24 +232,24 @@ def test_what_a_task_leaves_holds_nothing_up_and_ends_with_the_worker(tmp_path, 
         assert other.call(environment_of, "MOCK_SETTING")[0] is None
 
 
-def test_a_child_that_comes_back_from_the_task_answers_nothing(worker):
+def test_results_of_forked_children_are_ignored(worker):
     assert worker.call(fork_and_return) == "parent"
     time.sleep(0.2)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 
 
-def test_what_a_task_prints_stays_out_of_the_harness_output(worker, capfd):
+def test_output_of_tasks_is_not_printed(worker, capfd):
     worker.call(print, "from a plugin")
     assert capfd.readouterr().out == ""
 
 
-def test_a_result_that_cannot_be_sent_is_a_failure(worker):
+def test_unpicklable_results_are_failures(worker):
     with pytest.raises(TaskError, match="its result cannot be sent"):
         worker.call(a_function_of_its_own)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 
 
-def test_a_task_that_cannot_be_sent_fails_and_the_next_one_works():
+def test_unpicklable_tasks_are_failures():
     with Worker("device") as worker:
         with pytest.raises(TaskError, match="device: the task cannot be sent"):
             worker.call(lambda: None)
@@ -265,7 +263,7 @@ def state_of_the_server() -> tuple[int, int, int, set[str]]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
-def test_workers_are_forked_from_one_server_without_threads_and_drivers():
+def test_workers_are_forked_from_one_clean_server():
     with Worker("one") as one, Worker("two") as two:
         first, second = one.call(state_of_the_server), two.call(state_of_the_server)
     assert first[:3] == second[:3]
@@ -273,11 +271,11 @@ def test_workers_are_forked_from_one_server_without_threads_and_drivers():
     assert server not in (os.getpid(), os.getppid())
     assert threads == 1
     assert group == server
-    assert any(name.startswith("libllvmlite") for name in libraries)  # compiled code is there
+    assert any(name.startswith("libllvmlite") for name in libraries)  # compiled code is loaded
     assert not any(re.match("lib(EGL|GL|OSMesa|gallium|vulkan|wgpu)", name) for name in libraries)
 
 
-def test_a_worker_has_the_environment_of_now(monkeypatch):
+def test_workers_get_the_current_environment(monkeypatch):
     with Worker("before") as worker:
         assert worker.call(environment_of, "MOCK_LATER")[0] is None
     monkeypatch.setenv("MOCK_LATER", "yes")
@@ -300,7 +298,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
-def test_ctrl_c_while_the_server_is_loaded_is_the_commands_alone(tmp_path):
+def test_ctrl_c_does_not_reach_the_loading_server(tmp_path):
     (tmp_path / "own.py").write_text(CTRL_C)
     done = run_python(tmp_path / "own.py", start_new_session=True)
     assert (done.stdout, done.stderr) == ("heard\n2\n", "")

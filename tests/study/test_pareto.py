@@ -163,7 +163,7 @@ def test_names_of_the_sweep_are_full_names():
         (["--scene", "square.geojson"], ["no polygon without holes of 8 to 100 vertices"]),
     ],
 )
-def test_bad_usage_is_one_line(harness, arguments, parts):
+def test_bad_usage_is_reported_in_one_line(harness, arguments, parts):
     ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
     Path("square.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     assert_refused(harness("study", "pareto", *arguments, "--quiet"), *parts)
