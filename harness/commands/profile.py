@@ -37,8 +37,8 @@ def profile(
 ) -> None:
     """Measure the costs of triangles, pixels and helper lanes on a device; recommend a criterion.
 
-    About a hundred designed draws, of kinds that isolate one or two costs, are timed for about a
-    minute. Exact counters and times give seconds for each cost, with intervals, and the aspect
+    Almost 200 designed draws, of kinds that isolate one or two costs, are timed for about two
+    minutes. Exact counters and times give seconds for each cost, with intervals, and the aspect
     ratio from which thin triangles are slow, with the reasons. The file also has the costs that
     optimal:calibrated minimises (run --profile FILE); a chart is written next to the file.
     """

@@ -21,7 +21,8 @@ from harness.page.result import RECORD_FIELDS, count_exactly
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
 from harness.profile.counted import PX_TERMS, TERMS, counters
-from harness.profile.design import DESIGN, Draw, make_draws, snap
+from harness.profile.design import DESIGN, make_draws, snap
+from harness.profile.draw import Draw
 from harness.profile.law import COSTS, cost_rows
 from harness.profile.profile import select_fitted
 from harness.profile.report import SUM_SENTENCES
@@ -39,7 +40,15 @@ from harness.webpages import encoded, packed, static, template, write_atomically
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
 SCRIPTS = (*SHARED, "show.js", "main.js")
-PROFILING = (*SHARED, "design.js", "law.js", "costs.js", "costs_shown.js", "profile.js")
+PROFILING = (
+    *SHARED,
+    "design.js",
+    "stage_draws.js",
+    "law.js",
+    "costs.js",
+    "costs_shown.js",
+    "profile.js",
+)
 
 FORMAT, PROFILE_FORMAT = "raster-harness page", "raster-harness profile page"
 VERSION = 1

@@ -17,7 +17,8 @@ from harness.page import saved
 from harness.page.saved import Finite, Part, Share, Text, Whole, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.design import DESIGN, Draw
+from harness.profile.design import DESIGN
+from harness.profile.draw import Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import check_profile, profile, select_fitted

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from harness.frame import View, make_frame
 from harness.measuring.pool import MeasuringPool
 from harness.profile.counted import TERMS, Design
-from harness.profile.design import AREAS, ASPECTS, Draw
+from harness.profile.design import AREAS, ASPECTS
+from harness.profile.draw import Draw
 from harness.profile.law import COSTS, Law
 from harness.profile.measured import Measured
 from harness.stats.intervals import mean_interval, student_interval

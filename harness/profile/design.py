@@ -14,14 +14,15 @@
     work       arithmetic of a fragment                    all other terms
     twice      all terms except vertices, doubled          vertices
 
+`stage_draws` has further kinds.
+
 All are drawn in one viewport of `placing.SIDE` px, all coordinates are integers in 1/256 px, and
 only draws of `twice` cover a pixel more than once. An implementation in another language is correct
 if its checksums are equal.
 """
 
-import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from math import isqrt
 
@@ -30,10 +31,11 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame, bare_frame
 from harness.grid import SUBPIXEL, coarsen
-from harness.profile import placing
+from harness.profile import placing, stage_draws
+from harness.profile.draw import Draw, jittered_mesh, unshared
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
-DESIGN = 2
+DESIGN = 3
 """Version of the design: pages of different versions have different draws."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
@@ -45,6 +47,10 @@ FEW = ((2048, 1), (2048, 16))
 
 SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px."""
+
+BALANCED_SIZES = ((2560, 1000), (3072, 1000), (3584, 1000))
+"""Likewise, with the numbers of triangles: sizes at which the covering triangles and the quads of a
+draw take about as long on an H200."""
 
 SMALL_TRIANGLES = 3000
 """Number of triangles of a draw of small triangles."""
@@ -76,41 +82,19 @@ WORK_ROUNDS = (16, 64)
 """Rounds of arithmetic of a fragment."""
 
 
-@dataclass(frozen=True)
-class Draw:
-    """One draw of the design.
-
-    kind, name : see the table above; description
-    group : name of the draws that differ only in the terms that their kind isolates
-    frame, triangles : the geometry, (m, 3) indices of the frame's points
-    work : rounds of arithmetic of a fragment
-    aspect, area : base / height, and area in px^2, of draws of the kind aspect; else 0
-    """
-
-    kind: str
-    name: str
-    group: str
-    frame: Frame
-    triangles: NDArray[np.int32]
-    work: int = 0
-    aspect: int = 0
-    area: int = 0
-
-    @property
-    def checksum(self) -> int:
-        """CRC-32 of the points, then the triangles, as little-endian 32-bit integers."""
-        parts = (self.frame.points, self.triangles)
-        return zlib.crc32(b"".join(np.ascontiguousarray(part, "<i4").tobytes() for part in parts))
-
-
 def make_draws(seed: int = 0) -> list[Draw]:
-    """Return the draws of the design, in the order of the table above."""
+    """Return the draws of the design, in the order of the tables here and in `stage_draws`.
+
+    The draws of design 2 come first.
+    """
     kinds = (
         _equal_shapes("few", 0, FEW, seed),
         _aspects(seed),
         _equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
         _equal_shapes("lanes", 300, EQUAL_LANES, seed),
         *(kind(seed) for kind in (_positions, _cuts, _strips, _thin, _vertices, _work, _twice)),
+        _equal_shapes("size", 210, BALANCED_SIZES, seed),
+        stage_draws.make_stage_draws(seed),
     )
     return [draw for kind in kinds for draw in kind]
 
@@ -136,13 +120,7 @@ def _scattered(
     points = placing.place_shapes(
         shape, (base, height), direction, placing.hash_numbers(*numbers, count)
     )
-    return _unshared(points)
-
-
-def _unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return (m, 3, 2) triangles with unshared vertices, as in all kinds but vertices."""
-    rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return bare_frame(SIDE, corners.reshape(-1, 2)), rows
+    return unshared(points)
 
 
 def _aspects(seed: int) -> Iterator[Draw]:
@@ -175,7 +153,7 @@ def _positions(seed: int) -> Iterator[Draw]:
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
     local = placing.triangle_shape(side, side)(placing.hash_numbers(seed, 320, len(number)))
     for start in range(4):
-        geometry = _unshared((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
+        geometry = unshared((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
         yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *geometry)
 
 
@@ -196,7 +174,7 @@ def _cuts(seed: int) -> Iterator[Draw]:
         for cut_name, cut in placing.RING_CUTS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
-            yield Draw("cuts", name, f"cuts {width} {corners}", *_unshared(frame.points[triangles]))
+            yield Draw("cuts", name, f"cuts {width} {corners}", *unshared(frame.points[triangles]))
 
 
 def _strips(seed: int) -> Iterator[Draw]:
@@ -220,7 +198,7 @@ def _strips(seed: int) -> Iterator[Draw]:
         starts = np.arange(bands) * 2 * (steps + 1)
         triangles = (band + starts[:, None, None]).reshape(-1, 3).astype(np.int32)
         name = f"steps of {step / SUBPIXEL:g} px, {height} px high"
-        geometry = _unshared(points.astype(np.int32)[triangles])
+        geometry = unshared(points.astype(np.int32)[triangles])
         yield Draw("strips", name, "strips", *geometry)
 
 
@@ -247,24 +225,16 @@ def _vertices(seed: int) -> Iterator[Draw]:
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
-        geometry = _unshared(frame.points[triangles])
+        geometry = unshared(frame.points[triangles])
         yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *geometry)
 
 
 def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return squares of `side` px, their corners jittered, in two triangles each."""
+    """Return a mesh of squares of `side` px."""
     across = min(40, (SIDE - 8) // side)
-    step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL
-    even = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    numbers = placing.hash_numbers(seed, 650 + side, len(even))
-    room = side * SUBPIXEL // 2
-    points = even + np.stack([numbers % room, numbers // SUBPIXEL % room], axis=-1)
-    k = np.arange(across)
-    corner = (k[:, None] * (across + 1) + k).ravel()
-    right, up = corner + 1, corner + across + 1
-    halves = [np.stack([corner, right, up], -1), np.stack([right, up + 1, up], -1)]
-    triangles = np.stack(halves, 1).reshape(-1, 3).astype(np.int32)
-    return bare_frame(SIDE, points.astype(np.int32)), triangles
+    numbers = placing.hash_numbers(seed, 650 + side, (across + 1) ** 2)
+    points, triangles = jittered_mesh(across, across, side * SUBPIXEL, numbers)
+    return bare_frame(SIDE, points), triangles
 
 
 def _work(seed: int) -> Iterator[Draw]:

@@ -15,9 +15,11 @@ from harness import __version__, atomic, rasterisers
 from harness.errors import InputError
 from harness.machine.environment import processor
 from harness.profile import law as laws
+from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
 from harness.profile.counted import PX_TERMS, TERMS, design_of
-from harness.profile.design import DESIGN, Draw
+from harness.profile.design import DESIGN
+from harness.profile.draw import Draw
 from harness.profile.law import COSTS, Law, Seconds, cost_rows, solve
 from harness.profile.measured import Measured
 
@@ -209,10 +211,12 @@ def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     """Return the indices of the draws to which a law, and a criterion's costs, are fitted.
 
     Excluded are draws that a device may skip because later ones cover them and, for the criterion,
-    draws with arithmetic per fragment.
+    draws with arithmetic per fragment, and those that differ in what no criterion predicts: the
+    order of triangles and their positions relative to samples and tiles.
     """
     fitted = [n for n, draw in enumerate(draws) if draw.kind != "twice"]
-    return fitted, [n for n in fitted if draws[n].work == 0]
+    plain = [n for n in fitted if draws[n].work == 0 and draws[n].kind not in stage_draws.KINDS]
+    return fitted, plain
 
 
 def _interval_of(law: Law, weights: Seconds) -> dict[str, Any]:

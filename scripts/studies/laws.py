@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.draw import Draw
 from harness.profile.profile import select_fitted
 from harness.rasterisers.base import Sample
 
@@ -161,7 +162,7 @@ class Residuals(NamedTuple):
     errors: NDArray[np.float64]
 
 
-def recreate_draws(profile: dict[str, Any]) -> tuple[list[design.Draw], list[dict[str, Any]]]:
+def recreate_draws(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, Any]]]:
     """Return the draws that a profile has times for, made again, and the stored times."""
     step = profile["device"]["details"].get("step") or 1
     draws = [design.snap(draw, step) for draw in design.make_draws(profile["seed"])]

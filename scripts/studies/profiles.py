@@ -43,9 +43,8 @@ from harness.grid import coarsen
 from harness.measuring.loading import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
-from harness.profile import design
 from harness.profile import profile as profiles
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, count_triangles, counters, design_of
 from harness.profile.law import COSTS, cost_rows, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
@@ -278,7 +277,7 @@ def predict_by_law(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.flo
     costs = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
     snapped = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
-    rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in snapped])
+    rows = design_of([count_triangles(*draw) for draw in snapped])
     return np.asarray(rows @ np.array([costs[name] for name in TERMS]))
 
 

@@ -15,6 +15,7 @@ from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report
 from harness.profile.advice import CALIBRATED_OPTIMUM
 from harness.profile.counted import counters
+from harness.profile.draw import Draw
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
@@ -26,7 +27,7 @@ DRAWS = functools.cache(design.make_draws)
 COUNTED: dict[tuple[int, int], dict[str, int]] = {}
 
 
-def count_once(draw: design.Draw) -> dict[str, int]:
+def count_once(draw: Draw) -> dict[str, int]:
     """Return the counters of a draw, cached by checksum for all tests."""
     key = draw.checksum, draw.work
     if key not in COUNTED:
@@ -108,7 +109,7 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
 
 
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "design": (lambda r: r["page"].update(design=3), "draws of design 3, expected"),
+    "design": (lambda r: r["page"].update(design=2), "draws of design 2, expected"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
@@ -126,10 +127,10 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
-    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 135 draws"),
+    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 179 draws"),
     "strange": (
         lambda r: r["times"].update({"x": r["times"]["4"]}),
-        "the timed draws are not the 135 draws",
+        "the timed draws are not the 179 draws",
     ),
     "few": (truncate_epochs(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from harness.frame import UNBOUNDED
 from harness.grid import SUBPIXEL
-from harness.profile import design, placing
+from harness.profile import design, placing, stage_draws
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.design import ASPECTS, Draw
+from harness.profile.design import ASPECTS
+from harness.profile.draw import Draw
 from harness.profile.placing import DIRECTIONS, SIDE
 from harness.rasterisers import spans
 from harness.rasterisers.base import Options
-from harness.rasterisers.reference import Reference
+from harness.rasterisers.reference import Reference, predict_tiles
 
 CountedDraws = list[tuple[Draw, dict[str, int]]]
 
@@ -112,9 +113,14 @@ def test_cuts_of_a_ring_differ_only_in_diagonals(counted):
         assert len({row["half_perimeter"] for row in counts}) == len(counts)
 
 
-def test_vertices_work_and_second_filling_are_isolated(counted):
+def test_vertices_work_tiles_and_second_filling_are_isolated(counted):
     of_order = {"vertices", "vertex_batches", "transformed_vertices"}
-    for kind, changed in (("vertices", of_order), ("work", {"work"})):
+    for kind, changed in (
+        ("vertices", of_order),
+        ("work", {"work"}),
+        ("orders", {"vertex_batches", "transformed_vertices"}),
+        ("tiles", {"tile_pairs", "further_tiles"}),
+    ):
         groups: dict[str, list[dict[str, int]]] = {}
         for draw, counts in select_kind(counted, kind):
             groups.setdefault(draw.group, []).append(counts)
@@ -144,6 +150,66 @@ def test_long_triangles_differ_only_in_their_boxes(counted):
         assert diagonal["half_perimeter"] < 1.5 * level["half_perimeter"]
         assert diagonal["blocks"] < 2.2 * level["blocks"]
         assert diagonal["bbox_tests"] > 10 * max(level["bbox_tests"], steep["bbox_tests"])
+
+
+def test_orders_of_a_mesh_transform_the_vertices_that_their_names_say(counted):
+    triangles = {}
+    for draw, counts in select_kind(counted, "orders"):
+        per_triangle = counts["transformed_vertices"] / counts["triangles"]
+        assert per_triangle == pytest.approx(float(draw.name.split()[0]), abs=0.01)
+        rows = np.sort(draw.triangles, axis=1)
+        triangles.setdefault(draw.group, []).append(sorted(map(tuple, rows)))
+    assert len(triangles) == len(stage_draws.MESH_SIDES)
+    for orders in triangles.values():
+        assert all(rows == orders[0] for rows in orders)
+
+
+def test_the_share_of_triangles_on_samples_is_exact(counted):
+    for step in (1, 16):  # also on the coarsest grid
+        for draw, counts in select_kind(counted, "samples"):
+            snapped = counts if step == 1 else counters(design.snap(draw, step))
+            assert snapped["covering"] == int(draw.name[0]) * counts["triangles"] // 4
+            assert snapped["fragments"] == snapped["covering"]
+    for group in ("samples isolated", "samples patches"):
+        vertices = {c["transformed_vertices"] for draw, c in counted if draw.group == group}
+        assert len(vertices) == 1
+
+
+def test_every_triangle_crosses_the_border_of_its_tiles(counted):
+    tiles = {8: (1, 1, 1), 16: (2, 1, 1), 32: (2, 2, 1), 64: (2, 2, 2)}
+    for index, (draw, _) in enumerate(select_kind(counted, "tiles")):
+        expected = list(tiles.values())[index % len(tiles)]
+        touched = predict_tiles(draw.frame.points, draw.triangles)
+        for side, count in zip((16, 32, 64), expected, strict=True):
+            assert (touched[f"tiles_{side}_exact"] == count).all(), draw.name
+
+
+def test_each_population_of_a_mixed_draw_keeps_another_stage_busy(counted):
+    """Costs are those of an H200, in ns."""
+    stages = {
+        "vertices": {"vertex_batches": 19.9},
+        "covering": {"covering": 1.96, "helper_lanes": 0.184},
+        "quads": {"quads": 0.264, "helper_lanes": 0.051},
+    }
+    times = {}
+    for draw, counts in select_kind(counted, "mixed"):
+        busy = {
+            stage: sum(cost * counts[name] for name, cost in costs.items())
+            for stage, costs in stages.items()
+        }
+        if draw.name.endswith(" alone"):
+            name = draw.name.split()[0]
+            assert max(busy, key=lambda stage: busy[stage]) == name
+            assert sorted(busy.values())[-2] < 0.3 * busy[name]
+            times[name] = busy[name]
+            continue
+        pair = [name for name in stages if name in draw.name]
+        assert max(busy.values()) < 0.65 * sum(times[name] for name in pair)
+    assert max(times.values()) < 1.15 * min(times.values())
+    names = {draw.name: draw for draw, _ in select_kind(counted, "mixed")}
+    one, other = (names[f"vertices{text}"] for text in (", then quads", " and quads, interleaved"))
+    assert not np.array_equal(one.triangles, other.triangles)
+    assert sorted(map(tuple, one.triangles)) == sorted(map(tuple, other.triangles))
 
 
 def test_terms_of_the_design_are_not_collinear(counted):

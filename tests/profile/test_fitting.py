@@ -10,7 +10,7 @@ from harness.frame import bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters
-from harness.profile.design import Draw
+from harness.profile.draw import Draw
 from harness.profile.law import COSTS, cost_rows
 from harness.profile.measured import CONTROL
 from harness.profile.profile import read_coefficients, select_fitted, write_profile

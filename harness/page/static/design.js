@@ -130,15 +130,23 @@ function strip(seed, number, step, height) {
   return apart({ points, rows });
 }
 
+/* Triangles of a mesh of squares; those of a row follow each other in a strip. */
+const meshRows = (across, along) => range(across * along).flatMap((k) => {
+  const corner = over(k, across) * (across + 1) + k % across, up = corner + across + 1;
+  return [corner, corner + 1, up, corner + 1, up + 1, up];
+});
+
+/* A mesh of squares of side/256 px, 4 px from 0, whose vertices are moved by less than half a side. */
+function jitteredMesh(across, along, side, numbers) {
+  const line = across + 1, room = side >> 1;
+  const points = numbers.flatMap((number, k) =>
+    [(k % line) * side + 4 * UNIT + number % room, over(k, line) * side + 4 * UNIT + over(number, UNIT) % room]);
+  return { points, rows: meshRows(across, along) };
+}
+
 function mesh(seed, side) {
-  const across = Math.min(40, over(SIDE - 8, side)), line = across + 1, room = side * 128;
-  const points = mixed(seed, 650 + side, line * line).flatMap((stray, k) =>
-    [(k % line) * side * UNIT + 4 * UNIT + stray % room, over(k, line) * side * UNIT + 4 * UNIT + over(stray, UNIT) % room]);
-  const rows = range(across * across).flatMap((k) => {
-    const corner = over(k, across) * line + k % across, up = corner + line;
-    return [corner, corner + 1, up, corner + 1, up + 1, up];
-  });
-  return { points, rows };
+  const across = Math.min(40, over(SIDE - 8, side));
+  return jitteredMesh(across, across, side * UNIT, mixed(seed, 650 + side, (across + 1) ** 2));
 }
 
 const alternate = ({ points, rows }) => ({ points, rows: rows.filter((_, k) => over(k, 3) % 2 === 0) });
@@ -176,7 +184,8 @@ function designOf(seed) {
     const once = scattered(side, side, SLANTED, many, [seed, 800 + k]);
     found.push(once, { points: once.points, rows: [...once.rows, ...once.rows] });
   });
-  return found;
+  [2560, 3072, 3584].forEach((side, k) => found.push(scattered(side, side, SLANTED, 1000, [seed, 210 + k])));
+  return [...found, ...stageDraws(seed)];
 }
 
 /* CRC-32 of the points, then the rows, as 32-bit integers, the low byte first. */

@@ -1,0 +1,238 @@
+"""Draws that separate the stages of a GPU: vertices, triangles that cover samples, and quads.
+
+    kind       differs among its draws                     equal among its draws
+    orders     batches and transformed vertices            all other terms
+    samples    covering triangles, and so pixels, quads    triangles, size, transformed vertices
+    tiles      tiles that triangles overlap                all other terms
+    mixed      one or two of three populations             the populations, each of which keeps
+                                                           another stage busy for about as long
+
+On a device whose stages work at the same time, a mixed draw takes about as long as either of its
+populations; on a device that adds the stages' times, about twice as long.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame, bare_frame
+from harness.grid import SUBPIXEL
+from harness.profile import placing
+from harness.profile.draw import Draw, jittered_mesh, unshared
+from harness.profile.placing import SIDE
+
+KINDS = ("orders", "samples", "tiles", "mixed")
+
+MESH_SIDES = (128, 256, 512)
+"""Sides of the squares of meshes in 1/256 px: few, half or nearly all triangles cover a sample."""
+
+MESH_ACROSS, MESH_ALONG = 60, 28
+"""Squares of a mesh in x and y, multiples of `PATCH`."""
+
+PATCH = 4
+"""Squares in x and y of a patch, whose 32 triangles and 25 vertices fit in one vertex batch.
+
+A batch of 32 triangles of a planar mesh has at least 23 vertices, so 0.72 per triangle is the least
+possible; a patch has 0.78.
+"""
+
+RUNS = {
+    "1.07": (30,),
+    "1.5": (4,),
+    "2": (2,),
+    "2.5": (1, 1, 2),
+    "3": (1,),
+}
+"""Lengths of runs of triangles that follow each other in a strip, by transformed vertices per
+triangle: a run of n triangles has n + 2 vertices, and consecutive runs share none."""
+
+STRIDE = 1033
+"""Distance of consecutive runs, a prime that divides no number of runs."""
+
+SMALL_SIDE = 128
+"""Legs of isolated triangles in 1/256 px: shorter than the distance of samples."""
+
+ON_SAMPLE, OFF_SAMPLE = 80, 144
+"""Offsets from a pixel's corner in 1/256 px, at which a triangle of `SMALL_SIDE` covers the sample
+in the pixel's centre, or none; jitter moves a triangle by less than `SAMPLE_JITTER`."""
+
+SAMPLE_JITTER = 32
+
+SHARES = (0, 1, 2, 3, 4)
+"""Quarters of the triangles that cover a sample."""
+
+TILE_LINES = {
+    "inside tiles of 16 px": 8,
+    "across 16 px": 16,
+    "across 32 px": 32,
+    "across 64 px": 64,
+}
+"""x in px, modulo 64, of the lines on which triangles are centred."""
+
+TILE_BOXES = ((4, 8), (12, 16))
+"""Boxes of triangles and their distance in y, in px."""
+
+Population = tuple[NDArray[np.int32], NDArray[np.int32]]
+"""Points (n, 2) and triangles (m, 3)."""
+
+
+def make_stage_draws(seed: int) -> Iterator[Draw]:
+    """Yield the draws of the kinds of the table above, in its order."""
+    yield from _orders(seed)
+    yield from _samples(seed)
+    yield from _tiles(seed)
+    yield from _mixed(seed)
+
+
+def _orders(seed: int) -> Iterator[Draw]:
+    for number, side in enumerate(MESH_SIDES, 901):
+        numbers = placing.hash_numbers(seed, number, (MESH_ACROSS + 1) * (MESH_ALONG + 1))
+        points, triangles = jittered_mesh(MESH_ACROSS, MESH_ALONG, side, numbers)
+        orders = {"0.78": _order_patches(), **{n: _order_runs(r) for n, r in RUNS.items()}}
+        for name, rows in orders.items():
+            group = f"orders {side / SUBPIXEL:g}"
+            label = f"{name} vertices per triangle, squares of {side / SUBPIXEL:g} px"
+            yield Draw("orders", label, group, bare_frame(SIDE, points), triangles[rows])
+
+
+def _order_patches() -> NDArray[np.int64]:
+    """Return indices of a mesh's triangles, patch by patch."""
+    shape = (MESH_ALONG // PATCH, PATCH, MESH_ACROSS // PATCH, PATCH * 2)
+    rows = np.arange(2 * MESH_ACROSS * MESH_ALONG).reshape(shape)
+    return rows.swapaxes(1, 2).ravel()
+
+
+def _order_runs(pattern: Sequence[int]) -> NDArray[np.int64]:
+    """Return indices of a mesh's triangles in distant runs, whose lengths repeat `pattern`."""
+    size = 2 * MESH_ACROSS * MESH_ALONG
+    lengths = np.tile(pattern, size // sum(pattern))
+    starts = np.cumsum(lengths) - lengths
+    runs = np.arange(len(starts)) * STRIDE % len(starts)
+    return np.concatenate([np.arange(starts[k], starts[k] + lengths[k]) for k in runs])
+
+
+def _grid(
+    count: int, columns: int, pitch: tuple[int, int], start: tuple[int, int]
+) -> placing.Points:
+    """Return corners (count, 2) of cells in 1/256 px, row by row; pitch and start in px."""
+    row, column = np.divmod(np.arange(count), columns)
+    return np.asarray((np.stack([column, row], axis=-1) * pitch + start) * SUBPIXEL, np.int64)
+
+
+def _jitter(numbers: NDArray[np.int64]) -> placing.Points:
+    return np.stack([numbers % SAMPLE_JITTER, numbers // SUBPIXEL % SAMPLE_JITTER], axis=-1)
+
+
+def _small_triangles(
+    cells: placing.Points, numbers: NDArray[np.int64], quarters: int
+) -> Population:
+    """Return an isolated triangle in each cell; `quarters` of four cover one sample each."""
+    covers = np.arange(len(cells)) % 4 < quarters
+    corners = cells + np.where(covers, ON_SAMPLE, OFF_SAMPLE)[:, None] + _jitter(numbers)
+    shape = np.array([[0, 0], [SMALL_SIDE, 0], [0, SMALL_SIDE]])
+    frame, triangles = unshared((corners[:, None] + shape).astype(np.int32))
+    return frame.points, triangles
+
+
+def _patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
+    """Return a patch in each cell; in `quarters` of four every triangle covers one sample.
+
+    Their squares are stretched to 1 by 2 px, and a sample is in each half; the others are shrunk to
+    1/8 px and lie between samples.
+    """
+    covers = (np.arange(len(cells)) % 4 < quarters)[:, None]
+    squares = np.where(covers, (SUBPIXEL, 2 * SUBPIXEL), SMALL_SIDE // PATCH)
+    corners = cells + np.where(covers, 0, OFF_SAMPLE) + _jitter(numbers)
+    line = PATCH + 1
+    row, column = np.divmod(np.arange(line * line), line)
+    points = corners[:, None] + np.stack([column, row], axis=-1) * squares[:, None]
+    _, one = jittered_mesh(PATCH, PATCH, 2, np.zeros(line * line, np.int64))
+    starts = np.arange(len(cells)) * line * line
+    triangles = (one + starts[:, None, None]).reshape(-1, 3)
+    return points.reshape(-1, 2).astype(np.int32), triangles.astype(np.int32)
+
+
+def _samples(seed: int) -> Iterator[Draw]:
+    numbers = placing.hash_numbers(seed, 911, 3000)
+    cells = _grid(3000, 60, (4, 4), (8, 8))
+    for quarters in SHARES:
+        name = f"{quarters} of 4 isolated triangles on a sample"
+        yield _draw("samples", name, "samples isolated", _small_triangles(cells, numbers, quarters))
+    numbers = placing.hash_numbers(seed, 912, 96)
+    cells = _grid(96, 12, (8, 12), (8, 8))
+    for quarters in SHARES[::2]:
+        name = f"{quarters} of 4 patches on samples"
+        yield _draw("samples", name, "samples patches", _patches(cells, numbers, quarters))
+
+
+def _tiles(seed: int) -> Iterator[Draw]:
+    for number, (side, pitch) in enumerate(TILE_BOXES, 921):
+        lines, rows = SIDE // 64 - 1, SIDE // pitch - 2
+        numbers = placing.hash_numbers(seed, number, lines * rows)
+        shape = placing.triangle_shape(side * SUBPIXEL, side * SUBPIXEL)(numbers)
+        for name, line in TILE_LINES.items():
+            start = line - side // 2, pitch + (pitch - side) // 2
+            cells = _grid(lines * rows, lines, (64, pitch), start)
+            geometry = unshared((shape + cells[:, None]).astype(np.int32))
+            yield Draw("tiles", f"boxes of {side} px {name}", f"tiles {side}", *geometry)
+
+
+def _mixed(seed: int) -> Iterator[Draw]:
+    """Yield three populations, one for each stage, alone and in pairs.
+
+    On an H200 each takes 4.4 to 4.6 us: 19.9 ns per vertex batch of isolated triangles between
+    samples; 2.5 ns per small triangle that covers a sample; 158 ns per triangle of 64 px, whose
+    quads take most.
+    """
+    numbers = [placing.hash_numbers(seed, number, 2200) for number in (931, 932, 933)]
+    large = placing.triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
+    frame, triangles = unshared(
+        (large + _grid(28, 14, (68, 68), (8, 256))[:, None]).astype(np.int32)
+    )
+    populations: dict[str, tuple[Population, int]] = {
+        "vertices": (_small_triangles(_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0), 10),
+        "covering": (_patches(_grid(57, 48, (8, 12), (8, 128)), numbers[1][:57], 4), 32),
+        "quads": ((frame.points, triangles), 1),
+    }
+    for name, (population, _) in populations.items():
+        yield _draw("mixed", f"{name} alone", "mixed", population)
+    for one, other in combinations(populations, 2):
+        first, second = populations[one], populations[other]
+        keys = [_interleaving_keys(first, second), _interleaving_keys(second, first)]
+        order = np.argsort(np.concatenate(keys), kind="stable")
+        joined = _join(first[0], second[0])
+        yield _draw("mixed", f"{one} and {other}, interleaved", "mixed", joined, order)
+    joined = _join(populations["vertices"][0], populations["quads"][0])
+    yield _draw("mixed", "vertices, then quads", "mixed", joined)
+
+
+def _interleaving_keys(
+    population: tuple[Population, int], other: tuple[Population, int]
+) -> NDArray[np.int64]:
+    """Return sort keys (m,) that spread blocks of a population evenly among those of another.
+
+    Block i of k has the key (2 i + 1) / k, times both numbers of blocks.
+    """
+    ((_, triangles), block), ((_, others), other_block) = population, other
+    other_blocks = -(-len(others) // other_block)
+    return (2 * (np.arange(len(triangles)) // block) + 1) * other_blocks
+
+
+def _join(one: Population, other: Population) -> Population:
+    points, triangles = zip(one, other, strict=True)
+    shifted = (triangles[0], triangles[1] + np.int32(len(points[0])))
+    return np.concatenate(points), np.concatenate(shifted)
+
+
+def _draw(
+    kind: str,
+    name: str,
+    group: str,
+    population: Population,
+    order: NDArray[np.int64] | slice = slice(None),
+) -> Draw:
+    points, triangles = population
+    frame: Frame = bare_frame(SIDE, points)
+    return Draw(kind, name, group, frame, triangles[order])
