@@ -326,10 +326,10 @@ def sort_counters(names: Iterable[str]) -> list[str]:
     return sorted(names, key=counters.sort_key)
 
 
-def list_costs(names: Iterable[str]) -> list[str]:
+def list_costs(names: Iterable[str], *, of_order: bool = False) -> list[str]:
     """Return the counters in `names` that a triangulation can change, the main one first.
 
-    Counters of the order of triangles are not costs of a triangulation.
+    of_order : whether to include counters that also depend on the order of triangles
     """
     candidates = [name for name in names if not name.startswith(PREDICTED) and name != LEAST]
     first = [name for name in COST_COUNTERS if name in candidates]
@@ -338,7 +338,7 @@ def list_costs(names: Iterable[str]) -> list[str]:
         for name in dict.fromkeys([*first, *sort_counters(candidates)])
         if (metric := find_metric(name)).kind == "counter"
         and metric.better == "lower"
-        and not counters.describe(name).of_order
+        and (of_order or not counters.describe(name).of_order)
     ]
 
 

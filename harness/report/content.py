@@ -165,7 +165,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         },
         "criteria": [name for name, metric in metrics.items() if metric.kind == "prediction"],
         "estimates": {name: estimate.measure for name, estimate in ESTIMATES.items()},
-        "measures": list_costs(metrics),
+        "measures": list_costs(metrics, of_order=True),
         "triangulators": names,
         "looks": {name: asdict(look) for name, look in looks(names).items()},
         "groups": groups,

@@ -171,6 +171,9 @@ def test_a_rasteriser_says_how_its_counters_are_shown():
     assert list_costs(["mirror_hits", "quads", LEAST]) == ["quads"], (
         "the fewest are no cost of theirs"
     )
+    of_order = ["vertex_batches", "transformed_vertices"]
+    assert list_costs([*of_order, "quads"]) == ["quads"]
+    assert list_costs([*of_order, "quads"], of_order=True) == ["quads", *of_order]
     counters.register([counters.Counter("quads", "stolen", "x")])
     assert find_metric("quads").label == "quads", "what is built in stays as it is"
 

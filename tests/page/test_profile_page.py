@@ -287,7 +287,7 @@ def test_slow_device_has_fewer_parts_and_a_note(browser, profile_page):
     result = measure(browser)
     assert result["limited"]
     assert 4 <= len(result["epochs"]) < 12
-    assert result["law"]["seconds"]["triangles"] == pytest.approx(200 * 5e-8, rel=0.1)
+    assert result["law"]["seconds"]["triangles"] == pytest.approx(150 * 5e-8, rel=0.1)
     assert "The time limit of 4 minutes ended it after" in read_text(browser, "traps")
 
 
