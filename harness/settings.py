@@ -45,6 +45,9 @@ SAMPLES = (1, 4, 8)
 MAX_WORK = 65_000
 """Iterations per fragment; llvmpipe silently ends a loop after 65,535 iterations."""
 
+MAX_LOOKUPS = 64
+"""Upper bound of texture lookups per fragment."""
+
 Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
 """Triangle submission order, which caches and early tests depend on; see `Options`."""
 

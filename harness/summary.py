@@ -41,16 +41,17 @@ VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
 def print_summary(decided: Iterable[Decided], console: Console) -> None:
     """Print a table of each group, the cheapest triangulator first, notes, and a recommendation."""
+    wide = console.width >= MIN_WIDE
     for group, decision in decided:
         if decision:
-            console.print(_make_table(decision, wide=console.width >= MIN_WIDE))
+            console.print(_make_table(decision, wide=wide))
         for record in group.records:
             if not record.is_ok or record.reason:
                 console.print(_format_note(record))
         lines = [
             *describe_views(group),
             *_describe_proofs(group.measured),
-            *_describe_regret(group.measured),
+            *(_describe_regret(group.measured) if wide else ()),
         ]
         if decision:
             lines.append(format_advice(decision))
@@ -186,6 +187,7 @@ def row_of(record: Record, decision: Decision | None) -> dict[str, Any]:
         "fit": case.view.fit,
         "samples": case.options.samples,
         "work": case.options.work,
+        "texture": case.options.texture,
         "order": case.options.order,
         "status": record.status,
         "reason": record.reason,

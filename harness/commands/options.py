@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from harness.errors import UsageError
-from harness.settings import MAX_S, MAX_SEED, MAX_WORK, ORDERS, RESOLUTIONS, SAMPLES
+from harness.settings import MAX_LOOKUPS, MAX_S, MAX_SEED, MAX_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
 PROFILES = Path("results") / "profiles"
 """Default folder of `profile`."""
@@ -164,6 +164,10 @@ Samples = Annotated[Several, _list_option("1|4|8,...", one_of(*SAMPLES), "Sample
 Works = Annotated[
     Several,
     _list_option("N,...", number(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"),
+]
+Textures = Annotated[
+    Several,
+    _list_option("N,...", number(int, 0, MAX_LOOKUPS), "Texture lookups per fragment, opengl only"),
 ]
 Orders = Annotated[
     Several,

@@ -48,6 +48,7 @@ def run(
     ] = "box",
     samples: options.Samples = options.Several((1,)),
     work: options.Works = options.Several((0,)),
+    texture: options.Textures = options.Several((0,)),
     order: options.Orders = options.Several(("native",)),
     seed: options.Seed = 0,
     precision: options.Precision = TimingSettings.precision,
@@ -129,9 +130,12 @@ def run(
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
             options=tuple(
-                Options(samples=count, work=iterations, order=triangle_order, seed=seed)
+                Options(
+                    samples=count, work=iterations, order=triangle_order, seed=seed, texture=lookups
+                )
                 for count in samples
                 for iterations in work
+                for lookups in texture
                 for triangle_order in order
             ),
             timing=timing,

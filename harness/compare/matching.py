@@ -131,7 +131,7 @@ def _asks_for(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
         "triangulators": case.name,
         "rasterisers": case.rasteriser,
         "views": vars(case.view),
-        "options": vars(case.options),
+        "options": case.options.to_json(),
     }
     for name, wanted in parts.items():
         if isinstance(plan.get(name), list) and wanted not in plan[name]:

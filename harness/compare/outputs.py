@@ -62,7 +62,7 @@ def _name_to_json(case: CaseId) -> dict[str, Any]:
     names = {"scene": case.scene, "triangulator": case.name}
     names |= {"rasteriser": case.rasteriser, "device": case.device_name}
     printed = {name: printable(text) for name, text in names.items()}
-    return {**printed, **vars(case.view), "options": vars(case.options)}
+    return {**printed, **vars(case.view), "options": case.options.to_json()}
 
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}

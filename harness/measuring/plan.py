@@ -45,6 +45,7 @@ class Plan:
             del timing["limit_s"]
         values |= {
             "triangulators": [str(recipe) for recipe in self.triangulators],
+            "options": [options.to_json() for options in self.options],
             "calibration": None if calibration is None else dict(calibration),
         }
         document: dict[str, Any] = json.loads(json.dumps(values))

@@ -44,8 +44,9 @@ def reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any
     """
     times: dict[DrawId, dict[str, tuple[float, ...]]] = {}
     for record in records:
-        if (time := record.time) is not None and time.reference_s:
-            case, options = record.id, record.id.options
+        case, options = record.id, record.id.options
+        # A `DrawId` has no texture, which slows the reference draw.
+        if (time := record.time) is not None and time.reference_s and not options.texture:
             conditions = (case.view.resolution, options.samples, options.work, time.timer)
             draw = DrawId(case.rasteriser, case.device_name, *conditions)
             times.setdefault(draw, {})[time.round_group] = time.reference_s

@@ -13,7 +13,7 @@ import string
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from harness.errors import NoRasteriserError, UsageError, unknown
 from harness.machine import system
 from harness.rasterisers.counters import Counter
-from harness.settings import MAX_WORK, ORDERS, SAMPLES, Order
+from harness.settings import MAX_LOOKUPS, MAX_WORK, ORDERS, SAMPLES, Order
 from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class Options:
 
     samples : samples per pixel, 1 (no multisampling), 4 or 8
     work : iterations of arithmetic per fragment, to shift the cost from set-up to shading
+    texture : trilinear lookups per fragment in a mip-mapped texture, 0 for none
     order : submission order; "native": the triangulator's; "walk": from neighbour to neighbour,
         each triangle rotated so that its new vertex comes last; "vertex-cache": optimised for
         vertex caches, fan by fan (Tipsify); "morton": along a space-filling curve over the
@@ -53,14 +54,22 @@ class Options:
     work: int = 0
     order: Order = "native"
     seed: int = 0
+    texture: int = 0
 
     def __post_init__(self) -> None:
         if self.samples not in SAMPLES:
             raise UsageError(f"unsupported {self.samples} samples per pixel (choose from 1, 4, 8)")
         if not 0 <= self.work <= MAX_WORK:
             raise UsageError(f"work {self.work} is out of range (0 to {MAX_WORK} iterations)")
+        if not 0 <= self.texture <= MAX_LOOKUPS:
+            raise UsageError(f"{self.texture} texture lookups: out of range (0 to {MAX_LOOKUPS})")
         if self.order not in ORDERS:
             raise unknown("order", self.order, ORDERS)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the options by name, without `texture` if it is 0, as in older records."""
+        values = asdict(self)
+        return values if self.texture else {n: v for n, v in values.items() if n != "texture"}
 
 
 @dataclass(frozen=True)
@@ -160,7 +169,10 @@ class Rasteriser(ABC):
     shades_fragments: ClassVar[bool] = False
     """Whether it shades fragments, as `Options.samples` and `Options.work` require."""
 
-    limitation: ClassVar[str] = "neither multisampling nor fragment work"
+    supports_texture: ClassVar[bool] = False
+    """Whether its fragments can sample a texture, as `Options.texture` requires."""
+
+    limitation: ClassVar[str] = "neither multisampling nor fragment work nor textures"
     """The supported part of `Options`, for the message "<name> has ..."."""
 
     draws_indexed: ClassVar[bool] = False
@@ -200,7 +212,8 @@ class Rasteriser(ABC):
     @classmethod
     def supports(cls, options: Options) -> bool:
         """Return whether it can draw with `options`."""
-        return cls.shades_fragments or (options.samples == 1 and options.work == 0)
+        is_shaded = cls.shades_fragments or (options.samples == 1 and options.work == 0)
+        return is_shaded and (cls.supports_texture or options.texture == 0)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:

@@ -30,6 +30,9 @@ STATISTICS_VERSION, STATISTICS_EXTENSION = 460, "GL_ARB_pipeline_statistics_quer
 
 DEPTH_BUFFER_BIT = 0x0100
 
+TEXTURE_PX = 1024
+"""Side of the texture of `Options.texture`."""
+
 MODERN = 450
 """First OpenGL version whose core has everything that the shaders need."""
 
@@ -68,6 +71,7 @@ class Context:
         self._backend = backend
         self._target: tuple[tuple[int, ...], Any] = (), None
         self._picture: Any = None
+        self._texture: Any = None
         self._gen_queries = self._function("glGenQueries", "int", "pointer")
         self._delete_queries = self._function("glDeleteQueries", "int", "pointer")
         self.begin_query = self._function("glBeginQuery", "uint", "uint")
@@ -116,15 +120,16 @@ class Context:
         """Upload an array; an empty one becomes four bytes, as OpenGL has no empty buffers."""
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
-    def program(self, vertex: str, fragment: str, *, deep: bool = False) -> Any:
-        """Build a program of two files in shaders/; `deep` if vertices have depths.
+    def program(self, vertex: str, fragment: str, *defines: str) -> Any:
+        """Build a program of two files in shaders/, with names to define such as DEPTH.
 
         Raises
         ------
         NoRasteriserError
             if the driver cannot, for example without storage buffers in fragment shaders
         """
-        header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
+        header = self.header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
+        header += "".join(f"#define {name}\n" for name in defines)
         try:
             return self.ctx.program(
                 vertex_shader=header + read_shader(f"{vertex}.glsl"),
@@ -176,6 +181,16 @@ class Context:
         if self._picture is None or self._picture.size != (width, height):
             self._picture = self.ctx.texture((width, height), 1, dtype="u4")
         return self._picture
+
+    def texture(self) -> Any:
+        """Return a mip-mapped RGBA8 texture of noise with trilinear filtering."""
+        if self._texture is None:
+            size = (TEXTURE_PX, TEXTURE_PX)
+            content = np.random.default_rng(0).integers(128, 256, (*size, 4), np.uint8)
+            self._texture = self.ctx.texture(size, 4, content)
+            self._texture.build_mipmaps()
+            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return self._texture
 
     @contextmanager
     def queries(self, number: int) -> Iterator[list[int]]:

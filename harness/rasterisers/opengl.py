@@ -108,6 +108,7 @@ class OpenGL(GLRasteriser):
 
     name = "opengl"
     shades_fragments = True
+    supports_texture = True
     draws_indexed = True
     supports_scissor = True
     supports_depth = True
@@ -116,20 +117,21 @@ class OpenGL(GLRasteriser):
     def __init__(self, device: Device) -> None:
         super().__init__(device)
         self._in_order = self.device.details["renderer"] in IN_ORDER
-        self._programs: dict[bool, tuple[Any, Any]] = {}
-        self.programs(deep=False)
+        self._programs: dict[tuple[str, ...], Any] = {}
+        for counting in (False, True):
+            self.program(counting=counting)
         self.context.check("building the shaders")
 
-    def programs(self, *, deep: bool) -> tuple[Any, Any]:
-        """Return the programs for drawing and for counting, with a depth test if `deep`."""
-        if deep not in self._programs:
-            counting = "count_in_order.frag" if self._in_order else "count.frag"
-            draw, count = (
-                self.context.program("draw.vert", name, deep=deep)
-                for name in ("draw.frag", counting)
-            )
-            self._programs[deep] = draw, count
-        return self._programs[deep]
+    def program(self, *, counting: bool, deep: bool = False, textured: bool = False) -> Any:
+        """Return the program for drawing or for counting, with a depth test if `deep`."""
+        fragment = "draw.frag"
+        if counting:
+            fragment = "count_in_order.frag" if self._in_order else "count.frag"
+        defines = ["DEPTH"] * deep + ["TEXTURE"] * textured
+        key = (fragment, *defines)
+        if key not in self._programs:
+            self._programs[key] = self.context.program("draw.vert", fragment, *defines)
+        return self._programs[key]
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
@@ -225,10 +227,11 @@ class Mesh(Drawing):
         self.context = owner.context
         self.software = owner.device.software
         self.frame = frame
-        self.work = options.work
+        self.options = options
         self.counting = counting
         self.draws = frame.draws(triangles)
-        self.program = owner.programs(deep=deep)[counting]
+        self.textured = options.texture > 0 and not counting
+        self.program = owner.program(counting=counting, deep=deep, textured=self.textured)
         size = (frame.width, frame.height)
         self.target = self.context.target(*size, options.samples, deep=deep)
         points, polygons, indices = self.context.upload(frame, triangles)
@@ -247,7 +250,7 @@ class Mesh(Drawing):
         GPU.
         """
         self.context.activate()
-        self.program["work"] = self.work
+        self.program["work"] = self.options.work
         self.bind()
         if not self.software and self.frame.depths is None:
             return self.context.timed(1, partial(self.draw, repeats), self.context.flush)
@@ -262,6 +265,10 @@ class Mesh(Drawing):
         self.target.viewport = (0, 0, width, height)
         self.target.scissor = self.frame.scissor
         self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
+        if self.textured:
+            self.context.texture().use(0)
+            self.program["content"] = 0
+            self.program["lookups"] = self.options.texture
         ctx = self.context.ctx
         (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
 

@@ -108,7 +108,7 @@ class Reference(CpuRasteriser):
     """Scan conversion in Numba, row by row, on one core."""
 
     name = "reference"
-    limitation = "one sample per pixel and no fragment work"
+    limitation = "one sample per pixel, no fragment work and no textures"
     counters: ClassVar[tuple[str, ...]] = COUNTED
     supports_scissor = True
     supports_depth = True

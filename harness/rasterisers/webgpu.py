@@ -84,7 +84,7 @@ class WebGPU(Rasteriser):
     name = "webgpu"
     shades_fragments = True
     draws_indexed = True
-    limitation = "one sample per pixel"
+    limitation = "one sample per pixel and no textures"
     counters: ClassVar[tuple[str, ...]] = SHADED
     supports_scissor = True
     device_names: ClassVar[tuple[str, ...]] = (
@@ -110,7 +110,7 @@ class WebGPU(Rasteriser):
     @classmethod
     def supports(cls, options: Options) -> bool:
         """Whether it can draw with `options`: WebGPU does not specify sample positions."""
-        return options.samples == 1
+        return options.samples == 1 and options.texture == 0
 
     def __init__(self, device: Device) -> None:
         adapter = _find_adapter(device)

@@ -333,7 +333,7 @@ def record_to_json(record: Record) -> dict[str, Any]:
     values |= {"upright": True} if case.upright else {}
     values |= {"rasteriser": case.rasteriser, "device": case.device}
     values |= {"host": case.host} if case.host else {}
-    values |= {"options": asdict(case.options), "status": record.status, "reason": record.reason}
+    values |= {"options": case.options.to_json(), "status": record.status, "reason": record.reason}
     if record.status not in ("ok", "counted"):
         return values
     for name in _OF_MEASURED:

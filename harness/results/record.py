@@ -29,6 +29,7 @@ _UNUSUAL = {
     "fit": ("box", "fit to a {}"),
     "samples": (1, "{} samples per pixel"),
     "work": (0, "work {}"),
+    "texture": (0, "{} texture lookups"),
     "order": ("native", "{} order"),
     "seed": (0, "seed {}"),
 }
@@ -140,7 +141,7 @@ class CaseId:
             "triangulator": self.name,
             "rasteriser": self.rasteriser,
             "device": self.device_name,
-            "options": asdict(self.options),
+            "options": self.options.to_json(),
         }
         text = json.dumps(content, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

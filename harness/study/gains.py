@@ -36,13 +36,15 @@ def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     runs : of several runs with the same view the first is used, as times of different runs are not
         paired
 
-    Cases that skipped polygons have no ratio.
+    Cases that skipped polygons have no ratio; textured cases are left out.
     """
     rows = []
     seen: set[CaseGroup] = set()
     for run in runs:
         groups = group_run(run)
-        for group in (group for group in groups if group.id not in seen):
+        for group in groups:
+            if group.id in seen or group.id.options.texture:
+                continue
             by_name = {record.name: record for record in group.measured}
             pairs = (
                 _row(group, record, by_name.get(name), name)

@@ -62,6 +62,7 @@ def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTE
     [
         *(("scene", "cad"), ("triangulator", "fan"), ("rasteriser", "webgpu"), ("device", "zink")),
         *(("resolution", 512), ("rotation", 30.0), ("fit", "circle"), ("options", {"samples": 4})),
+        ("options", {"texture": 1}),
     ],
 )
 def test_what_differs_in_one_of_these_is_another_case(field, value):

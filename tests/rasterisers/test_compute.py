@@ -48,8 +48,10 @@ def test_scanline_counts_the_rows_of_the_box(opened):
 
 def test_multisampling_and_work_are_refused(walker):
     frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
-    for options in (Options(samples=4), Options(work=3)):
-        with pytest.raises(UsageError, match="neither multisampling nor fragment work"):
+    for options in (Options(samples=4), Options(work=3), Options(texture=1)):
+        with pytest.raises(
+            UsageError, match="neither multisampling nor fragment work nor textures"
+        ):
             walker.count(frame, triangles, options)
 
 

@@ -12,7 +12,7 @@ from harness.errors import NoRasteriserError, UsageError
 from harness.frame import bare_frame
 from harness.rasterisers import Device, Options, get, opengl
 from harness.rasterisers.base import split_batches
-from harness.rasterisers.reference import SHADED
+from harness.rasterisers.reference import SHADED, find_disagreements
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 
@@ -66,6 +66,24 @@ def test_fragment_work_changes_no_pixel(llvmpipe):
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.sample(1)
         assert drawing.program["work"].value == 0
+
+
+def test_textured_pixels_are_as_bright_as_the_mean_of_the_texture(llvmpipe):
+    frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]], 256)
+    plain = pictures.image_of(llvmpipe, frame, triangles, Options()).astype(float)
+    covered = plain[..., 3] > 0
+    for lookups in (1, 4):
+        options = Options(texture=lookups)
+        drawn = pictures.image_of(llvmpipe, frame, triangles, options).astype(float)
+        assert np.array_equal(drawn[..., 3], plain[..., 3])
+        bright = drawn[covered, :3] / plain[covered, :3]
+        assert bright.mean() == pytest.approx((128 + 255) / 2 / 255, rel=0.02)
+        assert bright.std() > 0.01  # of neighbouring pixels of one triangle
+        with llvmpipe.prepare(frame, triangles, options) as drawing:
+            drawing.sample(1)
+            assert drawing.program["lookups"].value == lookups
+        counted = (llvmpipe.count(frame, triangles, each) for each in (Options(), options))
+        assert find_disagreements(frame, *counted) == []
 
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])

@@ -71,6 +71,11 @@ def test_record_round_trips_through_json():
     assert line["time"]["round_group"] == record.time.round_group != ""
     assert line["time"]["median_s"] == 2.0
     assert parse_record(line) == record
+    assert "texture" not in line["options"]  # as in records of older versions
+    textured = make_record("random#3@0", host="lab", device="gpu0@lab", options={"texture": 2})
+    assert textured.id.key != record.id.key
+    assert "2 texture lookups" in str(textured.id)
+    assert parse_record(record_to_json(textured)) == textured
 
 
 @pytest.mark.parametrize(
@@ -81,6 +86,7 @@ def test_record_round_trips_through_json():
         ({"fit": "cover"}, r"view: unknown fit 'cover'"),
         ({"options": {"order": "foo"}}, r"options: unknown order 'foo'"),
         ({"options": {"colour": 1}}, r"options.colour: is unknown"),
+        ({"options": {"texture": 65}}, r"options: 65 texture lookups: out of range"),
         ({"status": "good"}, r"status: is not one of ok, skipped"),
         ({"scene": None}, r"scene: is missing"),
         ({"counters": {"quads": 1.5}}, r"counters: is not an integer"),

@@ -1,8 +1,14 @@
-// Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove.
+// Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove. With
+// TEXTURE the colour is multiplied by the mean of `lookups` samples; 1.5 texels per pixel lie between
+// two mip levels.
 
 flat in vec4 colour;
 
 uniform int work;
+#ifdef TEXTURE
+uniform sampler2D content;
+uniform int lookups;
+#endif
 
 out vec4 fragment;
 
@@ -13,4 +19,12 @@ void main() {
     }
     // Too small to show in 8 bits.
     fragment = colour + vec4(work > 0 ? value * 1e-7 : 0.0);
+#ifdef TEXTURE
+    vec2 position = gl_FragCoord.xy * 1.5 / vec2(textureSize(content, 0));
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < lookups; i++) {
+        sum += texture(content, position + float(i) * vec2(0.618, 0.414)).rgb;
+    }
+    fragment.rgb *= sum / float(lookups);
+#endif
 }
