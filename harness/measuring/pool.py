@@ -299,7 +299,10 @@ class MeasuringPool(WorkerPool):
 
     def describe(self) -> dict[str, Any]:
         """Return the details of the opened devices, JSON-ready, by label."""
-        return {label: asdict(opened) for label, opened in self._opened.items()}
+        return {
+            label: {"details": opened.details, "timer": opened.timer and asdict(opened.timer)}
+            for label, opened in self._opened.items()
+        }
 
     def close(self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND.name,)) -> None:
         """End all processes; results of the second process are no longer needed."""

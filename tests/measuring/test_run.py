@@ -82,6 +82,7 @@ def test_every_case_gets_a_complete_record(block, tmp_path):
     stored = read_run(tmp_path / "out")
     assert stored.records == outcome.records
     assert stored.facts["scene"]["polygons"] == 3
+    assert stored.problems == []
     assert stored.facts["interrupted"] is False
     columns = read_arrays(stored, records["delaunay"]["key"])
     assert columns is not None
