@@ -4,7 +4,7 @@
 #   scripts/gpu.sh prepare OUT    on any machine: exact counters of the reference, and the times that
 #                                 docs/studies/gpu.md predicts from them
 #   scripts/gpu.sh plan           print the steps and their seconds
-#   scripts/gpu.sh measure OUT    on the machine with the GPU
+#   scripts/gpu.sh measure OUT [STEP ...]   on the machine with the GPU; all steps, or the named ones
 #   scripts/gpu.sh judge OUT      afterwards, on any machine: equality of counters, and the tables of
 #                                 docs/studies/gpu.md
 #
@@ -53,7 +53,7 @@ command -v draw-prim-rate > /dev/null && steps+=("piglit 10 draw-prim-rate.txt")
 # One run of the scenes' triangulators; further arguments select a rasteriser and options.
 run_scene() { # folder, scene, sizes, seconds of each case, further arguments
     "${harness[@]}" run --scene "$2" --resolution "$3" --triangulators $peers --budget "$4" \
-        --quiet --out "$to/$1" "${@:5}"
+        --quiet --no-report --out "$to/$1" "${@:5}"
 }
 
 doctor() {
@@ -111,6 +111,7 @@ measure() {
         --precision 1 > "$to/warm.log" 2>&1; rm -rf "$to/warm") &
     for step in "${steps[@]}"; do
         read -r name seconds result <<< "$step"
+        [ $# -eq 0 ] || [[ " $* " == *" $name "* ]] || continue
         [ -e "$to/$result" ] && { printf '%s: already complete\n' "$name"; continue; }
         bound=$((factor * seconds))
         [ "$bound" -gt "$(remaining)" ] && bound=$(remaining)
@@ -149,7 +150,7 @@ command=${1:-}
 case "$command" in
     plan) plan ;;
     step) to=$3 device=$4; perform "$2" ;;
-    prepare | measure) to=${2:?folder}; $command ;;
+    prepare | measure) to=${2:?folder}; $command "${@:3}" ;;
     judge) "$python" scripts/studies/gpu.py judge "${2:?folder}" ;;
     *) sed -n '2,20s/^# \{0,1\}//p' "$0"; exit 2 ;;
 esac

@@ -121,10 +121,17 @@ def format_json(outcome: RunResult) -> dict[str, Any]:
     }
 
 
-def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: bool = True) -> None:
+def finish(
+    outcome: RunResult,
+    console: Console,
+    reporter: Reporter,
+    *,
+    report: bool = True,
+    plots: bool = True,
+) -> None:
     """Print and store the results; raise or exit with the command's exit code.
 
-    plots : draw plots now; otherwise `report` draws them
+    report, plots : write the report, and draw its plots, now; otherwise the command `report` does
 
     Raises
     ------
@@ -140,7 +147,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     for line in describe_machine(outcome.run):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {path}", markup=False, soft_wrap=True)
-    if measured and not outcome.aborted:
+    if measured and report and not outcome.aborted:
         from harness.report import matrix
         from harness.report.page import write_report
         from harness.report.plots import plot_run

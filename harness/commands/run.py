@@ -94,6 +94,14 @@ def run(
         bool,
         typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report/--no-report",
+            help="Write the report and its plots; otherwise raster-harness report writes them "
+            "later, e.g. when a rented machine has only measured.",
+        ),
+    ] = True,
     quick: options.Quick = False,
     base: options.Base = None,
     as_json: options.Json = False,
@@ -157,7 +165,8 @@ def run(
             json.dumps(outcome.format_json(result), indent=2, ensure_ascii=False, allow_nan=False)
         )
     # With --json, standard output holds nothing but the JSON.
-    outcome.finish(result, Screen(stderr=as_json, quiet=as_json), reporter, plots=not quick)
+    screen = Screen(stderr=as_json, quiet=as_json)
+    outcome.finish(result, screen, reporter, report=report, plots=not quick)
     if baseline and not as_json:
         path = os.path.relpath(result.path)
         typer.echo(f"to compare: raster-harness compare {path}/{BASE_FOLDER} {path}")

@@ -42,6 +42,14 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     assert Path("results/plots/predicted-vs-measured.png").stat().st_size > 5000
 
 
+def test_a_run_without_report_leaves_it_to_the_command_report(harness, block):
+    require_ok(harness("run", "--scene", str(block), "--out", "results", "--no-report", *MOCK))
+    assert Path("results/summary.csv").exists()
+    assert not Path("results/report.html").exists()
+    require_ok(harness("report", "results"))
+    assert Path("results/report.html").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
