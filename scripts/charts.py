@@ -27,6 +27,13 @@ NAMES = LABELS["triangulator"]
 CHARTED = [*(ALIASES[key] for key in ("H", "refined", "Q", "A")), "delaunay"]
 """Triangulators in the charts of devices."""
 
+STAGES = {
+    "vertices": "vertex batches",
+    "triangles": "covering triangles, helper lanes",
+    "pixels": "quads, helper lanes",
+}
+"""Titles of the stages of `scripts/studies/gpu.py`."""
+
 _DARK = (
     "<style>@media (prefers-color-scheme: dark) {"
     f'[style*="fill: {INK}"]{{fill:#e6edf3 !important}}'
@@ -134,6 +141,28 @@ def plot_gpu() -> Figure:
     return figure
 
 
+def plot_stages() -> Figure:
+    """Plot each case's time on a GPU against the time of the law, coloured by the binding stage."""
+    figure = Figure(figsize=(9.0, 3.6))
+    axes = figure.subplots(1, len(STAGES), sharex=True, sharey=True)
+    table = select("h200/judged.csv", work=0, samples=1)
+    ends = [0.9 * table["measured_ns"].min() / 1e3, 1.1 * table["measured_ns"].max() / 1e3]
+    for ax, (stage, title) in zip(axes, STAGES.items(), strict=True):
+        for binding, rows in table.groupby("stage", sort=False):
+            number = list(STAGES).index(str(binding))
+            line_style: Any = list(matplotlib.rcParams["axes.prop_cycle"])[number]
+            line_style |= {"linestyle": "none", "alpha": 0.6, "label": f"{binding} bind"}
+            ax.plot(rows[f"{stage}_ns"] / 1e3, rows["measured_ns"] / 1e3, **line_style)
+        ax.plot(ends, ends, marker="", **FAINT)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_title(title)
+    axes[0].set_ylabel("measured time, us")
+    axes[0].legend()
+    figure.supxlabel("time that the law gives to the stage, us")
+    return figure
+
+
 def plot_thin() -> Figure:
     """Plot the times of sliver triangles of equal area, by device."""
     profiles = {
@@ -165,6 +194,7 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-regret": plot_regret,
     "findings-devices": plot_devices,
     "findings-gpu": plot_gpu,
+    "gpu-stages": plot_stages,
     "devices-thin": plot_thin,
 }
 

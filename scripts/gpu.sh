@@ -134,15 +134,15 @@ measure() {
     printf '\nall done: %s\n' "$to"
 }
 
+# Counters of the CPU reference, and of llvmpipe, whose index lists have vertex batches.
 prepare() {
-    mkdir -p "$to"
     local scene
+    mkdir -p "$to"
     for scene in "${scenes[@]}"; do
         [ -e "$to/reference-${scene%%:*}/summary.csv" ] || run_scene "reference-${scene%%:*}" \
-            "$scene" $sizes 0.001 --rasterisers reference --precision 1 --order $orders || exit
+            "$scene" $sizes 0.001 --rasterisers reference,opengl --device llvmpipe --precision 1 \
+            --order $orders || exit
     done
-    [ -e "$to/reference-samples/summary.csv" ] || run_scene reference-samples "${scenes[0]}" $sizes \
-        0.001 --rasterisers reference --precision 1 --samples 4 || exit
     "$python" scripts/studies/gpu.py predict "$to"
 }
 

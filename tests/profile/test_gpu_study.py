@@ -45,7 +45,8 @@ def folder(tmp_path: Path) -> Path:
     """Return a folder of a prepared study, without measurements."""
     for scene, resolution, covering in (("glyphs", 256, 100), ("city", 1024, 20_000)):
         cases = [make_cases(scene, resolution, order, 0, covering) for order in BATCHES]
-        write_run(tmp_path / f"reference-{scene}", cases)
+        both = [each.assign(rasteriser=name) for each in cases for name in ("opengl", "reference")]
+        write_run(tmp_path / f"reference-{scene}", both)
     gpu.predict(tmp_path)
     return tmp_path
 
@@ -59,6 +60,7 @@ def write_measurements(folder: Path, *, factor: dict[str, float] | None = None) 
         status="ok",
         draw_ms=1e-6 * predicted["predicted_ns"] * factors,
         vertex_shader_invocations=predicted["transformed_vertices"],
+        rasteriser="opengl",
     )[[*counters, "draw_ms", "vertex_shader_invocations"]]
     for name, scene in product(("orders", "work"), ("city", "glyphs")):
         rows = measured[(measured["scene"] == scene) & ((measured["work"] > 0) == (name == "work"))]
