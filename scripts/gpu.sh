@@ -28,7 +28,7 @@ if [ "${QUICK:-}" = yes ]; then
     scenes=(city:buildings=40 glyphs:limit=8) sizes=64,256 size=256 budget=0.02 profiled=0.02
     compared=(-k footprints) share=0.001 factor=4
 else
-    scenes=(city glyphs cad) sizes=256,1024,4096 size=1024 budget=0.25 profiled=0.35
+    scenes=(city glyphs cad) sizes=256,1024,4096 size=1024 budget=0.25 profiled=0.3
     compared=() share=0.1 factor=2
 fi
 few=("${scenes[@]:0:2}")
