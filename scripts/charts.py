@@ -194,7 +194,6 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-regret": plot_regret,
     "findings-devices": plot_devices,
     "findings-gpu": plot_gpu,
-    "gpu-stages": plot_stages,
     "devices-thin": plot_thin,
 }
 

@@ -36,16 +36,17 @@ few=("${scenes[@]:0:2}")
 # Steps: name, seconds that it takes on an H200, file that it writes last.
 steps=(
     "doctor 10 doctor.txt"
-    "orders-${scenes[0]%%:*} 55 orders-${scenes[0]%%:*}/summary.csv"
-    "orders-${scenes[1]%%:*} 50 orders-${scenes[1]%%:*}/summary.csv"
-    "profile 75 profile.json"
+    "orders-${scenes[0]%%:*} 50 orders-${scenes[0]%%:*}/summary.csv"
+    "orders-${scenes[1]%%:*} 45 orders-${scenes[1]%%:*}/summary.csv"
+    "profile 70 profile.json"
     ${scenes[2]:+"orders-cad 50 orders-cad/summary.csv"}
     "work-${few[0]%%:*} 25 work-${few[0]%%:*}/summary.csv"
     "work-${few[1]%%:*} 25 work-${few[1]%%:*}/summary.csv"
     "again 15 again/summary.csv"
+    "texture 20 texture/summary.csv"
     "samples 20 samples/summary.csv"
     "optimum 20 optimum.json"
-    "webgpu 15 webgpu/summary.csv"
+    "webgpu 10 webgpu/summary.csv"
 )
 # An independent measurement of triangles per second: `draw-prim-rate` of piglit, if it is installed.
 command -v draw-prim-rate > /dev/null && steps+=("piglit 10 draw-prim-rate.txt")
@@ -71,6 +72,8 @@ perform() { # name of a step
             --work 16,64 ;;
         samples) run_scene samples "${scenes[0]}" $sizes "$(half $budget)" --device "$device" \
             --samples 4 ;;
+        texture) run_scene texture "${scenes[0]}" $sizes "$(half $budget)" --device "$device" \
+            --texture 1,4 ;;
         # A second measurement of a tenth of the cases: the scatter of the measurement itself.
         again) run_scene again "${scenes[0]}" $size $budget --device "$device" --order $orders ;;
         webgpu) run_scene webgpu "${scenes[0]}" $sizes "$(half $budget)" --device "$device" \
