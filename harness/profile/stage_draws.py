@@ -24,6 +24,7 @@ from harness.profile.draw import Draw, jittered_mesh, unshared
 from harness.profile.placing import SIDE
 
 KINDS = ("orders", "samples", "tiles", "mixed")
+"""Kinds whose draws differ in what no criterion predicts."""
 
 MESH_SIDES = (128, 256, 512)
 """Sides of the squares of meshes in 1/256 px: few, half or nearly all triangles cover a sample."""
@@ -34,8 +35,8 @@ MESH_ACROSS, MESH_ALONG = 60, 28
 PATCH = 4
 """Squares in x and y of a patch, whose 32 triangles and 25 vertices fit in one vertex batch.
 
-A batch of 32 triangles of a planar mesh has at least 23 vertices, so 0.72 per triangle is the least
-possible; a patch has 0.78.
+A patch has 0.78 vertices per triangle. No order has the 0.5 of an infinite mesh: 32 triangles of a
+planar mesh have at least 19 vertices.
 """
 
 RUNS = {
