@@ -20,6 +20,9 @@ def main() -> None:
             # Not an exception: libraries that are being imported catch those.
             signal.signal(number, _stop)
     _remove_working_folder()
+    from harness.supervisor import continue_in_child
+
+    continue_in_child()
     from harness.cli import main as run
 
     try:

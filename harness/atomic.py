@@ -6,15 +6,19 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
+from zlib import crc32
 
 from harness.errors import StorageError, UsageError
 from harness.machine import system
 
 UNFINISHED = ".unfinished"
-"""Suffix of the hidden temporary folder next to the final one."""
+"""Suffix of the hidden temporary file or folder next to the final one."""
+
+LOCK = "lock"
+"""Name of a file in a temporary folder that is locked while the folder is in use."""
 
 
 def write(path: Path, content: bytes, *, forced: bool = False) -> None:
@@ -27,16 +31,44 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
     OSError
         if it cannot be written; an existing file stays unchanged
     """
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    temporary = Path(name)
+    temporary = path.with_name(f".{path.name}{UNFINISHED}")
+    file = _claim(temporary)
+    if file is None:
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        file, temporary = os.fdopen(descriptor, "wb"), Path(name)
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with file:
             file.write(content)
-        temporary.chmod(0o666 & ~system.umask())
-        move(temporary, path, forced=forced)
+            file.flush()
+            temporary.chmod(0o666 & ~system.umask())
+            if os.name != "nt":  # while it is locked
+                move(temporary, path, forced=forced)
+        if os.name == "nt":
+            move(temporary, path, forced=forced)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def _claim(path: Path) -> IO[bytes] | None:
+    """Open and lock a temporary file, perhaps one that a killed process has left, and empty it.
+
+    None if it is in use, not this user's regular file, or the system cannot lock it.
+    """
+    if os.name == "nt":  # an open file cannot be renamed
+        return None
+    with suppress(OSError):
+        flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        file = os.fdopen(os.open(path, flags, 0o600), "wb")
+        if system.lock(file.fileno(), wait=False, required=True):
+            info = os.fstat(file.fileno())
+            is_own = stat.S_ISREG(info.st_mode) and info.st_uid == os.geteuid()
+            # Before it was locked, another process may have renamed or removed it.
+            if is_own and info.st_nlink == 1 and path.lstat().st_ino == info.st_ino:
+                file.truncate(0)
+                return file
+        file.close()
+    return None
 
 
 def read(file: Path) -> bytes:
@@ -146,7 +178,7 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
         raise UsageError(f"{path} already exists; name a new folder")
     parent = path.with_name(f".{path.name}{UNFINISHED}")
     parent.mkdir(parents=True, exist_ok=True)
-    with (parent / "lock").open("a") as lock:
+    with (parent / LOCK).open("a") as lock:
         if not system.lock(lock.fileno(), wait=False):
             raise StorageError(f"{path} is in use: another process is creating it")
         temporary = parent / path.name
@@ -180,6 +212,15 @@ TEMPORARY_PREFIX = ".raster-harness-"
 """Prefix of the names of temporary folders of `Output`; the target's name follows."""
 
 
+def _remove_files(folder: Path) -> None:
+    """Remove everything in a temporary folder except its lock."""
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        elif path.name != LOCK:
+            path.unlink(missing_ok=True)
+
+
 class Output:
     """Files of an export, written in a temporary folder next to the target.
 
@@ -199,19 +240,35 @@ class Output:
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)
-            prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
-            self._temporary = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
+            self._folder = self._make_folder()
         except OSError as error:
             reason = error.strerror or error
             raise StorageError(
                 f"{parent.resolve()} cannot be written: {reason}; choose another -o"
             ) from error
-        self._folder = Path(self._temporary.name)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._streams.close()
-        self._temporary.cleanup()
+        _remove_files(self._folder)
+        if self._lock:  # last, as the next process may lock it then
+            (self._folder / LOCK).unlink(missing_ok=True)
+            self._lock.close()
+        with suppress(OSError):
+            self._folder.rmdir()
+
+    def _make_folder(self) -> Path:
+        """Return an empty folder, perhaps one that a killed process has left, and lock it."""
+        name = self.target.name
+        prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
+        folder = self.target.with_name(f"{prefix}{crc32(os.fsencode(name)):08x}")
+        with suppress(FileExistsError):
+            folder.mkdir(0o700)
+        self._lock = None if folder.is_symlink() else _claim(folder / LOCK)
+        if self._lock is None:
+            return Path(tempfile.mkdtemp(dir=folder.parent, prefix=prefix))
+        _remove_files(folder)
+        return folder
 
     def file(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
         """Open a file that `publish` moves to the target's path with `suffix` appended."""

@@ -123,7 +123,7 @@ def main() -> None:
             if code == REGRESSION and COMPLETION & {*sys.argv}:
                 code = BAD_INPUT  # typer does not support this shell
             sys.stdout.flush()
-            if _received and code != INTERRUPTED:
+            if _received:  # typer turns the exception into a silent exit
                 raise KeyboardInterrupt
         except BaseException as error:
             _LOG.info("ended by %s", type(error).__name__, exc_info=error)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from math import inf
-from threading import Timer
+from threading import Event, Thread
 from typing import Any
 
 from rich.console import Console
@@ -169,11 +169,20 @@ class Reporter:
 
     @contextmanager
     def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
-        """Print `message` if the block takes longer; yield a function that cancels it."""
-        timer = Timer(seconds, lambda: self.say(message))
-        timer.daemon = True
-        timer.start()
+        """Print `message` if the block takes longer, again after doubled intervals.
+
+        Yields a function that cancels it.
+        """
+        ended = Event()
+
+        def report() -> None:
+            waited = 0.0
+            while not ended.wait(max(seconds, waited)):
+                waited += max(seconds, waited)
+                self.say(f"{message} ({waited:.0f} s)" if waited > seconds else message)
+
+        Thread(target=report, daemon=True).start()
         try:
-            yield timer.cancel
+            yield ended.set
         finally:
-            timer.cancel()
+            ended.set()

@@ -60,6 +60,14 @@ def triangulate(
     TriangulationError
         If the triangulator failed; the base of the errors above.
 
+    Notes
+    -----
+    Neither a signal nor another thread interrupts a call while C++ runs, and some steps take time
+    quadratic in the size of the polygon. On one core, "ear-clipping" takes about 20 s for 10,000
+    holes or 100,000 vertices, and 100 times as long for ten times as many; "delaunay" about 13 s
+    for 10,000 holes; the test of validity up to 40 s for 100,000 vertices. Call it in a process of
+    its own if it must end in time.
+
     Examples
     --------
     >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()

@@ -148,6 +148,7 @@ def triangulate(
             out,
             name,
             progress=report_progress,
+            say=reporter.say,
             certify=evidence or certify,
             device=device or CPU,
         )

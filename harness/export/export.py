@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from harness.export.writers import (
 )
 from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
+from harness.triangulating.result import describe_large_polygon
 from scenes import load
 from scenes.cleaning.repair import Cleaned
 from scenes.files import Chunk, read, read_chunks
@@ -162,6 +164,7 @@ def export_file(
     triangulator: str = "optimal:half-perimeter",
     *,
     progress: Callable[[int], None] | None = None,
+    say: Callable[[str], None] | None = None,
     certify: bool | Path = False,
     device: str = CPU,
     chunk: int = CHUNK_POLYGONS,
@@ -182,6 +185,8 @@ def export_file(
         Name of the triangulator.
     progress : callable, optional
         Called with the number of triangulated polygons.
+    say : callable, optional
+        Called with a line before a polygon that may take minutes or hours.
     certify : bool or Path
         Compute a bound on each triangulation's distance from the optimum of its criterion
         (half-perimeter if it has no criterion). A path is a file for the proofs, one line per
@@ -212,15 +217,17 @@ def export_file(
     evidence = certify if isinstance(certify, Path) else None
     chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in MODEL_SUFFIXES)
     try:
-        with Output(target) as output, Output(evidence or target) as proofs:
-            if evidence is not None:
+        with ExitStack() as stack:
+            output = stack.enter_context(Output(target))
+            proofs = None if evidence is None else stack.enter_context(Output(evidence))
+            if proofs is not None:
                 report.evidence = proofs.file(mode="w")
-            options = TriangulationOptions(name, parameters, device)
+            options = TriangulationOptions(name, parameters, device, say)
             writer = add_chunks(chunks, partial(make, output), options, report, progress)
             if writer is None or report.triangles == 0:
                 raise InputError(_format_empty_export(str(source), report))
             writer.finish()
-            report.files = output.publish() + (proofs.publish() if evidence is not None else [])
+            report.files = output.publish() + ([] if proofs is None else proofs.publish())
     except OSError as error:
         reason = error.strerror or error
         raise StorageError(f"{target}: cannot be written ({reason}); no file changed") from error
@@ -233,11 +240,13 @@ class TriangulationOptions:
     """Options of a triangulation, as for `export_file`.
 
     name : full name of the triangulator; parameters : keyword arguments
+    say : called with a line before a polygon that may take minutes or hours
     """
 
     name: str
     parameters: Mapping[str, Any]
     device: str = CPU
+    say: Callable[[str], None] | None = None
 
 
 def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
@@ -345,6 +354,8 @@ def full_triangulator_name(triangulator: str | None, criterion: str | None = Non
 
 
 def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Report) -> ExportMesh:
+    if options.say and (line := describe_large_polygon(chunk.cleaned.polygons)):
+        options.say(line)
     start = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
     result = triangulate_many(polygons, options.name, device=options.device, **options.parameters)

@@ -18,6 +18,9 @@ from typing import Any
 import psutil
 from platformdirs import user_cache_path
 
+TEMPORARY_PREFIX = "raster-harness-tmp-"
+"""Prefix of the folders for temporary files that `harness.supervisor` makes, one for a program."""
+
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """Signal for a closed terminal; None on Windows."""
 
@@ -34,7 +37,9 @@ def database_path() -> Path:
         return Path(file)
     if os.path.expanduser("~") == "~" and not os.environ.get("XDG_CACHE_HOME"):  # noqa: PTH111
         # Neither HOME nor an entry in passwd, as in a container that runs as any user.
-        folder = Path(tempfile.gettempdir()) / f"raster-harness-{os.getuid()}"
+        shared = Path(tempfile.gettempdir())
+        shared = shared.parent if shared.name.startswith(TEMPORARY_PREFIX) else shared
+        folder = shared / f"raster-harness-{os.getuid()}"
     else:
         folder = user_cache_path("raster-harness", appauthor=False)
     return folder / "triangulations.sqlite"
@@ -194,6 +199,24 @@ def kill_group(leader: int) -> None:
                 child.kill()
 
 
+def kill_descendants(ancestor: int) -> None:
+    """Kill all processes that `ancestor` and its descendants have started."""
+    with contextlib.suppress(psutil.Error, OSError):
+        for process in psutil.Process(ancestor).children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+
+
+def end_with(parent: int) -> None:
+    """Have the kernel end this process when its parent is killed; Linux only."""
+    if sys.platform != "linux":
+        return
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+    if os.getppid() != parent:  # it had ended before the call above
+        os._exit(1)
+
+
 def become_subreaper() -> None:
     """Make this process the parent of orphaned descendants; Linux only."""
     if sys.platform == "linux":
@@ -220,10 +243,11 @@ def umask() -> int:
     return mask
 
 
-def lock(descriptor: int, *, wait: bool = True) -> bool:
+def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file; closing the file releases the lock.
 
     wait : wait for another process to release it; otherwise return False at once
+    required : return False, not True, if the file system does not support locks
     """
     try:
         import fcntl
@@ -250,6 +274,7 @@ def lock(descriptor: int, *, wait: bool = True) -> bool:
     except OSError:  # the file system does not support locks
         if wait:
             raise
+        return not required
     return True
 
 

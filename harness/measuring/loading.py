@@ -21,6 +21,7 @@ from harness.measuring.tasks import Survey, survey
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
+from harness.triangulating.result import describe_large_polygon
 from harness.viewing import is_model_with_views
 from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
@@ -28,6 +29,11 @@ from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
 """A backend with the plan's options that it supports."""
+
+MESSAGE_AFTER_S = 5.0
+"""Seconds of loading after which a line says why."""
+
+QUADRATIC_TEST = "the test of validity takes time quadratic in a polygon's vertices; Ctrl-C stops"
 
 MAX_POLYGONS_NAMED = 10
 """Maximum number of dropped or repaired polygons named on the screen."""
@@ -49,7 +55,10 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
             except TaskError as error:
                 raise InputError(f"scene {name} cannot be loaded: {error}") from error
     else:
-        scene = _load(name, seed)
+        with reporter.if_long(f"still loading {name}: {QUADRATIC_TEST}", MESSAGE_AFTER_S):
+            scene = _load(name, seed)
+    if line := describe_large_polygon(scene.polygons):
+        reporter.say(f"{scene.name}: {line}")
     if scene.notes:
         reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):

@@ -102,7 +102,7 @@ class MeasuringPool(WorkerPool):
         super().__init__(open_worker, timeout_s)
         self.database = database
         self.other = other
-        self.stopping = False
+        self.stopping = self.is_timing = False
         self._opened: dict[str, tasks.Opened] = {}
         self._compiled: set[str] = set()
 

@@ -44,6 +44,7 @@ from harness.results.run_folder import (
     read_run,
 )
 from harness.stats.run_quality import judge_records
+from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.viewing import viewing_of
 from harness.workers.worker import OpenWorker, Worker
@@ -258,9 +259,10 @@ def _measure(
 
 @contextmanager
 def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
-    """Finish the cases in flight after the first Ctrl-C.
+    """Finish the timing in progress after the first Ctrl-C.
 
-    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once.
+    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once, and so does the first
+    Ctrl-C while nothing is timed: a triangulation may take hours, and counters are stored already.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread receives signals
@@ -270,7 +272,9 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
         is_second, pool.stopping = pool.stopping, True
         if number == system.HANGUP:
             detach_terminal()
-        if is_second or number != signal.SIGINT:
+        at_once = is_second or number != signal.SIGINT or not pool.is_timing
+        allow_cleanup(unlimited=not at_once)
+        if at_once:
             raise KeyboardInterrupt
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 

@@ -276,7 +276,9 @@ class SceneRun:
             ready |= self._count(current, replace(group, cases=cases), timed=timed)
         in_order = {recipe: ready[recipe] for recipe in group.cases if recipe in ready}
         if in_order:
+            self.pool.is_timing = True
             self._time(current, group, in_order)
+            self.pool.is_timing = False
 
     def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
         """Count the group's cases; return the records to be timed.

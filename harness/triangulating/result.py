@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -77,3 +78,23 @@ def check_triangles(polygon: Polygon, triangles: Rows) -> tuple[int, str]:
     """Return the number of T-junctions, and the problems of an invalid triangulation, or ""."""
     result = verify(polygon, triangles)
     return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))
+
+
+LARGE_VERTICES, LARGE_HOLES = 50_000, 5_000
+"""Numbers from which ear clipping of one polygon takes more than about five seconds."""
+
+
+def describe_large_polygon(polygons: Sequence[Polygon]) -> str:
+    """Return a line about the first polygon that takes long, or ""."""
+    geometries = np.asarray(polygons, dtype=object)
+    vertices = shapely.get_num_coordinates(geometries) if len(geometries) else geometries
+    holes = shapely.get_num_interior_rings(geometries) if len(geometries) else geometries
+    large = np.flatnonzero((vertices >= LARGE_VERTICES) | (holes >= LARGE_HOLES))
+    if not len(large):
+        return ""
+    index = large[0]
+    return (
+        f"polygon {index} has {vertices[index]:,} vertices and {holes[index]:,} holes; ear "
+        "clipping takes time quadratic in both, Delaunay and the test of validity up to quadratic: "
+        "minutes to hours; Ctrl-C stops"
+    )

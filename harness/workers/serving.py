@@ -10,7 +10,6 @@ two processes: a parent that only waits, and a child in which the tasks run. A t
 suspends its parent does not affect the server, from which all other workers are forked.
 """
 
-import ctypes
 import errno
 import multiprocessing
 import os
@@ -162,7 +161,7 @@ def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None)
     # A process group, so that descendants are killed with it and Ctrl-C reaches the parent alone.
     system.start_process_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with(os.getppid())
+    system.end_with(os.getppid())
     descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     for stream, number in ((sys.__stdout__, 1), (sys.__stderr__, 2)):
         os.dup2(descriptor, stream.fileno() if stream else number)
@@ -171,22 +170,12 @@ def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None)
         start_log()
 
 
-def _end_with(parent: int) -> None:
-    """Have the kernel end this process when its parent is killed; Linux only."""
-    if sys.platform != "linux":
-        return
-    pr_set_pdeathsig = 1
-    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    if os.getppid() != parent:  # it had ended before the call above
-        os._exit(1)
-
-
 def _wait_for_child(connection: Connection) -> None:
     """Continue in a child of this process, which waits for the child and ends as it does."""
     waiting = os.getpid()
     child = os.fork()
     if child == 0:
-        _end_with(waiting)
+        system.end_with(waiting)
         return
     connection.close()  # an open copy would hide that the child has ended
     _, status = os.waitpid(child, 0)

@@ -163,3 +163,19 @@ def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
 def test_a_model_without_triangles_is_not_judged(harness):
     Path("lines.obj").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
     assert_refused(harness("triangulate", "lines.obj", "--check"), "has no triangles", code=4)
+
+
+def test_large_polygon_is_announced_with_the_quadratic_steps(harness, monkeypatch):
+    """By `run` and `inspect` after loading, by `triangulate` before its triangulation."""
+    monkeypatch.setattr("harness.triangulating.result.LARGE_HOLES", 2)
+    squares = [shapely.box(x, 0, x + 4, 4) for x in (0, 10)]
+    holes = [shapely.box(11 + x, 1, 12 + x, 2).exterior for x in (0, 1.5)]
+    squares[1] = shapely.Polygon(squares[1].exterior, holes)
+    write_geojson(Path("file.geojson"), squares)
+    for command in ("inspect file.geojson --polygon 0", "triangulate file.geojson -o out.obj"):
+        code, _, err = harness(*command.split())
+        assert code == 0
+        (line,) = (line for line in err.splitlines() if "quadratic" in line)
+        assert "polygon 1 has 15 vertices and 2 holes; ear clipping" in line
+    monkeypatch.undo()
+    assert "quadratic" not in harness("inspect", "file.geojson")[2]

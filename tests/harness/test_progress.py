@@ -1,6 +1,7 @@
 """What is said of a run: bars on a terminal, lines now and then elsewhere."""
 
 import io
+import time
 from itertools import pairwise
 
 import pytest
@@ -156,3 +157,16 @@ def test_on_a_terminal_there_is_a_bar(monkeypatch):
             said.now += 6.0
             stage.complete(part)
     assert "100%, 0.17 parts/s" in said.text
+
+
+def test_notice_of_a_long_step_is_repeated_until_it_ends():
+    said = Said()
+    with said.reporter.if_long("still reading", 0.01):
+        while len(said.lines) < 3:
+            time.sleep(0.001)
+    count = len(said.lines)
+    assert all(line.startswith("still reading") for line in said.lines)
+    with said.reporter.if_long("never", 0.01) as cancel:
+        cancel()
+        time.sleep(0.05)
+    assert len(said.lines) == count

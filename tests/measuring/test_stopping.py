@@ -65,6 +65,21 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
     assert not (out / "counted.jsonl").exists()
 
 
+@pytest.mark.parametrize("step", ["triangulate", "count"])
+def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, monkeypatch, step):
+    """A triangulation may take hours; `test_an_interrupt_preserves_finished_cases` has the timing."""
+
+    def interrupt(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("it went on")
+
+    monkeypatch.setattr(MeasuringPool, step, interrupt)
+    result = measure(plan_for(block), tmp_path / "out")
+    assert result.interrupted
+    assert result.aborted
+    assert read_run(tmp_path / "out").facts["interrupted"] is True
+
+
 def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
     """Killed while counting the third case, with a partial line: two are not counted again."""
     out = tmp_path / "out"

@@ -12,6 +12,7 @@ import pytest
 
 from harness import atomic
 from harness.errors import HarnessError, InputError
+from harness.machine import system
 from harness.page import device_summaries
 from harness.profile.profile import read_coefficients
 from harness.results.run_folder import POLYGONS, Run, read_arrays
@@ -19,6 +20,7 @@ from harness.webpages import write_atomically
 from tests.compare.runs import write_run
 from tests.conftest import assert_refused
 from tests.page.conftest import read_result
+from tests.paths import ROOT
 
 
 @pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600)])
@@ -47,6 +49,38 @@ def test_full_disk_leaves_the_existing_file(tmp_path, monkeypatch, step):
         atomic.write(place, b"two", forced=True)
     assert place.read_bytes() == b"one"
     assert list(tmp_path.iterdir()) == [place]
+
+
+@pytest.mark.parametrize("state", ["abandoned", "in use", "a link"])
+def test_temporary_file_of_a_killed_process_is_used_again(tmp_path, state):
+    target, temporary = tmp_path / "a.txt", tmp_path / ".a.txt.unfinished"
+    (tmp_path / "other").write_text("other")
+    temporary.symlink_to("other") if state == "a link" else temporary.write_text("much more text")
+    with temporary.open() as file:
+        if state == "in use":
+            assert system.lock(file.fileno(), wait=False)
+        atomic.write(target, b"new")
+    assert target.read_bytes() == b"new"
+    assert temporary.exists() == (state != "abandoned")
+    assert (tmp_path / "other").read_text() == "other"
+
+
+def test_temporary_folder_of_a_killed_process_is_used_again(tmp_path):
+    code = "import os, sys; from pathlib import Path; from harness.atomic import Output\n"
+    code += "with Output(Path('a.glb')) as output:\n"
+    code += "    output.file().write(b'half'); output.spool('b'); os.kill(os.getpid(), 9)"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    killed = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment)
+    assert killed.returncode == -9
+    assert len(list(tmp_path.iterdir())) == 1
+    target = tmp_path / "a.glb"
+    with atomic.Output(target) as output, atomic.Output(target) as second:
+        second.file().write(b"second")
+        output.file().write(b"first")
+        second.publish()
+        output.publish()
+    assert target.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [target]
 
 
 def test_a_folder_is_added_to_another_file_by_file_the_outermost_last(tmp_path, monkeypatch):

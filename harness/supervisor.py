@@ -1,0 +1,240 @@
+"""Supervision: the program runs in a child process, so that it can be stopped at any moment.
+
+Python handles a signal between two of its instructions, and so not while a library's C++ runs:
+ear clipping of 10^6 vertices, or a test of validity, takes minutes to hours. The process that the
+user started therefore forks before anything is loaded. The child runs the program. The parent
+forwards signals, and kills the child and its descendants if they do not end in time.
+
+The parent also makes a folder for temporary files, and removes it after the child has ended in any
+way. Folders of parents that were killed themselves are removed by the next start.
+
+Only on Linux, where the kernel ends the child with its parent, and a fork is safe.
+"""
+
+import os
+import select
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from math import inf
+from pathlib import Path
+
+from harness.errors import INTERRUPTED
+from harness.machine import system
+
+END_TIMEOUT_S = 2.0
+"""Time limit for the program to end after a signal."""
+
+CLEANUP_TIMEOUT_S = 15.0
+"""The same after `allow_cleanup`."""
+
+FORWARD_AFTER_S = 0.05
+"""Delay of forwarding: a terminal sends its signals to the child as well."""
+
+KILL_ATTEMPTS, KILL_INTERVAL_S = 20, 0.02
+"""Killing descendants is repeated, as they may start others, and end only after a moment."""
+
+MAX_FOLDER_LENGTH = 70
+"""Length in bytes of the folder's path; the path of a socket in it must not exceed 107."""
+
+_CLEANUP, _NO_LIMIT = 254, 255
+"""Bytes in the child's pipe, beyond the numbers of signals, which Python writes there."""
+
+_channel: int | None = None
+"""The child's end of its pipe to the parent; None without supervision."""
+
+
+def allow_cleanup(*, unlimited: bool = False) -> None:
+    """Grant this process more time to end, to store its results; call it on a signal.
+
+    unlimited : the process finishes its work in time by itself, or handles the next signal
+    """
+    if _channel is not None:
+        with suppress(OSError):
+            os.write(_channel, bytes([_NO_LIMIT if unlimited else _CLEANUP]))
+
+
+def continue_in_child() -> None:
+    """Return in a child of this process; this process exits as the child does.
+
+    Without Linux, or if no process can be started, return in this process.
+    """
+    global _channel
+    if sys.platform != "linux":
+        return
+    folder = _make_folder()
+    pipes = os.pipe(), os.pipe()
+    for _, writing in pipes:
+        os.set_blocking(writing, False)
+    (from_child, to_parent), (from_signals, to_self) = pipes
+    parent = os.getpid()
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {*system.STOPPING, signal.SIGCHLD})
+    try:
+        child = os.fork()
+    except OSError:
+        child = None
+    if child:
+        signal.set_wakeup_fd(to_self)
+        watched = [n for n in system.STOPPING if signal.getsignal(n) != signal.SIG_IGN]
+        for number in (*watched, signal.SIGCHLD):
+            signal.signal(number, lambda *_: None)  # `to_self` gets the number
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        os.close(to_parent)
+        try:
+            code = _Supervisor(child, from_child, from_signals).wait()
+        finally:
+            if folder:
+                shutil.rmtree(folder, ignore_errors=True)
+        os._exit(code)
+    unused = [from_child, from_signals, to_self]
+    if child is None:
+        unused.append(to_parent)
+        if folder:
+            shutil.rmtree(folder, ignore_errors=True)
+    else:
+        system.end_with(parent)
+        signal.set_wakeup_fd(to_parent, warn_on_full_buffer=False)
+        _channel = to_parent
+        if folder:
+            os.environ["TMPDIR"] = tempfile.tempdir = str(folder)
+    for descriptor in unused:
+        os.close(descriptor)
+    signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+class _Supervisor:
+    """The parent's state.
+
+    from_child : pipe with the signals that the child has received, and `allow_cleanup`
+    from_signals : pipe with the signals that this process has received
+    """
+
+    def __init__(self, child: int, from_child: int, from_signals: int) -> None:
+        self._child = child
+        self._from_child, self._from_signals = from_child, from_signals
+        self._received: dict[int, float] = {}
+        self._to_forward: dict[int, float] = {}
+        self._deadline = inf
+        system.become_subreaper()
+
+    def wait(self) -> int:
+        """Wait for the child, and return the exit code."""
+        poll, is_open = select.poll(), True
+        for descriptor in (self._from_child, self._from_signals):
+            os.set_blocking(descriptor, False)
+            poll.register(descriptor, select.POLLIN)
+        while (code := self._reap()) is None:
+            now = time.monotonic()
+            for number in [n for n, due in self._to_forward.items() if due <= now]:
+                del self._to_forward[number]
+                os.kill(self._child, number)
+            if now >= self._deadline:
+                self._kill()
+                return _say("stopped", INTERRUPTED)
+            due = min([self._deadline, *self._to_forward.values()])
+            poll.poll(None if due == inf else 1000 * (due - now) + 1)
+            self._note_own_signals()
+            if is_open and not self._note_child_signals():
+                is_open = False  # the child is ending
+                poll.unregister(self._from_child)
+        if self._received:
+            self._kill_descendants()
+        if code >= 0:
+            return code
+        why = system.describe_exit(code)
+        return _say(f"error: the program was ended by {why}; try a smaller scene", 128 - code)
+
+    def _reap(self) -> int | None:
+        """Return the child's exit code or negative signal, or None while it runs."""
+        code = None
+        with suppress(ChildProcessError):
+            while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+                if ended[0] == self._child:
+                    code = os.waitstatus_to_exitcode(ended[1])
+        return code
+
+    def _note_own_signals(self) -> None:
+        now = time.monotonic()
+        for number in _read(self._from_signals) or b"":
+            is_known = now - self._received.get(number, -inf) < FORWARD_AFTER_S
+            if number in system.STOPPING and not is_known:
+                self._to_forward.setdefault(number, now + FORWARD_AFTER_S)
+                self._deadline = min(self._deadline, now + END_TIMEOUT_S)
+
+    def _note_child_signals(self) -> bool:
+        """Return whether the child's pipe is open."""
+        now = time.monotonic()
+        content = _read(self._from_child)
+        for number in content or b"":
+            if number == _NO_LIMIT:
+                self._deadline = inf
+            elif number == _CLEANUP:
+                self._deadline = now + CLEANUP_TIMEOUT_S
+            elif number in system.STOPPING:
+                self._received[number] = now
+                self._to_forward.pop(number, None)
+                self._deadline = min(self._deadline, now + END_TIMEOUT_S)
+        return content != b""
+
+    def _kill(self) -> None:
+        """Kill the child and all its descendants."""
+        os.kill(self._child, signal.SIGKILL)
+        os.waitpid(self._child, 0)
+        self._kill_descendants()
+        if os.isatty(2):
+            os.write(2, b"\033[?25h\n")  # show the cursor, which progress bars hide
+
+    def _kill_descendants(self) -> None:
+        with suppress(ChildProcessError):  # none is left
+            for _ in range(KILL_ATTEMPTS):
+                system.kill_descendants(os.getpid())
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
+                time.sleep(KILL_INTERVAL_S)
+
+
+def _read(descriptor: int) -> bytes | None:
+    """Return the content of a pipe, b"" at its end, or None if there is nothing to read."""
+    try:
+        return os.read(descriptor, 4096)
+    except BlockingIOError:
+        return None
+
+
+def _say(line: str, code: int) -> int:
+    with suppress(OSError):
+        os.write(2, f"{line}\n".encode())
+    return code
+
+
+def _make_folder() -> Path | None:
+    """Return a new folder for temporary files, or None; remove those of processes that were killed.
+
+    The folder's file `lock` is locked as long as the parent or the child runs.
+    """
+    with suppress(OSError):
+        shared = Path(tempfile.gettempdir())
+        for folder in shared.glob(f"{system.TEMPORARY_PREFIX}*"):
+            _remove_abandoned(folder)
+        folder = Path(tempfile.mkdtemp(prefix=system.TEMPORARY_PREFIX, dir=shared))
+        if len(os.fsencode(folder)) <= MAX_FOLDER_LENGTH:
+            system.lock(os.open(folder / "lock", os.O_CREAT | os.O_RDWR, 0o600), wait=False)
+            return folder
+        folder.rmdir()
+    return None
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove a temporary folder of this user whose processes have ended."""
+    with suppress(OSError):
+        if folder.is_symlink() or folder.lstat().st_uid != os.getuid():
+            return
+        descriptor = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW)
+        try:
+            if system.lock(descriptor, wait=False):
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(descriptor)
