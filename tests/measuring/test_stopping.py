@@ -67,7 +67,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
 
 @pytest.mark.parametrize("step", ["triangulate", "count"])
 def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, monkeypatch, step):
-    """A triangulation may take hours; `test_an_interrupt_preserves_finished_cases` has the timing."""
+    """`test_an_interrupt_preserves_finished_cases` has the timing."""
 
     def interrupt(*_: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
