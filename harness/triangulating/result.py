@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import shapely
@@ -84,7 +85,7 @@ LARGE_VERTICES, LARGE_HOLES = 50_000, 5_000
 """Numbers from which ear clipping of one polygon takes more than about five seconds."""
 
 
-def describe_large_polygon(polygons: Sequence[Polygon]) -> str:
+def describe_large_polygon(polygons: Sequence[Polygon] | NDArray[Any]) -> str:
     """Return a line about the first polygon that takes long, or ""."""
     geometries = np.asarray(polygons, dtype=object)
     vertices = shapely.get_num_coordinates(geometries) if len(geometries) else geometries
