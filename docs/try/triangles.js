@@ -105,13 +105,16 @@ function triangulations(placed) {
    covered (by triangles) and helpers (helper lanes). */
 function countLanes(points, triangles, size = 0, shaded = null) {
   const totals = [0, 0, 0], vertex = (index) => [points[2 * index], points[2 * index + 1]];
+  let covering_triangles = 0;
   for (let t = 0; t < triangles.length; t += 3) {
     const vertices = [0, 1, 2].map((k) => vertex(triangles[t + k]));
-    countTriangle(...vertices).forEach((value, k) => { totals[k] += value; });
+    const counts = countTriangle(...vertices);
+    counts.forEach((value, k) => { totals[k] += value; });
+    covering_triangles += Number(counts[0] > 0);
     if (shaded) walkTriangle(...vertices, (row, below, above) => markLanes(row, below, above, size, shaded));
   }
   const [fragments, quads, partial_quads] = totals;
-  return { triangles: triangles.length / 3, fragments, quads, helper_lanes: 4 * quads - fragments, partial_quads };
+  return { triangles: triangles.length / 3, fragments, quads, helper_lanes: 4 * quads - fragments, partial_quads, covering_triangles };
 }
 
 /* Count the lanes of the quads of two rows of a triangle. */

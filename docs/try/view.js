@@ -74,13 +74,13 @@ function showMethods(result) {
       panel.caption.textContent = "";
       continue;
     }
-    const { quads, helper_lanes: helpers, partial_quads: partial, fragments } = method.counts;
+    const { triangles, covering_triangles: covering, quads, helper_lanes: helpers, fragments } = method.counts;
     if (name !== "ears") {
       panel.saving.textContent = method.saving === 0 ? "±0 %" : `${method.saving > 0 ? "−" : "+"}${percent(Math.abs(method.saving))}`;
       panel.saving.className = method.saving > 0 ? "less" : method.saving < 0 ? "more" : "";
     }
-    panel.caption.replaceChildren(element("b", {}, `${format(4 * quads)} lanes`), ` for ${format(fragments)} pixels: ${format(helpers)} helper lanes; ${format(quads)} quads, ${format(partial)} partial`);
-    panel.canvas.setAttribute("aria-label", `${method.counts.triangles} triangles, ${format(helpers)} helper lanes`);
+    panel.caption.replaceChildren(element("b", {}, `${format(4 * quads)} lanes`), ` for ${format(fragments)} pixels: ${format(helpers)} helper lanes; ${format(quads)} quads; ${format(covering)} of ${format(triangles)} triangles cover a pixel`);
+    panel.canvas.setAttribute("aria-label", `${triangles} triangles, ${format(helpers)} helper lanes`);
     drawMethod(panel.canvas, method, result.placed.points, state.size, colours, edgeColour);
   }
 }

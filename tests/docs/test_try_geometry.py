@@ -13,7 +13,7 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import SHADED, predict
 from scenes import load
 from scenes.files import read
 from tests.conftest import make_geojson
@@ -111,7 +111,7 @@ def test_counts_are_those_of_the_reference():
             triangles = np.array(way["rows"], np.int32).reshape(-1, 3)
             expected = {name: int(each.sum()) for name, each in predict(points, triangles).items()}
             counts = way["counts"]
-            for name in ("fragments", "quads", "helper_lanes", "partial_quads"):
+            for name in SHADED:
                 assert counts[name] == expected[name]
             ways += 1
     assert ways > 800
