@@ -22,7 +22,7 @@ from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import View, make_frame
 from harness.profile.report import format_seconds
 from harness.rasterisers.reference import predict
-from harness.stats.intervals import Ratio, of_any_run
+from harness.stats.intervals import Ratio, add_run_scatter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
@@ -311,7 +311,7 @@ def time_ratio(row: pd.Series[Any]) -> Interval:
 
     The files behind findings.md were written before an interval included that.
     """
-    ratio = of_any_run(Ratio(row["time_ratio"], row["time_ratio_low"], row["time_ratio_high"], 0))
+    ratio = add_run_scatter(Ratio(row["time_ratio"], row["time_ratio_low"], row["time_ratio_high"], 0))
     return Interval(ratio.value, ratio.low, ratio.high)
 
 

@@ -184,7 +184,7 @@ def shorten_runs(patch: pytest.MonkeyPatch) -> None:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
-    patch.setattr("harness.measuring.run.judge_records", lambda *_: RunState(QUIET))
+    patch.setattr("harness.measuring.run.assess_records", lambda *_: RunState(QUIET))
     patch.setattr("harness.measuring.tasks.choose_timer", _choose_timer_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_FillDrawing, "sample", sample_once)

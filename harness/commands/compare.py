@@ -72,10 +72,10 @@ def compare(
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
     from harness.compare.comparison import compare_runs, no_baseline
-    from harness.compare.model import from_project, parse_gates, parse_threshold
+    from harness.compare.model import parse_gates, parse_threshold, read_project_settings
     from harness.results.run_folder import read_run
 
-    settings = from_project(Path.cwd())
+    settings = read_project_settings(Path.cwd())
     settings = replace(
         settings,
         gates=settings.gates if gate is None else parse_gates(gate),
@@ -93,9 +93,9 @@ def compare(
     else:
         comparison = compare_runs(before, after, settings)
         if comparison.regressed():
-            from harness.compare.polygons import most_grown
+            from harness.compare.polygons import find_largest_growth
 
-            grown = most_grown(before, after, comparison)
+            grown = find_largest_growth(before, after, comparison)
     try:
         typer.echo(_text(comparison, output, grown), nl=False)
         sys.stdout.flush()

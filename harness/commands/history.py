@@ -57,7 +57,7 @@ def history(
     --metric, or --all. Studies are skipped, as they measure each case once.
     """
     from harness import atomic
-    from harness.history import find_runs, matching, plot_history, read_series, worth_showing
+    from harness.history import filter_series, find_runs, plot_history, read_series, select_series
     from harness.metrics.processors import find_mixed_processors, format_processors
     from harness.style import count
 
@@ -67,10 +67,10 @@ def history(
     if not runs:
         raise NothingMeasuredError("all runs are studies, which measure each case once; see --all")
     filters = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
-    series = matching(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
+    series = filter_series(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
     if not series:
         raise NothingMeasuredError(f"none of the {len(runs)} runs has any of: {metrics}")
-    shown_series = series if everything else worth_showing(series)
+    shown_series = series if everything else select_series(series)
     if shown_series:
         with atomic.create_folder(out, merge=True) as folder:
             plot_history(runs, shown_series, folder)

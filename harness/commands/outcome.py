@@ -18,7 +18,7 @@ from harness.metrics.decision import COVERED, decide_all
 from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, file_stem, read_run, translate_errors
-from harness.stats.run_quality import state_of
+from harness.stats.run_quality import get_run_state
 from harness.summary import print_summary, rows_of, write_csv
 from scenes import Scene
 from scenes.spec import format_label
@@ -106,7 +106,7 @@ def require_all(outcome: RunResult | Run) -> None:
 
 def finish_study(run: Run) -> None:
     """Print disturbances of a study's times, its folder and report; raise if a case failed."""
-    for line in state_of(run).words:
+    for line in get_run_state(run).warnings:
         typer.echo(line)
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
     require_all(run)

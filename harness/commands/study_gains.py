@@ -77,14 +77,14 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
 
     from harness.metrics.processors import mark_processors
     from harness.results.record import CaseId
-    from harness.stats.run_quality import state_of
+    from harness.stats.run_quality import get_run_state
     from harness.study.gains import by_order, gain_table, plot_gains
 
     def mark(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
 
     table = gain_table(mark_processors(runs, mark), bases)
-    disturbances = [line for run in runs for line in state_of(run).words]
+    disturbances = [line for run in runs for line in get_run_state(run).warnings]
     if table.empty:
         if disturbances:
             raise InconclusiveError(disturbances[0])

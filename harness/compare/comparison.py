@@ -9,12 +9,12 @@ from itertools import chain
 from harness.compare import times
 from harness.compare.matching import (
     Match,
-    changes,
-    machine,
+    explain_missing,
+    find_changed_hardware,
+    format_machine,
+    list_changes,
     machines_differ,
-    match,
-    missing_from,
-    other_hardware,
+    match_cases,
 )
 from harness.compare.model import (
     CaseChange,
@@ -22,12 +22,12 @@ from harness.compare.model import (
     CounterChange,
     Drift,
     Exact,
-    RunFacts,
+    RunOrigin,
     Settings,
     Status,
     Total,
     Verdict,
-    require_known,
+    check_thresholds,
 )
 from harness.errors import InputError
 from harness.machine.git import commit_of
@@ -41,17 +41,29 @@ from harness.metrics.registry import (
 )
 from harness.results.record import CaseGroup, Record, printable
 from harness.results.run_folder import Run, select_latest
-from harness.stats.run_quality import state_of
+from harness.stats.run_quality import get_run_state
 
 
 def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:
-    """Compare `head` with `base`; every case of either run is in the result.
+    """Compare two runs; the result has every case of either run.
+
+    Parameters
+    ----------
+    base, head : Run
+        the runs before and after the change
+    settings : Settings, optional
+        thresholds and gates; by default those of `Settings`
+
+    Returns
+    -------
+    Comparison
+        verdict, changes of counters and times of each case, drift of each group
 
     Raises
     ------
     InputError
-        if records of a run are lost, the runs are of different devices and `settings` do not ask
-        for that, or a threshold is of a figure that neither run has
+        if a run is truncated, the devices differ without `settings.across_devices`, or neither run
+        has the metric of a threshold
     """
     settings = settings or Settings()
     for run in (base, head):
@@ -59,74 +71,74 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
             raise InputError(f"{run.truncation}: measure again, or run --resume {run.path}")
     base, head = select_latest(base), select_latest(head)
     records = (*base.records, *head.records)
-    require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
-    matches = match(base, head, across_devices=settings.across_devices)
-    elsewhere = _across(matches) or bool(other_hardware(base, head))
-    differ = elsewhere or machines_differ(base.facts, head.facts)
-    cases = [_counted(each, head, settings) for each in matches]
-    cases, drifts = _timed(matches, cases, settings, differ)
-    found = Comparison(
+    check_thresholds(settings.thresholds, {name for r in records for name in read_exact_metrics(r)})
+    matches = match_cases(base, head, across_devices=settings.across_devices)
+    other_device = _has_other_device(matches) or bool(find_changed_hardware(base, head))
+    differ = other_device or machines_differ(base.facts, head.facts)
+    cases = [_compare_counters(match, head, settings) for match in matches]
+    cases, drifts = _compare_times(matches, cases, settings, differ)
+    comparison = Comparison(
         verdict="good",
-        base=_facts(base),
-        head=_facts(head),
+        base=_read_origin(base),
+        head=_read_origin(head),
         settings=settings,
         machines_differ=differ,
         cases=tuple(cases),
-        totals=totals([case.counters for case in cases if case.status == "compared"]),
+        totals=compute_totals([case.counters for case in cases if case.status == "compared"]),
         drifts=tuple(drifts),
         notes=tuple(_notes(base, head, differ)),
-        changes=tuple(changes(base, head)),
+        changes=tuple(list_changes(base, head)),
     )
-    return replace(found, verdict=_verdict(found))
+    return replace(comparison, verdict=_decide(comparison))
 
 
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, whose baseline at `path` is still to come."""
     head = select_latest(head)
-    matches = match(Run(head.path, {}, []), head, across_devices=settings.across_devices)
+    matches = match_cases(Run(head.path, {}, []), head, across_devices=settings.across_devices)
     return Comparison(
         verdict="no-baseline",
-        base=RunFacts(path),
-        head=_facts(head),
+        base=RunOrigin(path),
+        head=_read_origin(head),
         settings=settings,
-        cases=tuple(CaseChange(found.id, "only-head") for found in matches),
+        cases=tuple(CaseChange(match.id, "only-head") for match in matches),
         notes=tuple(head.problems),
     )
 
 
-def _across(matches: Sequence[Match]) -> bool:
+def _has_other_device(matches: Sequence[Match]) -> bool:
     """Whether any case ran on another device in BASE."""
     return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
 
 
-def _counted(found: Match, run: Run, settings: Settings) -> CaseChange:
-    """Return the case with its status and, where it can be compared, its counters.
+def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
+    """Return a case with its status and, if it was measured in both runs, its counters.
 
-    run : HEAD, which tells what it was to do
+    run : HEAD, with its plan
     """
-    base, head = found.base, found.head
-    status, reason = _status(found, run)
+    base, head = match.base, match.head
+    status, reason = _status(match, run)
     if base is None or head is None or status != "compared":
-        return CaseChange(found.id, status, reason)
-    before, after = exact_figures(base), exact_figures(head)
-    changes = (_change(n, before[n], after[n], settings) for n in after if n in before)
-    lost = (counter_name(name) for name in base.counters if name not in head.counters)
-    # Of gated counters that BASE has and HEAD does not, nothing can be said.
-    gated = (name for name in lost if settings.threshold(name) is not None)
-    return CaseChange(found.id, status, reason, tuple(changes), tuple(gated))
+        return CaseChange(match.id, status, reason)
+    before, after = read_exact_metrics(base), read_exact_metrics(head)
+    changes = (_compare_values(n, before[n], after[n], settings) for n in after if n in before)
+    missing = (counter_name(name) for name in base.counters if name not in head.counters)
+    # A gated counter that HEAD lacks cannot be compared, so the case fails.
+    gated = (name for name in missing if settings.threshold(name) is not None)
+    return CaseChange(match.id, status, reason, tuple(changes), tuple(gated))
 
 
-def _status(found: Match, run: Run) -> tuple[Status, str]:
-    """Say whether a case's records can be compared, and the reason their runs give if not."""
-    base, head = found.base, found.head
+def _status(match: Match, run: Run) -> tuple[Status, str]:
+    """Return whether the records of a case can be compared, and if not, the reason."""
+    base, head = match.base, match.head
     if base is None or head is None:
         record = head or base
         assert record is not None  # a match has a record
-        missing = missing_from(run, found.id) if head is None else None
+        missing = explain_missing(run, match.id) if head is None else None
         if missing and record.is_ok:
             return "not-done", missing
-        told = "" if record.is_ok else f"{record.status}: {_reason(record)}"
-        return ("only-head" if base is None else "only-base"), told
+        reason = "" if record.is_ok else f"{record.status}: {_reason(record)}"
+        return ("only-head" if base is None else "only-base"), reason
     good = base.is_ok, head.is_ok
     if good == (True, False):
         return ("now-failing" if head.status == "failed" else "now-skipped"), _reason(head)
@@ -148,45 +160,47 @@ def _reason(record: Record) -> str:
     return printable(record.reason or "")
 
 
-def _timed(
+def _compare_times(
     matches: Sequence[Match], cases: Sequence[CaseChange], settings: Settings, machines_differ: bool
 ) -> tuple[list[CaseChange], list[Drift]]:
-    """Return the cases with their times judged, and the drift of each group timed together."""
-    judged = {}
+    """Return the cases with their changes of times, and the drift of each group."""
+    changes_by_case = {}
     groups: dict[CaseGroup, dict[int, times.Pair]] = defaultdict(dict)
-    for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
-        if case.status == "compared" and found.base and found.head:
+    for number, (match, case) in enumerate(zip(matches, cases, strict=True)):
+        if case.status == "compared" and match.base and match.head:
             counted = [
                 c for c in case.counters if find_metric(c.metric).kind in ("counter", "count")
             ]
             same_work = bool(counted) and all(change.exact == "equal" for change in counted)
             pair = times.read_pair(
-                found.base, found.head, same_work=same_work, machines_differ=machines_differ
+                match.base, match.head, same_work=same_work, machines_differ=machines_differ
             )
             if isinstance(pair, times.Pair):
                 groups[case.id.group][number] = pair
             elif pair is not None:
-                judged[number] = pair
+                changes_by_case[number] = pair
     drifts = []
     for group, pairs in groups.items():
-        changes, drift = times.compare_group(
+        group_changes, drift = times.compare_group(
             group, list(pairs.values()), settings, machines_differ=machines_differ
         )
-        judged |= dict(zip(pairs, changes, strict=True))
+        changes_by_case |= dict(zip(pairs, group_changes, strict=True))
         drifts += [] if drift is None else [drift]
-    corrected = dict(zip(judged, times.correct(list(judged.values()), settings), strict=True))
+    corrected = dict(
+        zip(changes_by_case, times.correct(list(changes_by_case.values()), settings), strict=True)
+    )
     return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
 
 
-def _facts(run: Run) -> RunFacts:
+def _read_origin(run: Run) -> RunOrigin:
     environment = run.facts.get("environment") or {}
-    return RunFacts(
+    return RunOrigin(
         path=str(run.path),
         created=str(run.facts.get("created") or ""),
         commit=commit_of(run.facts),
         harness=str(environment.get("harness") or ""),
         harness_commit=commit_of(run.facts, "git"),
-        machine=machine(run.facts),
+        machine=format_machine(run.facts),
         cases=len(run.records),
     )
 
@@ -194,92 +208,96 @@ def _facts(run: Run) -> RunFacts:
 def _notes(base: Run, head: Run, differ: bool) -> list[str]:
     notes = []
     for name, run in (("BASE", base), ("HEAD", head)):
-        told = [*run.problems, *(run.facts.get("warnings") or [])]
-        told += state_of(run).words
-        told += ["it holds no cases"] * (not run.records)
-        told += ["it was stopped before its end"] * bool(run.facts.get("interrupted"))
-        notes += [f"{name}: {line}" for line in told]
+        lines = [*run.problems, *(run.facts.get("warnings") or [])]
+        lines += get_run_state(run).warnings
+        lines += ["no cases"] * (not run.records)
+        lines += ["interrupted before its end"] * bool(run.facts.get("interrupted"))
+        notes += [f"{name}: {line}" for line in lines]
     if differ:
         notes.append(
-            "the runs are of different machines: times are relative to the other cases, or to the "
-            "reference draw, of their own run"
+            "different machines: times are relative to the other cases or to the reference draw of "
+            "the same run"
         )
     if mixed := find_mixed_processors([base, head]):
         notes.append(
-            f"ratios of times of what draws on the processor differ between processors by some per "
-            f"cent: {format_processors(mixed)}"
+            "time ratios of software devices differ by some per cent between processors: "
+            f"{format_processors(mixed)}"
         )
     return notes
 
 
-def _verdict(found: Comparison) -> Verdict:
-    if found.regressed() or found.drifted():
+def _decide(comparison: Comparison) -> Verdict:
+    if comparison.regressed() or comparison.drifted():
         return "regression"
-    compared = found.compared()
+    compared = comparison.compared()
     untimed = all(case.time is None for case in compared)
-    if not compared or (untimed and "counters" not in found.settings.gates):
+    if not compared or (untimed and "counters" not in comparison.settings.gates):
         return "nothing-comparable"
     times_shown = [case.time for case in compared if case.time is not None]
-    if found.settings.gates_time and any(t.outcome == "inconclusive" for t in times_shown):
+    if comparison.settings.gates_time and any(t.outcome == "inconclusive" for t in times_shown):
         return "inconclusive"
     return "good"
 
 
-def exact_figures(record: Record) -> dict[str, float]:
-    """Return the record's exact figures: the registered ones, then all else that it counted.
+def read_exact_metrics(record: Record) -> dict[str, float]:
+    """Return the exact metrics of a record by name: counters, metrics, then predictions.
 
-    What somebody's rasteriser counts under the name of a figure that is none of its counters is
-    called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
+    A plugin's counter with the name of a metric that is not a counter is named `counted_...`, and a
+    prediction that is not a registered metric `predicted_...`.
     """
-    counted = record.counters
-    found: dict[str, float] = {counter_name(name): counted[name] for name in sort_counters(counted)}
-    for name, figure in {**METRICS, **list_predictions()}.items():
-        value = figure(record) if figure.exact else None
+    counters = record.counters
+    values: dict[str, float] = {
+        counter_name(name): counters[name] for name in sort_counters(counters)
+    }
+    for name, metric in {**METRICS, **list_predictions()}.items():
+        value = metric(record) if metric.exact else None
         if value is not None:
-            found[name] = value
+            values[name] = value
     predicted = record.predicted
-    features = (name for name in sorted(predicted) if name not in found)
-    return found | {f"{PREDICTED}{name}": predicted[name] for name in features}
+    features = (name for name in sorted(predicted) if name not in values)
+    return values | {f"{PREDICTED}{name}": predicted[name] for name in features}
 
 
 def counter_name(name: str) -> str:
-    """Return what a comparison calls the counter `name`."""
+    """Return the name of a counter in a comparison."""
     return name if find_metric(name).kind == "counter" else f"counted_{name}"
 
 
-def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
+def _compare_values(name: str, base: float, head: float, settings: Settings) -> CounterChange:
     exact: Exact = "equal"
-    whole = float(base).is_integer() and float(head).is_integer()
+    are_integers = float(base).is_integer() and float(head).is_integer()
     # Sums of square roots may differ in their last digits.
-    if base != head and (whole or not math.isclose(base, head, rel_tol=1e-12)):
-        less, better = head < base, find_metric(name).better
-        exact = "better" if less == (better == "lower") else "worse"
+    if base != head and (are_integers or not math.isclose(base, head, rel_tol=1e-12)):
+        decreased, better = head < base, find_metric(name).better
+        exact = "better" if decreased == (better == "lower") else "worse"
         exact = "changed" if better == "none" else exact
     threshold = settings.threshold(name)
-    beyond = threshold is not None and abs(head - base) > threshold * abs(base)
-    wrong = exact == "worse" or (exact == "changed" and find_metric(name).is_shared)
-    growth = relative(base, head)
-    return CounterChange(name, base, head, growth, exact, threshold, beyond and wrong)
+    exceeds = threshold is not None and abs(head - base) > threshold * abs(base)
+    is_wrong = exact == "worse" or (exact == "changed" and find_metric(name).is_shared)
+    growth = compute_growth(base, head)
+    return CounterChange(name, base, head, growth, exact, threshold, exceeds and is_wrong)
 
 
-def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
-    """Sum each figure over the compared cases; ratios, which have no sum, are left out."""
+def compute_totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
+    """Return the sums of each metric over the compared cases, except for ratios."""
     columns = defaultdict(list)
     for change in chain.from_iterable(cases):
         if find_metric(change.metric).unit != "x":
             columns[change.metric].append(change)
-    found = []
+    totals = []
     for name, column in columns.items():
-        base, head = sum(each.base for each in column), sum(each.head for each in column)
-        kinds = Counter(each.exact for each in column)
+        base, head = sum(change.base for change in column), sum(change.head for change in column)
+        kinds = Counter(change.exact for change in column)
         affected = len(column) - kinds["equal"]
-        told = (len(column), affected, kinds["better"], kinds["worse"])
-        found.append(Total(name, find_metric(name).unit, *told, base, head, relative(base, head)))
-    return tuple(found)
+        counts = (len(column), affected, kinds["better"], kinds["worse"])
+        totals.append(
+            Total(name, find_metric(name).unit, *counts, base, head, compute_growth(base, head))
+        )
+    return tuple(totals)
 
 
-def relative(base: float, head: float) -> float | None:
-    """Return the growth from `base` to `head` relative to `base`; None where that is 0."""
+def compute_growth(base: float, head: float) -> float | None:
+    """Return the growth from `base` to `head` relative to `base`, or None if `base` is 0."""
     if base == 0:
         return 0.0 if head == 0 else None
     return head / base - 1

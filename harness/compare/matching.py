@@ -1,8 +1,8 @@
 """Match the cases of two runs by their identity.
 
-A case's key will not do: it covers the scene's content, and changed content is to be reported. What
-HEAD lacks of its plan is lost; all else was not asked for. What else differs between two runs, of
-plan, software and machine, is told.
+A case's key is not used: it includes the scene's content, and changed content is to be reported. A
+case of HEAD's plan without a record in HEAD is lost. Differences of plan, software and machine
+between the runs are listed.
 """
 
 from collections import defaultdict
@@ -18,35 +18,35 @@ from harness.results.run_folder import Run
 from harness.style import flat
 
 ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
-"""What of a run's environment is compared."""
+"""Facts of a run's environment that are compared."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """A case with its record in BASE and in HEAD, None where the run has none."""
+    """A case with its records in BASE and in HEAD, each None if the run has none."""
 
     id: CaseId
     base: Record | None
     head: Record | None
 
 
-def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
-    """Pair the cases of two runs, in HEAD's order, then those that only BASE has.
+def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
+    """Pair the cases of two runs, in HEAD's order, then the cases of BASE alone.
 
     across_devices : pair a rasteriser's only device in BASE with its only device in HEAD
 
     Raises
     ------
-    UsageError
-        if the runs are of different devices and that was not asked for, or cannot be paired
+    IncompatibleRunsError
+        if the runs are of different devices without `across_devices`, or cannot be paired
     """
-    renamed = _renamed(base, head, across_devices=across_devices)
+    device_pairs = _pair_devices(base, head, across_devices=across_devices)
     before: dict[CaseId, Record] = {}
     for record in base.records:
         case = record.id
-        device = renamed.get((case.rasteriser, case.device_name))
+        device = device_pairs.get((case.rasteriser, case.device_name))
         if device is not None:
-            target = next(each.id for each in head.records if each.id.device_name == device)
+            target = next(r.id for r in head.records if r.id.device_name == device)
             case = replace(case, device=target.device, host=target.host)
         before[case] = record
     after = {record.id: record for record in head.records}
@@ -55,46 +55,48 @@ def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
 
 
 def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
-    found = defaultdict(set)
+    devices = defaultdict(set)
     for record in records:
-        found[record.id.rasteriser].add(record.id.device_name)
-    return found
+        devices[record.id.rasteriser].add(record.id.device_name)
+    return devices
 
 
-def _renamed(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
-    """Return (rasteriser, device in BASE) -> device in HEAD, where these are to be paired."""
+def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
+    """Return (rasteriser, device in BASE) -> device in HEAD of the devices to pair."""
     before, after = _devices(base.records), _devices(head.records)
     both = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
     if across_devices:
-        others = {name: devices for name, devices in both.items() if devices[0] != devices[1]}
-        for name, devices in others.items():
+        changed = {name: devices for name, devices in both.items() if devices[0] != devices[1]}
+        for name, devices in changed.items():
             if max(map(len, devices)) > 1:
                 raise IncompatibleRunsError(
-                    f"{name} ran on several devices, so it is not clear which to compare "
-                    "across; give runs of one device each"
+                    f"{name} ran on several devices, so the devices to compare are ambiguous; give "
+                    "runs of one device each"
                 )
-        return {(name, min(then)): min(now) for name, (then, now) in others.items()}
-    if both and not any(then & now for then, now in both.values()):
-        ran = (", ".join(sorted(set().union(*sides))) for sides in zip(*both.values(), strict=True))
-        raise IncompatibleRunsError(
-            "BASE ran on {} and HEAD on {}: their figures differ without any change; "
-            "add --across-devices to compare them".format(*ran)
+        return {(name, min(old)): min(new) for name, (old, new) in changed.items()}
+    if both and not any(old & new for old, new in both.values()):
+        names = (
+            ", ".join(sorted(set().union(*sides))) for sides in zip(*both.values(), strict=True)
         )
-    for label, (then, now) in other_hardware(base, head).items():
         raise IncompatibleRunsError(
-            f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
+            "BASE ran on {} and HEAD on {}: counters and times differ between devices; "
+            "add --across-devices to compare them".format(*names)
+        )
+    for label, (old, new) in find_changed_hardware(base, head).items():
+        raise IncompatibleRunsError(
+            f"{label} was '{old}' in BASE and is '{new}' in HEAD: "
             "add --across-devices to compare them"
         )
     return {}
 
 
-def other_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
-    """Return the devices that have one name in both runs and are not the same, with renderers.
+def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
+    """Return label -> renderers of the devices whose renderer differs between the runs.
 
-    Versions of the driver, which a renderer's name has in brackets, may change.
+    The driver's version, in brackets in a renderer's name, may change.
     """
-    then, now = _renderers(base), _renderers(head)
-    both = {label: (then[label], now[label]) for label in sorted(then.keys() & now.keys())}
+    before, after = _renderers(base), _renderers(head)
+    both = {label: (before[label], after[label]) for label in sorted(before.keys() & after.keys())}
     return {
         label: names
         for label, names in both.items()
@@ -103,50 +105,52 @@ def other_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
 
 
 def _renderers(run: Run) -> dict[str, str]:
-    """Return what the driver calls each device of a run, where it says so."""
+    """Return label -> renderer of the devices of a run, as named by the driver."""
     devices = run.facts.get("devices") or {}
-    names = {label: (each.get("details") or {}).get("renderer") for label, each in devices.items()}
+    names = {
+        label: (device.get("details") or {}).get("renderer") for label, device in devices.items()
+    }
     return {label: str(name) for label, name in names.items() if name}
 
 
-def missing_from(head: Run, case: CaseId) -> str | None:
-    """Say why a case that `head` holds no record of should be there; None where it need not be.
+def explain_missing(head: Run, case: CaseId) -> str | None:
+    """Return why `head` should have a record of the case, or None if the case is not in its plan.
 
-    Where the plan is not known, as of a single file of records, everything should be there.
+    Without a plan, as for a single file of records, every case should be there.
     """
     if not head.records:
-        return "HEAD holds no cases"
+        return "HEAD has no cases"
     plan = head.facts.get("plan") or {}
     if not plan:
-        return "HEAD does not say what its plan was"
-    if not _asks_for(plan, case, head):
+        return "HEAD has no plan"
+    if not _is_planned(plan, case, head):
         return None
-    stopped = "was stopped before its end" if head.facts.get("interrupted") else "is cut short"
+    stopped = "was stopped before its end" if head.facts.get("interrupted") else "is incomplete"
     return f"it is in HEAD's plan: the run {stopped}"
 
 
-def _asks_for(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
-    """Whether the plan names the case; a part that it lacks names everything."""
+def _is_planned(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
+    """Whether the plan has the case; a part that the plan lacks matches every case."""
     parts: dict[str, Any] = {
         "triangulators": case.name,
         "rasterisers": case.rasteriser,
         "views": vars(case.view),
         "options": case.options.to_json(),
     }
-    for name, wanted in parts.items():
-        if isinstance(plan.get(name), list) and wanted not in plan[name]:
+    for name, value in parts.items():
+        if isinstance(plan.get(name), list) and value not in plan[name]:
             return False
     # The scene of a file that was moved has another path in the plan, and its name in the records.
     scenes = {Path(str(plan.get("scene", case.scene))).name, *(r.id.scene for r in head.records)}
-    # Where no device is named, HEAD's records tell which was chosen.
+    # Without a named device the records have the one that was selected.
     devices = plan.get("devices")
     used = [r.id.device_name for r in head.records if r.id.rasteriser == case.rasteriser]
     named = (*used, *(devices if isinstance(devices, list) else ()))
     return case.scene in scenes and (not used or case.device_name in named)
 
 
-def machine(facts: Mapping[str, Any]) -> str:
-    """Return what tells a machine from others of another kind; "" where the run does not say."""
+def format_machine(facts: Mapping[str, Any]) -> str:
+    """Return the processor, threads and GPUs of a machine, or "" if the processor is unknown."""
     environment = facts.get("environment") or {}
     if not (processor := read_processor(facts)):
         return ""
@@ -156,35 +160,34 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Whether both runs say what machine they are of, and it is not the same."""
+    """Whether the machines of both runs are known and different."""
     alike = may_be_same(read_processor(before), read_processor(after))
-    then, now = (machine(facts).removeprefix(read_processor(facts)) for facts in (before, after))
-    return bool(machine(before) and machine(after)) and not (alike and then == now)
+    old, new = (
+        format_machine(facts).removeprefix(read_processor(facts)) for facts in (before, after)
+    )
+    return bool(format_machine(before) and format_machine(after)) and not (alike and old == new)
 
 
-def changes(base: Run, head: Run) -> list[str]:
-    """Return one line for each part of plan, software and machine that both tell and that differs.
-
-    What an older run does not say has not changed.
-    """
-    before, after = _told(base.facts), _told(head.facts)
+def list_changes(base: Run, head: Run) -> list[str]:
+    """Return a line for each fact of plan, software and machine that both runs have and differs."""
+    before, after = _flatten(base.facts), _flatten(head.facts)
     return [
-        f"{name} was {_words(before[name])}, is {_words(value)}"
+        f"{name} was {_format_value(before[name])}, is {_format_value(value)}"
         for name, value in after.items()
         if None not in (value, before.get(name)) and value != before[name]
     ]
 
 
-def _words(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def _told(facts: Mapping[str, Any]) -> dict[str, Any]:
+def _flatten(facts: Mapping[str, Any]) -> dict[str, Any]:
     environment = facts.get("environment") or {}
     machine = {name: environment.get(name) for name in ENVIRONMENT}
     devices = {
         label: {name: (device.get("details") or {}).get(name) for name in ("renderer", "version")}
         for label, device in (facts.get("devices") or {}).items()
     }
-    told = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
-    return flat(told, ": ")
+    parts = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
+    return flat(parts, ": ")

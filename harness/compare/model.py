@@ -19,7 +19,7 @@ Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
-"""How a time was freed of the machine's drift; `same-triangles`: both versions are one drawing."""
+"""Estimate of the machine's drift; `same-triangles`: both versions are one drawing."""
 
 Status = Literal[
     "compared",
@@ -42,7 +42,7 @@ STATUS_TEXT: dict[Status, str] = {
     "only-base": "not in HEAD's plan",
     "now-skipped": "measured in BASE, skipped in HEAD",
     "now-failing": "measured in BASE, failed in HEAD",
-    "content-changed": "of changed content",
+    "content-changed": "with changed content",
     "only-head": "new in HEAD",
     "now-measured": "not measured in BASE, measured in HEAD",
     "fewer-polygons": "with fewer polygons in HEAD",
@@ -93,8 +93,8 @@ class TimeChange:
         the `reference` draw, or `none`
     threshold : tolerated relative increase, or None if the times were not compared
     p_value : Mann-Whitney's, or of the rounds' signs
-    q_value : of the same rounds the p-value, else the larger of it and the interval's; corrected
-        for the number of cases
+    q_value : the p-value in common rounds, otherwise the larger of it and the interval's p-value;
+        corrected for the number of cases
     reason : why the change is inconclusive, or ""
     """
 
@@ -158,7 +158,8 @@ class CaseChange:
 class Total:
     """One exact figure over all compared cases.
 
-    affected : cases in which it differs, of which `better` and `worse`; base, head : sums
+    affected : cases in which the metric differs, `better` or `worse` among them
+    base, head : sums
     """
 
     metric: str
@@ -173,7 +174,7 @@ class Total:
 
 
 @dataclass(frozen=True)
-class RunFacts:
+class RunOrigin:
     """Origin of a run; "" if unknown.
 
     commit : of the user's repository
@@ -195,13 +196,13 @@ class Comparison:
 
     machines_differ : the runs are of different processors or GPUs
     drifts : of each group of cases that were timed together
-    notes : devices, normalisation, problems of reading
-    changes : what differs between the runs' plans and environments, one line each
+    notes : devices, normalisation, unreadable records
+    changes : differences between the runs' plans and environments, one line each
     """
 
     verdict: Verdict
-    base: RunFacts
-    head: RunFacts
+    base: RunOrigin
+    head: RunOrigin
     settings: "Settings"
     machines_differ: bool = False
     totals: tuple[Total, ...] = ()
@@ -254,14 +255,14 @@ PAIRED_TIME_THRESHOLD = 0.015
 
 @dataclass(frozen=True)
 class Settings:
-    """How two runs are compared.
+    """Settings of a comparison.
 
     gates : which kinds of verdict decide the exit code, of `GATES`
     thresholds : tolerated relative increase, by "time", "counters" or a counter's name
     confidence : of the intervals, and 1 - the false discovery rate over all cases
     normalise : estimate of the machine drift: "auto" is a case's peers if there are enough,
         otherwise the reference draw; "reference" is that draw; "none" assumes no drift
-    across_devices : compare runs of different devices, which are refused otherwise
+    across_devices : compare runs of different devices, an error otherwise
     require_all : a case skipped by or missing from HEAD is a regression
     allow_inconclusive : exit with 0 if times are too noisy for a conclusion
     """
@@ -281,14 +282,14 @@ class Settings:
 
     def time_threshold_of(self, *, paired: bool) -> float:
         """Return the tolerated increase of a time; `paired`: timed in the same rounds."""
-        usual = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
-        return self.thresholds.get("time", usual)
+        default = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
+        return self.thresholds.get("time", default)
 
     def threshold(self, counter: str) -> float | None:
         """Return the tolerated increase of a counter, or None if the counter is not gated."""
-        figure = find_metric(counter)
+        metric = find_metric(counter)
         # A counter that every triangulation shares is gated in both directions.
-        gated = figure.is_cost or (counter in self.thresholds and figure.has_direction)
+        gated = metric.is_cost or (counter in self.thresholds and metric.has_direction)
         if "counters" not in self.gates or not gated:
             return None
         return self.thresholds.get(counter, self.thresholds.get("counters", 0.0))
@@ -300,12 +301,12 @@ def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
     Raises
     ------
     UsageError
-        if a name is unknown or there is none
+        if a name is unknown, or the text is empty
     """
     parts = text.split(",") if isinstance(text, str) else map(str, text)
     gates = tuple(dict.fromkeys(part.strip() for part in parts))
     if not gates or not set(gates) <= {*GATES}:
-        raise UsageError(f"gate '{text}': give {' or '.join(GATES)}, or both")
+        raise UsageError(f"gate '{text}': unknown; give {' or '.join(GATES)}, or both")
     return gates
 
 
@@ -315,41 +316,41 @@ def parse_threshold(text: str) -> tuple[str, float]:
     Raises
     ------
     UsageError
-        if it is not a percentage, or of what is neither better nor worse; `require_known` sees to
-        names
+        if the value is not a percentage, or the metric has no better direction; names are checked
+        by `check_thresholds`
     """
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
     if name not in ("time", "counters") and not find_metric(name).has_direction:
-        raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
+        raise UsageError(f"threshold '{text}': {name} has no better direction; give another metric")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
     return name, float(value.rstrip("% ")) / 100
 
 
-def require_known(thresholds: Mapping[str, float], figures: Iterable[str]) -> None:
-    """See that every threshold is of a figure that there is: registered, or in either run.
+def check_thresholds(thresholds: Mapping[str, float], metrics: Iterable[str]) -> None:
+    """Check that the metric of every threshold is registered, or in `metrics`.
 
     Raises
     ------
     UsageError
-        if one is not
+        if a metric is unknown
     """
-    exact = (name for name, figure in list_metrics().items() if figure.exact)
-    known = {"time", "counters", *exact, *figures}
+    exact = (name for name, metric in list_metrics().items() if metric.exact)
+    names = {"time", "counters", *exact, *metrics}
     for name in thresholds:
-        if name not in known:
-            raise unknown("threshold", name, known)
+        if name not in names:
+            raise unknown("threshold", name, names)
 
 
-def from_project(folder: Path) -> Settings:
-    """Read `[tool.raster-harness]` of the nearest pyproject.toml above `folder`; else defaults.
+def read_project_settings(folder: Path) -> Settings:
+    """Return the settings in the nearest pyproject.toml at or above `folder`, or the defaults.
 
     Raises
     ------
     UsageError
-        if the file is not TOML, or the table holds what is not a setting
+        if the file is not TOML, or the table has an unknown setting or a wrong value
     """
     files = (parent / "pyproject.toml" for parent in (folder, *folder.parents))
     file = next(filter(Path.is_file, files), None)
@@ -363,7 +364,7 @@ def from_project(folder: Path) -> Settings:
 
 
 def _setting(key: str, value: Any) -> tuple[str, Any]:
-    """Return the name of a field of `Settings` and its value, of an entry of the table."""
+    """Return the field of `Settings` and the value for an entry of the table."""
     match key, value:
         case "gate", str() | list():
             return "gates", parse_gates(value)
@@ -374,4 +375,6 @@ def _setting(key: str, value: Any) -> tuple[str, Any]:
             return key, value
         case (("require-all" | "allow-inconclusive"), bool()):
             return key.replace("-", "_"), value
-    raise UsageError(f"{key} = {value!r} cannot be used; the settings are {', '.join(KEYS)}")
+    raise UsageError(
+        f"{key} = {value!r}: unknown setting or wrong type; settings are {', '.join(KEYS)}"
+    )

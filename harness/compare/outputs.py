@@ -14,17 +14,17 @@ from harness.compare.model import BROKEN, CaseChange, Comparison, Drift, TimeCha
 from harness.compare.wording import (
     NOT_GATED,
     TOTALS_HEADING,
-    Group,
+    CaseTable,
     Row,
-    counter_text,
-    groups,
-    grown_text,
-    headline,
-    judged,
-    run_lines,
-    time_text,
-    totals,
-    within,
+    build_tables,
+    build_totals,
+    describe_case,
+    format_counter,
+    format_grown,
+    format_headline,
+    format_thresholds,
+    format_time,
+    list_runs,
 )
 from harness.results.record import CaseGroup, CaseId, printable
 from harness.style import count, plain_table
@@ -40,21 +40,21 @@ SCHEMA_VERSION = 2
 
 
 def to_json(comparison: Comparison) -> dict[str, Any]:
-    """Return the content of the JSON report; docs/ci/compare.schema.json is its schema."""
-    found = asdict(comparison)
-    for case, told in zip(comparison.cases, found["cases"], strict=True):
-        told["name"] = _name_to_json(case.id)
-        del told["id"]
-        told["regressed"] = comparison.is_regressed(case)
-    for drift, told in zip(comparison.drifts, found["drifts"], strict=True):
-        told["where"] = str(drift.group)
-        del told["group"]
+    """Return the content of the JSON report; its schema is docs/ci/compare.schema.json."""
+    content = asdict(comparison)
+    for case, entry in zip(comparison.cases, content["cases"], strict=True):
+        entry["name"] = _name_to_json(case.id)
+        del entry["id"]
+        entry["regressed"] = comparison.is_regressed(case)
+    for drift, entry in zip(comparison.drifts, content["drifts"], strict=True):
+        entry["where"] = str(drift.group)
+        del entry["group"]
     return {
         "schema_version": SCHEMA_VERSION,
         "verdict": comparison.verdict,
         "exit_code": comparison.exit_code,
-        "headline": headline(comparison),
-        **found,
+        "headline": format_headline(comparison),
+        **content,
     }
 
 
@@ -70,140 +70,152 @@ VERDICT_STYLES = {"regression": "bold red", "good": "bold green"}
 
 
 def print_comparison(comparison: Comparison, console: Console) -> None:
-    """Print the verdict, the totals of counters, a table of each group, and what else differs."""
+    """Print the verdict, the totals of counters, a table per group, and other differences."""
     from rich.text import Text
 
-    def line(text: str, style: str = "dim") -> None:
+    def print_line(text: str, style: str = "dim") -> None:
         console.print(Text(text, style=style), soft_wrap=True)
 
-    def table(title: str, heading: Sequence[str], rows: Iterable[tuple[Any, str]]) -> None:
+    def print_table(title: str, heading: Sequence[str], rows: Iterable[tuple[Any, str]]) -> None:
         first, *numbers, last = heading
-        shown = plain_table(Text(title), first, *(f">{name}" for name in numbers), last)
+        grid = plain_table(Text(title), first, *(f">{name}" for name in numbers), last)
         for cells, style in rows:
-            shown.add_row(*map(Text, cells), style=style)
-        console.print(shown)
+            grid.add_row(*map(Text, cells), style=style)
+        console.print(grid)
 
-    line(headline(comparison), VERDICT_STYLES.get(comparison.verdict, "bold yellow"))
-    for text in run_lines(comparison):
-        line(text)
-    if differing := totals(comparison, counted=True):
-        table("counters that differ", TOTALS_HEADING, ((cells, "") for cells in differing))
-    for group in groups(comparison, counters=1):
-        table(group.title, group.heading, ((row.cells, STYLES[row.kind]) for row in group.rows))
+    print_line(format_headline(comparison), VERDICT_STYLES.get(comparison.verdict, "bold yellow"))
+    for text in list_runs(comparison):
+        print_line(text)
+    if differing := build_totals(comparison, counted=True):
+        print_table("counters that differ", TOTALS_HEADING, ((cells, "") for cells in differing))
+    for group in build_tables(comparison, max_counters=1):
+        print_table(
+            group.title, group.heading, ((row.cells, STYLES[row.kind]) for row in group.rows)
+        )
         if group.drift:
-            line(group.drift, "red" if group.drifted else "dim")
+            print_line(group.drift, "red" if group.drifted else "dim")
     for text in (*comparison.changes, *comparison.notes):
-        line(text)
+        print_line(text)
 
 
-LIMIT = 60_000
-"""GitHub refuses comments of more than 65,536 characters."""
+MAX_COMMENT_LENGTH = 60_000
+"""GitHub rejects comments of more than 65,536 characters."""
 
 MARKER = "<!-- raster-harness compare -->"
-"""Last line of the text, by which a comment is found and replaced."""
+"""Last line of the text, which identifies a comment to replace."""
 
 
-def to_markdown(comparison: Comparison, limit: int = LIMIT, grown: Sequence[Grown] = ()) -> str:
-    """Return the verdict in the first line, then what differs, then all else folded.
+def to_markdown(
+    comparison: Comparison, limit: int = MAX_COMMENT_LENGTH, grown: Sequence[Grown] = ()
+) -> str:
+    """Return Markdown: the verdict, then differences, then all other facts folded.
 
-    grown : polygons that grew most, which are named
-    What does not fit into `limit` characters is cut by whole tables, and the cut is said.
+    limit : maximum number of characters; tables beyond it are omitted and counted
+    grown : polygons with the largest growth
     """
-    verdict, _, rest = headline(comparison).partition(": ")
-    text = f"**{escape(verdict)}:** {escape(rest)}\n"
-    tables = groups(comparison)
-    where = [f"- {escape(grown_text(each))}\n" for each in grown]
-    if where:
-        where.insert(0, "**Where it grew most** (heatmaps: compare.html)\n\n")
-    blocks = ["".join(where), _totals(comparison, counted=True)]
-    blocks += [*(_affected(group) for group in tables)]
-    blocks += [_folded(f"All cases: {group.title}", _table(group, group.rows)) for group in tables]
-    opinions = _totals(comparison, counted=False)
-    blocks.append(opinions and _folded("Predictions and a driver's own counts", opinions))
-    blocks.append(_folded("Runs, machines and settings", _facts(comparison)))
+    verdict, _, details = format_headline(comparison).partition(": ")
+    text = f"**{escape(verdict)}:** {escape(details)}\n"
+    tables = build_tables(comparison)
+    lines = [f"- {escape(format_grown(polygon))}\n" for polygon in grown]
+    if lines:
+        lines.insert(0, "**Largest growth** (heatmaps: compare.html)\n\n")
+    blocks = ["".join(lines), _format_totals(comparison, counted=True)]
+    blocks += [*(_format_affected(group) for group in tables)]
+    blocks += [
+        _fold(f"All cases: {group.title}", _format_table(group, group.rows)) for group in tables
+    ]
+    predictions = _format_totals(comparison, counted=False)
+    blocks.append(predictions and _fold("Predictions and driver counters", predictions))
+    blocks.append(_fold("Runs, machines and settings", _format_facts(comparison)))
     for position, block in enumerate(blocks):
         if len(text) + len(block) > limit - 200:
-            left = sum(1 for other in blocks[position:] if other)
-            text += f"\n{count(left, 'table')} left out: too long for a comment; see --html.\n"
+            omitted = sum(map(bool, blocks[position:]))
+            text += f"\n{count(omitted, 'table')} omitted: too long for a comment; see --html.\n"
             break
         text += f"\n{block}" if block else ""
     return f"{text}\n{MARKER}\n"
 
 
 def escape(text: str) -> str:
-    """Make `text` appear as it is in a paragraph or a cell of a table."""
-    return re.sub(r"([\\`*_\[\]<>|~#!$])", r"\\\1", _quiet(text))
+    """Escape `text` for a paragraph or a table cell in Markdown."""
+    return re.sub(r"([\\`*_\[\]<>|~#!$])", r"\\\1", _sanitise(text))
 
 
-def _quiet(text: str) -> str:
-    """Return one line that names nobody, with nothing in it that a terminal would obey."""
+def _sanitise(text: str) -> str:
+    """Return one line without control characters, in which `@name` mentions nobody."""
     return printable(text).replace("@", "@\u200b")
 
 
-def _totals(comparison: Comparison, *, counted: bool) -> str:
-    rows = totals(comparison, counted=counted)
-    return _rows(TOTALS_HEADING, [map(escape, cells) for cells in rows]) if rows else ""
+def _format_totals(comparison: Comparison, *, counted: bool) -> str:
+    rows = build_totals(comparison, counted=counted)
+    return _format_rows(TOTALS_HEADING, [map(escape, cells) for cells in rows]) if rows else ""
 
 
-def _affected(group: Group) -> str:
+def _format_affected(group: CaseTable) -> str:
     rows = [row for row in group.rows if row.affected]
     title = f"**{escape(group.title)}**: {len(rows)} of {count(len(group.rows), 'case')}"
-    return f"{title}\n\n{_table(group, rows)}" if rows else ""
+    return f"{title}\n\n{_format_table(group, rows)}" if rows else ""
 
 
-def _table(group: Group, rows: Sequence[Row]) -> str:
-    cells = []
+def _format_table(group: CaseTable, rows: Sequence[Row]) -> str:
+    lines = []
     for row in rows:
-        *others, verdict = map(escape, row.cells)
-        cells.append([*others, f"**{verdict}**" if row.kind == "bad" else verdict])
-    text = _rows(group.heading, cells)
+        *cells, verdict = map(escape, row.cells)
+        lines.append([*cells, f"**{verdict}**" if row.kind == "bad" else verdict])
+    text = _format_rows(group.heading, lines)
     return f"{text}\n{escape(group.drift)}\n" if group.drift else text
 
 
-def _rows(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
-    """Write a table of cells that are escaped already, numbers between two columns of words."""
+def _format_rows(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """Format escaped cells as a table: columns of numbers between two columns of words."""
     rule = ["---", *["--:"] * (len(heading) - 2), "---"]
     return "".join(f"| {' | '.join(line)} |\n" for line in (heading, rule, *rows))
 
 
-def _folded(summary: str, content: str) -> str:
-    title = html.escape(_quiet(summary), quote=False).replace("#", "#\u200b")
+def _fold(summary: str, content: str) -> str:
+    title = html.escape(_sanitise(summary), quote=False).replace("#", "#\u200b")
     return f"<details><summary>{title}</summary>\n\n{content}\n</details>\n"
 
 
-def _facts(comparison: Comparison) -> str:
+def _format_facts(comparison: Comparison) -> str:
     settings = comparison.settings
-    lines = [*run_lines(comparison), *comparison.changes, *comparison.notes]
-    lines.append(f"gate: {', '.join(settings.gates)}; threshold of time {within(comparison)}")
-    others = [(name, value) for name, value in settings.thresholds.items() if name != "time"]
-    lines += [f"threshold of {name}: {value * 100:g} %" for name, value in others]
+    lines = [*list_runs(comparison), *comparison.changes, *comparison.notes]
+    gates, time = ", ".join(settings.gates), format_thresholds(comparison)
+    lines.append(f"gate: {gates}; threshold of time {time}")
+    thresholds = [(name, value) for name, value in settings.thresholds.items() if name != "time"]
+    lines += [f"threshold of {name}: {value * 100:g} %" for name, value in thresholds]
     return "".join(f"- {escape(line)}\n" for line in lines)
 
 
-Outcome = Literal["failure", "error", "skipped", "system-out"]
-"""What became of a test, by the names of JUnit's elements; the last is of one that passed."""
+TestOutcome = Literal["failure", "error", "skipped", "system-out"]
+"""Outcome of a test as a JUnit element; a test with `system-out` passed."""
 
-COUNTED: dict[Outcome, str] = {"failure": "failures", "error": "errors", "skipped": "skipped"}
-"""The attributes of a suite that count its tests."""
+COUNT_ATTRIBUTES: dict[TestOutcome, str] = {
+    "failure": "failures",
+    "error": "errors",
+    "skipped": "skipped",
+}
+"""Attributes of a suite that count its tests, by outcome."""
 
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 cannot hold."""
+"""Characters that XML 1.0 excludes."""
 
 
 def to_junit(comparison: Comparison) -> str:
-    """Return a test suite for each group of cases, and in it two tests a case.
+    """Return a test suite per group of cases, with two tests per case: `counters` and `time`.
 
-    `counters` and `time` are tests of their own, as their verdicts are. What cannot be compared,
-    what is inconclusive and times that are not gated are skipped, with the reason: JUnit knows no
-    other word for it.
+    JUnit has no inconclusive tests: incomparable cases, inconclusive times and times that are not
+    gated are skipped, with the reason.
     """
     suites = Element("testsuites", name="raster-harness compare")
     groups: dict[CaseGroup | None, None] = dict.fromkeys(case.id.group for case in comparison.cases)
     for group in groups or (None,):
         title = "comparison" if group is None else str(group)
-        tests = list(_tests(comparison, group)) or [("cases", "skipped", headline(comparison))]
+        tests = list(_list_tests(comparison, group)) or [
+            ("cases", "skipped", format_headline(comparison))
+        ]
         numbers = Counter(outcome for _, outcome, _ in tests)
-        counts = {name: str(numbers[outcome]) for outcome, name in COUNTED.items()}
+        counts = {name: str(numbers[outcome]) for outcome, name in COUNT_ATTRIBUTES.items()}
         attributes = {"name": title, "tests": str(len(tests)), **counts}
         suite = SubElement(suites, "testsuite", attributes)
         for name, outcome, message in tests:
@@ -217,65 +229,67 @@ def to_junit(comparison: Comparison) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _tests(comparison: Comparison, group: CaseGroup | None) -> Iterator[tuple[str, Outcome, str]]:
-    """Yield the tests of a group: name, what became of it, and why or what was found."""
+def _list_tests(
+    comparison: Comparison, group: CaseGroup | None
+) -> Iterator[tuple[str, TestOutcome, str]]:
+    """Yield the name, outcome and message of the tests of a group."""
     gated = comparison.settings.gates_time
     for case in comparison.cases:
         name = printable(case.id.name)
         if case.id.group == group and case.status != "compared":
-            wrong: Outcome = "error" if case.status in BROKEN else "failure"
+            wrong: TestOutcome = "error" if case.status in BROKEN else "failure"
             outcome = wrong if comparison.is_regressed(case) else "skipped"
-            yield f"{name}: measured", outcome, judged(comparison, case)[1]
+            yield f"{name}: measured", outcome, describe_case(comparison, case)[1]
         elif case.id.group == group:
-            yield f"{name}: counters", *_of_counters(case)
+            yield f"{name}: counters", *_test_counters(case)
             if case.time is not None:
-                yield f"{name}: time", *_of_time(case.time, gated=gated)
+                yield f"{name}: time", *_test_time(case.time, gated=gated)
     for drift in comparison.drifts:
         if drift.group == group:
-            yield "all cases together: time", *_of_time(drift, gated=drift.gated and gated)
+            yield "all cases together: time", *_test_time(drift, gated=drift.gated and gated)
 
 
-def _of_counters(case: CaseChange) -> tuple[Outcome, str]:
+def _test_counters(case: CaseChange) -> tuple[TestOutcome, str]:
     lines = [f"{name} no longer counted" for name in case.lost]
     changed = (change for change in case.counters if change.exact != "equal")
-    lines += [f"{each.metric}: {each.exact}, {counter_text(each)}" for each in changed]
-    wrong = case.lost or case.regressions()
-    return "failure" if wrong else "system-out", "\n".join(lines) or "equal"
+    lines += [f"{change.metric}: {change.exact}, {format_counter(change)}" for change in changed]
+    is_wrong = case.lost or case.regressions()
+    return "failure" if is_wrong else "system-out", "\n".join(lines) or "equal"
 
 
-def _of_time(found: TimeChange | Drift, *, gated: bool) -> tuple[Outcome, str]:
-    message = f"time {time_text(found)}".rstrip()
+def _test_time(change: TimeChange | Drift, *, gated: bool) -> tuple[TestOutcome, str]:
+    message = f"time {format_time(change)}".rstrip()
     if not gated:
         return "skipped", f"{NOT_GATED}: {message}"
-    if found.outcome == "regressed":
+    if change.outcome == "regressed":
         return "failure", message
-    told = f"{found.outcome}: {message}"
-    if found.outcome == "inconclusive":
-        return "skipped", f"{told}: {found.reason}"
-    return "system-out", told
+    text = f"{change.outcome}: {message}"
+    if change.outcome == "inconclusive":
+        return "skipped", f"{text}: {change.reason}"
+    return "system-out", text
 
 
 TOTALS = (
     ("Counters over all compared cases", True),
-    ("Predictions and a driver's own counts", False),
+    ("Predictions and driver counters", False),
 )
 
 
 def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
-    """Return a page with verdict and tables, times drawn; no script, no font, no address.
+    """Return a self-contained page without scripts: the verdict, tables and plotted times.
 
-    grown : polygons that grew most, whose heatmaps are shown
+    grown : polygons with the largest growth, drawn as heatmaps
     """
     times = [case.time for case in comparison.cases if case.time and case.time.ratio]
-    ends = [abs(end - 1.0) for each in times for end in (each.low, each.high) if end]
+    ends = [abs(end - 1.0) for time in times for end in (time.low, time.high) if end]
     return template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
-        reach=max([0.01, *ends, *(each.threshold for each in times if each.threshold)]),
-        headline=headline(comparison),
+        reach=max([0.01, *ends, *(time.threshold for time in times if time.threshold)]),
+        headline=format_headline(comparison),
         grown=grown,
-        grown_text=grown_text,
-        runs=run_lines(comparison),
-        groups=groups(comparison),
+        format_grown=format_grown,
+        runs=list_runs(comparison),
+        groups=build_tables(comparison),
         totals_heading=TOTALS_HEADING,
-        totals=[(title, totals(comparison, counted=counted)) for title, counted in TOTALS],
+        totals=[(title, build_totals(comparison, counted=counted)) for title, counted in TOTALS],
     )

@@ -128,7 +128,7 @@ def read_pair(
             parts=(after.epochs or None, after.processes or None),
             quiet=select_rounds(before, after),
         )
-    obstacle = run_quality.explain_apart(before, after, machines_differ=machines_differ)
+    obstacle = run_quality.explain_incomparable(before, after, machines_differ=machines_differ)
     return replace(pair, reference=references, obstacle=obstacle)
 
 
@@ -179,23 +179,23 @@ def compare_group(
 
 
 def _estimate_shift(
-    pair: Pair, others: Sequence[Pair], settings: Settings, machines_differ: bool
+    pair: Pair, cases: Sequence[Pair], settings: Settings, machines_differ: bool
 ) -> MachineShift | str:
     """Return the machine's share of a pair's log ratio, or why it cannot be estimated.
 
-    It is estimated by peers. Without enough of them it lies between 0 and the reference draw's log
-    ratio; on different machines it is the reference draw's. A case that drew other polygons than
-    the rest of its group (`fan` draws 229 of 500) has neither: 49 of 49 wrong verdicts between
-    separate runs of equal code were of such cases.
+    The estimate uses peers. Without enough peers the share lies between 0 and the reference draw's
+    log ratio; on different machines it is the reference draw's. A case that drew other polygons
+    than the rest of its group (`fan` draws 229 of 500) has no estimate: 49 of 49 wrong verdicts
+    between separate runs of equal code were of such cases.
     """
     if settings.normalise == "auto":
-        peers = [other for other in others if other.polygons == pair.polygons]
+        peers = [case for case in cases if case.polygons == pair.polygons]
         steady = [peer for peer in peers if peer.same_work]
         enough = len(steady) >= MIN_STEADY_PEERS
         if enough or len(peers) >= MIN_PEERS:
             logs = np.array([peer.log_ratio for peer in (steady if enough else peers)])
             return shift_of_peers(logs, settings.confidence)
-        if len(peers) < len(others):
+        if len(peers) < len(cases):
             return f"too few cases drew the same {pair.polygons:,} polygons; use run --beside"
     if pair.reference is None or settings.normalise == "none":
         if machines_differ:
@@ -233,16 +233,16 @@ def _compare_with_shift(
     """
     raw = pair.log_ratio
     margin = two_sided_quantile(settings.confidence, shift.degrees) * shift.sd
-    least, most = raw - shift.high, raw - shift.low
-    middle = (least + most) / 2
-    low = least - math.hypot(error[0], margin)
-    high = most + math.hypot(error[1], margin)
+    lowest, highest = raw - shift.high, raw - shift.low
+    middle = (lowest + highest) / 2
+    low = lowest - math.hypot(error[0], margin)
+    high = highest + math.hypot(error[1], margin)
     threshold = settings.time_threshold_of(paired=False)
-    outcome, reason = classify(least, most, low, high, threshold)
+    outcome, reason = classify(lowest, highest, low, high, threshold)
     faster = _faster_half(pair.base), _faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A change needs both the test and the interval, so the weaker of the two is corrected.
-    interval_p = _p_of_interval(least, most, low, high, settings.confidence, shift.degrees)
+    interval_p = _p_of_interval(lowest, highest, low, high, settings.confidence, shift.degrees)
     return TimeChange(
         outcome,
         reason,
@@ -269,9 +269,9 @@ def _drift_of_runs(
 ) -> Drift:
     """Compare the median log ratio of a group in separate runs with the reference draw's.
 
-    It is never gated: separate runs cannot distinguish slower code from a slower machine, which
-    slows the reference draw, one large triangle, by another factor than a thousand small ones. The
-    machine's share lies at least between 0 and the reference draw's log ratio.
+    The drift is never gated: separate runs cannot distinguish slower code from a slower machine,
+    which slows the reference draw, one large triangle, by another factor than a thousand small
+    triangles. The machine's share lies at least between 0 and the reference draw's log ratio.
     """
     shift = float(np.median([pair.log_ratio for pair in pairs]))
     references = [pair.reference for pair in pairs if pair.reference is not None]
@@ -285,9 +285,9 @@ def _drift_of_runs(
         two_sided_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error
     )
     explained = (0.0, reference or 0.0)
-    least, most = shift - max(explained), shift - min(explained)
-    low, high = least - margin, most + margin
-    outcome, reason = classify(least, most, low, high, settings.time_threshold_of(paired=False))
+    lowest, highest = shift - max(explained), shift - min(explained)
+    low, high = lowest - margin, highest + margin
+    outcome, reason = classify(lowest, highest, low, high, settings.time_threshold_of(paired=False))
     if machines_differ:
         outcome, reason = "inconclusive", "the machines differ"
     ends = (math.exp(shift), math.exp(low), math.exp(high))
@@ -296,10 +296,10 @@ def _drift_of_runs(
 
 
 def _p_of_interval(
-    least: float, most: float, low: float, high: float, confidence: float, degrees: float
+    lowest: float, highest: float, low: float, high: float, confidence: float, degrees: float
 ) -> float:
     """Return the two-sided p-value of no change that belongs to a Student interval."""
-    nearest, reach = (least, least - low) if least > 0 else (-most, high - most)
+    nearest, reach = (lowest, lowest - low) if lowest > 0 else (-highest, high - highest)
     if nearest <= 0:
         return 1.0
     if reach <= 0:
@@ -317,7 +317,7 @@ def _same_drawing(pair: Pair) -> TimeChange:
 
 
 def classify(
-    least: float, most: float, low: float, high: float, threshold: float
+    lowest: float, highest: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
     """Return the outcome for a log ratio in `least`..`most` with interval `low`..`high`.
 
@@ -325,9 +325,9 @@ def classify(
     `unchanged` only with an interval inside the threshold; otherwise inconclusive, with the reason.
     """
     bound = math.log1p(threshold)
-    if least > bound and low > 0:
+    if lowest > bound and low > 0:
         return "regressed", ""
-    if most < -bound and high < 0:
+    if highest < -bound and high < 0:
         return "improved", ""
     if -bound <= low and high <= bound:
         return "unchanged", ""
@@ -425,7 +425,7 @@ def _resample(samples: Samples, rng: np.random.Generator) -> Samples:
     """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
 
     No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
-    and the next one is the smallest of the n-k above it. Their positions among the sorted samples
+    and the next larger is the minimum of the n-k above. Their positions among the sorted samples
     are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
     """
     n = len(samples)

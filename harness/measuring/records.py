@@ -26,7 +26,7 @@ from harness.results.record import (
 )
 from harness.results.run_folder import RunFolder
 from harness.settings import TimingSettings
-from harness.stats.run_quality import undisturbed
+from harness.stats.run_quality import find_undisturbed
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 
@@ -279,7 +279,7 @@ def make_samples(times: Times, timer: str) -> Time:
     if len(times.waited_s) != len(samples):
         return time
     time = replace(time, waited_s=_rounded(times.waited_s))
-    return replace(time, disturbed=int((~undisturbed(time)).sum()))
+    return replace(time, disturbed=int((~find_undisturbed(time)).sum()))
 
 
 def _rounded(seconds: Sequence[float]) -> tuple[float, ...]:

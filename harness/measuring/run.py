@@ -43,7 +43,7 @@ from harness.results.run_folder import (
     read_counted,
     read_run,
 )
-from harness.stats.run_quality import judge_records
+from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.viewing import viewing_of
@@ -248,7 +248,7 @@ def _measure(
             facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - start}
             facts["interrupted"] = pool.stopping
             draws = reference_draws(records.values(), default_path())
-            facts["state"] = {**vars(judge_records(records.values(), draws)), "draws": draws}
+            facts["state"] = {**vars(assess_records(records.values(), draws)), "draws": draws}
             writer.write_facts(facts)
         if not pool.stopping:
             stores[0].delete_counted()

@@ -8,7 +8,7 @@ from itertools import groupby
 from harness.errors import unknown
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
-from harness.stats.intervals import FASTER, Ratio, of_any_run, paired_ratio
+from harness.stats.intervals import FASTER, Ratio, add_run_scatter, paired_ratio
 from harness.stats.run_quality import QUIET, STATES, State, select_rounds
 
 DEFAULT_BASE = "ear-clipping"
@@ -99,7 +99,7 @@ def compute_time_ratio(
 ) -> Ratio | None:
     """Return the paired ratio of two records' times, or None if they are not comparable.
 
-    The interval includes the scatter between runs (`of_any_run`).
+    The interval includes the scatter between runs (`add_run_scatter`).
 
     candidates : number of ratios from which this one may be chosen by its value; if there are
         several, a ratio that is significantly below 1 gets a simultaneous one (`joint`)
@@ -112,7 +112,9 @@ def compute_time_ratio(
         return None
     parts = (time.epochs or None, time.processes or None)
     samples = (time.samples_s, base_time.samples_s, *parts, select_rounds(time, base_time))
-    ratio = replace(of_any_run(paired_ratio(*samples)), quiet=quiet)
+    ratio = replace(add_run_scatter(paired_ratio(*samples)), quiet=quiet)
     if candidates > 1 and ratio.verdict == FASTER:
-        ratio = replace(ratio, joint=of_any_run(paired_ratio(*samples, candidates), candidates))
+        ratio = replace(
+            ratio, joint=add_run_scatter(paired_ratio(*samples, candidates), candidates)
+        )
     return ratio

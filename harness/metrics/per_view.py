@@ -8,7 +8,7 @@ import numpy as np
 from harness.metrics.groups import RecordGroup
 from harness.metrics.registry import find_metric, list_costs
 from harness.results.record import Record
-from harness.stats.intervals import FEWEST, mean_interval, ratio_interval
+from harness.stats.intervals import MIN_VALUES, mean_interval, ratio_interval
 
 DESCRIBED = ("helper_lanes", "quads")
 """Counters that `describe_views` compares, next to the main one."""
@@ -88,7 +88,7 @@ def _describe_counter(group: RecordGroup, base: Record, measure: str) -> str:
         return ""
     views, noun = rows[0][2].views, "tile" if group.id.view.fit == "tile" else "view"
     nouns = f"{views:,} {noun}{'' if views == 1 else 's'}"
-    note = f"95 % CI over {nouns}" if views >= FEWEST else f"{nouns}, too few for intervals"
+    note = f"95 % CI over {nouns}" if views >= MIN_VALUES else f"{nouns}, too few for intervals"
     rows.sort(key=lambda row: row[0])
     ratios = ", ".join(f"{name} {statistics.text}" for _, name, statistics in rows)
     return f"{find_metric(measure).label} relative to {base.name} ({note}): {ratios}"

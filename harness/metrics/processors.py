@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
-from harness.stats.run_quality import state_of
+from harness.stats.run_quality import get_run_state
 from triangulators.devices import is_software
 
 SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")
@@ -87,4 +87,4 @@ def describe_machine(run: Run) -> list[str]:
     devices = dict.fromkeys(record.id.device_name for record in _list_timed_by_processor(run))
     label = read_processor(run.facts)
     lines = [f"processor of {', '.join(devices)}: {label}"] if devices and label else []
-    return lines + state_of(run).words
+    return lines + get_run_state(run).warnings

@@ -22,7 +22,7 @@ from harness.profile.draw import Draw
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import check_profile, profile, select_fitted
-from harness.stats.intervals import FEWEST_EPOCHS
+from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"
@@ -95,9 +95,9 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     _check_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
-    if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
+    if result.timer is None or not result.times or len(epochs) < MIN_EPOCHS:
         raise InputError(
-            f"{file}: the page was ended after {len(epochs)} of at least {FEWEST_EPOCHS} epochs, "
+            f"{file}: the page was ended after {len(epochs)} of at least {MIN_EPOCHS} epochs, "
             "too few for a fit; measure again"
         )
     if set(result.times) != {*names, EMPTY, CONTROL}:

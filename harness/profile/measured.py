@@ -15,8 +15,8 @@ from harness.profile.draw import Draw
 from harness.rasterisers.base import Options
 from harness.results.record import Time
 from harness.settings import TimingSettings
-from harness.stats.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
-from harness.stats.run_quality import judge
+from harness.stats.intervals import MIN_EPOCHS, Ratio, paired_ratio
+from harness.stats.run_quality import assess_times
 
 CONTROL = "(control)"
 """Name of the second copy of one draw of the design."""
@@ -117,13 +117,13 @@ def measure(
         raise NothingMeasuredError(f"{backend.label}: {next(iter(failures.values()))}")
     times = next(iter(groups.values()))
     epochs = len(times[EMPTY].epochs)
-    if epochs < FEWEST_EPOCHS:
+    if epochs < MIN_EPOCHS:
         raise InconclusiveError(
             f"{backend.label}: too slow ({epochs} of {EPOCHS} epochs in {timing.limit_s:g} s, "
-            f"and a law needs {FEWEST_EPOCHS}); increase the budget, e.g. --budget 4"
+            f"and a law needs {MIN_EPOCHS}); increase the budget, e.g. --budget 4"
         )
     result = normalise_times(times, names)
-    state = judge((backend.label, f"draw {name}", _to_time(times[name])) for name in names)
+    state = assess_times((backend.label, f"draw {name}", _to_time(times[name])) for name in names)
     why = f"the times are {state.state}: {'; '.join(state.why)}"
     return replace(result, disturbed="" if state.is_quiet else why)
 

@@ -41,7 +41,7 @@ from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.record import Record
 from harness.results.run_folder import Run
-from harness.stats.run_quality import state_of
+from harness.stats.run_quality import get_run_state
 from harness.study.subjects import MEASURES
 from harness.style import flat, looks
 from harness.summary import row_of
@@ -175,7 +175,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         "study": format_study_answer(study),
         "environment": list_facts(run),
         "key_facts": list_key_facts(run),
-        "warnings": [*run.facts.get("warnings", []), *state_of(run).words, *run.problems],
+        "warnings": [*run.facts.get("warnings", []), *get_run_state(run).warnings, *run.problems],
     }
 
 

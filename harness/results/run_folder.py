@@ -191,7 +191,7 @@ class RunFolder:
             if there is no run, or it cannot be written
         """
         if not (path / FACTS).is_file():
-            raise InputError(f"{path} holds no run to resume (no {FACTS} in it)")
+            raise InputError(f"{path} has no run to resume ({FACTS} is missing)")
         writer = cls(path)
         with translate_errors(path):
             writer._cases.open()
@@ -268,7 +268,7 @@ def read_run(path: Path) -> Run:
     """
     cases = path / CASES if path.is_dir() else path
     if not cases.exists() and not cases.with_name(FACTS).exists():
-        raise InputError(f"{path} holds no run (neither {FACTS} nor {CASES})")
+        raise InputError(f"{path} has no run ({FACTS} and {CASES} are missing)")
     problems: list[str] = []
     facts = read_facts(cases.parent, problems)
     with translate_errors(path):

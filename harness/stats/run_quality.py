@@ -1,13 +1,13 @@
 """Decide whether a run's timings were disturbed.
 
-A CPU rasteriser is timed by the CPU time of its process, so a sample that waited for a core is not
-longer for that, but its caches were lost meanwhile. Neighbours on the core or in its cache make all
-draws longer and change their ratios, and nothing waits: only the reference draw of the same rounds
-shows it, compared with the best of this machine (`harness.measuring.reference_draws`). The load
-average does not show it, and no number of rounds averages it out.
+A CPU rasteriser is timed by the CPU time of its process: waiting for a core does not add to a
+sample, but empties the caches. Other programs on the core or in its cache lengthen all draws and
+change their ratios without any waiting. Only the reference draw of the same rounds reveals this,
+compared with the fastest on this machine (`harness.measuring.reference_draws`); the load average
+does not, and no number of rounds averages it out.
 
-If a run is not quiet, its times show nothing. Two versions that were timed in the same rounds are
-exempt: the machine did the same to both.
+Times of a disturbed run are not used, except for two versions timed in the same rounds, which are
+affected equally.
 """
 
 import math
@@ -29,103 +29,103 @@ UNTRUSTED: Final = "not to be trusted"
 STATES: tuple[State, ...] = get_args(State)
 """From the best to the worst."""
 
-WAITED = 0.02
-"""Share of its time that a sample may wait for a core and still count as undisturbed."""
+MAX_WAITED_SHARE = 0.02
+"""Maximum share of its time that an undisturbed sample waits for a core."""
 
-SHORTEST = 0.1
-"""Quantile of a drawing's samples whose wall clock, for its CPU time, is that of no disturbance."""
+UNDISTURBED_QUANTILE = 0.1
+"""Quantile of the samples' ratios of wall clock to CPU time that an undisturbed sample has."""
 
 MIN_QUIET_ROUNDS = 12
-"""Undisturbed rounds that are enough to leave the others out."""
+"""Minimum number of undisturbed rounds with which the disturbed rounds are excluded."""
 
-FEW = 0.10
-"""Share of samples that are disturbed on a quiet machine, too: the system has work of its own; of
-drawings whose samples sit in two modes there; and of a core that other programs take."""
+MAX_DISTURBED_SHARE = 0.10
+"""Maximum on a quiet machine of the share of disturbed samples, because the operating system
+computes as well; of drawings with two modes; and of a core that other programs use."""
 
-STOLEN = 0.05
-"""The same of the time of a core that the host takes."""
+MAX_STOLEN_SHARE = 0.05
+"""Maximum share of a core's time that the host takes from a quiet virtual machine."""
 
-SLOWER = 1.35
-"""Reference draw over the best one up to which a machine is quiet, and ratios of times do not move:
-the best for H against ear clipping, city at 1024 px on llvmpipe, 0.837 to 0.847 where the
-reference draw took 0.70 to 0.92 ms, 0.862 and more from 1.06 ms on."""
+MAX_REFERENCE_RATIO = 1.35
+"""Maximum of the reference draw's time over the fastest one on a quiet machine. Ratios are constant
+up to there: H-optimal against ear clipping, city at 1024 px on llvmpipe, took 0.837 to 0.847 with
+reference draws of 0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
-"""Two modes: each has so many of the samples; the upper is so many times the lower; and they are so
-many standard deviations of their own apart. Halves of one normal distribution are 2.7 apart, of a
-uniform one 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108, 1994)."""
+"""Criteria for two modes: minimum share of the samples in each, minimum ratio of the upper to the
+lower, and minimum distance in their standard deviations. Halves of one normal distribution are 2.7
+apart, of a uniform one 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108, 1994)."""
 
 REMEDY = (
-    "what is said rests on exact counters; measure again when nothing else runs, or let --beside "
-    "compare two versions"
+    "results use exact counters; measure again on an idle machine, or compare two versions with "
+    "--beside"
 )
 
 
 @dataclass(frozen=True)
 class RunState:
-    """State of the machine during a run, and the reasons, a clause each."""
+    """State of the machine during a run, and a clause for each reason."""
 
     state: State
     why: tuple[str, ...] = ()
 
     @property
     def is_quiet(self) -> bool:
-        """Whether the run's times can show anything."""
+        """Whether the run's times may be used."""
         return self.state == QUIET
 
     @property
-    def words(self) -> list[str]:
-        """A line about the state, or none if it is quiet."""
+    def warnings(self) -> list[str]:
+        """A line about the state, or [] if the machine was quiet."""
         if self.is_quiet:
             return []
-        return [f"the run's times are {self.state}: {'; '.join(self.why)}. So {REMEDY}"]
+        return [f"the run's times are {self.state}: {'; '.join(self.why)}. Therefore {REMEDY}"]
 
 
-def undisturbed(time: Time) -> NDArray[np.bool_]:
-    """Return which (r,) samples waited for a core for at most `WAITED` of their time.
+def find_undisturbed(time: Time) -> NDArray[np.bool_]:
+    """Return the (r,) mask of the samples that waited for a core at most `MAX_WAITED_SHARE`.
 
-    All, if that is unknown. A thread that waits for another one of its process, as Vulkan's on the
-    CPU do, lengthens nothing: the wait of a sample is limited to its wall clock beyond the shortest
-    for its CPU time. Threads that run side by side need less wall clock.
+    All samples, if the waiting is unknown. Waiting for another thread of the same process, as in
+    Vulkan on the CPU, is not a disturbance: a sample's waiting is limited to its wall clock beyond
+    the shortest for its CPU time. Parallel threads need less wall clock.
     """
     samples, waited, wall = map(np.array, (time.samples_s, time.waited_s, time.wall_s))
     if len(waited) != len(samples):
         return np.ones(len(samples), np.bool_)
     if len(wall) == len(samples) > 0 and samples.all():
-        shortest = min(1.0, float(np.quantile(wall / samples, SHORTEST)))
+        shortest = min(1.0, float(np.quantile(wall / samples, UNDISTURBED_QUANTILE)))
         waited = np.minimum(waited, wall - shortest * samples)
-    quiet: NDArray[np.bool_] = waited <= WAITED * samples
+    quiet: NDArray[np.bool_] = waited <= MAX_WAITED_SHARE * samples
     return quiet
 
 
 def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
-    """Return which (r,) rounds a ratio rests on: those that disturbed neither, if enough are left.
+    """Return the (r,) mask of the rounds for a ratio: undisturbed ones, if there are enough.
 
     Raises
     ------
     ValueError
-        if both are not of as many rounds
+        if the numbers of rounds differ
     """
-    first, second = undisturbed(time), undisturbed(base)
+    first, second = find_undisturbed(time), find_undisturbed(base)
     if len(first) != len(second):
         raise ValueError(f"{len(first)} and {len(second)} samples are not rounds of one group")
     quiet: NDArray[np.bool_] = first & second
     return quiet if quiet.sum() >= MIN_QUIET_ROUNDS else np.ones(len(quiet), np.bool_)
 
 
-def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the middles of the two modes that samples sit in, None where they have one.
+def find_two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the medians of the two modes of the samples, or None if they have one mode.
 
-    They are split where that leaves the least variance within (N. Otsu, IEEE Transactions on
-    Systems, Man and Cybernetics 9, 1979), by logarithm.
+    The logarithms are split at the minimum of the variance within both parts (N. Otsu, IEEE
+    Transactions on Systems, Man and Cybernetics 9, 1979).
     """
     values = np.asarray(samples, np.float64)
     logs = np.sort(np.log(values[values > 0]))
     count = len(logs)
     if count < MIN_QUIET_ROUNDS:
         return None
-    least = int(np.ceil(MODE_SHARE * count))
-    splits = np.arange(least, count - least + 1)
+    minimum = int(np.ceil(MODE_SHARE * count))
+    splits = np.arange(minimum, count - minimum + 1)
     sums, squares = np.cumsum(logs), np.cumsum(logs**2)
     below, above = sums[splits - 1] / splits, (sums[-1] - sums[splits - 1]) / (count - splits)
     within = squares[-1] - splits * below**2 - (count - splits) * above**2
@@ -138,30 +138,32 @@ def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, fl
     return float(np.exp(low)), float(np.exp(high))
 
 
-def judge(
+def assess_times(
     times: Iterable[tuple[str, str, Time]], draws: Sequence[Mapping[str, Any]] = ()
 ) -> RunState:
     """Return the state of the machine during a run.
 
-    times : label of the device, label of the drawing, and its times
-    draws : the run's reference draws, as `run.json` has them (`reference_draws`)
+    times : (label of the device, label of the drawing, its times) of each drawing
+    draws : the run's reference draws, as in `run.json` (`reference_draws`)
     """
     problems: dict[str, State] = {}
     devices: dict[str, dict[str, Time]] = {}
     for device, drawing, time in times:
         devices.setdefault(device, {})[drawing] = time
     for device, drawings in devices.items():
-        problems |= {f"{device}: {why}": state for why, state in _of_samples(drawings).items()}
+        problems |= {
+            f"{device}: {why}": state for why, state in _find_disturbances(drawings).items()
+        }
     for draw in draws:
-        if draw["slower"] > SLOWER:
-            where = f"{draw['rasteriser']} on {draw['device']}, {draw['resolution']} px"
-            took = f"{draw['reference_s'] * 1e3:.3g} ms, {draw['slower']:.2g} times the best"
-            problems[f"{where}: the reference draw took {took} of this machine"] = DISTURBED
+        if draw["slower"] > MAX_REFERENCE_RATIO:
+            device = f"{draw['rasteriser']} on {draw['device']}, {draw['resolution']} px"
+            text = f"{draw['reference_s'] * 1e3:.3g} ms, {draw['slower']:.2g} times the fastest"
+            problems[f"{device}: the reference draw took {text} on this machine"] = DISTURBED
     return RunState(max(problems.values(), key=STATES.index, default=QUIET), tuple(problems))
 
 
-def judge_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]] = ()) -> RunState:
-    """Return the state of the machine while `records` were timed; see `judge`."""
+def assess_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]] = ()) -> RunState:
+    """Return the state of the machine while `records` were timed; see `assess_times`."""
     times = (
         (
             f"{record.id.rasteriser} on {record.id.device_name}",
@@ -171,41 +173,44 @@ def judge_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]] 
         for record in records
         if record.time is not None
     )
-    return judge(times, draws)
+    return assess_times(times, draws)
 
 
-def _of_samples(drawings: Mapping[str, Time]) -> dict[str, State]:
-    """Return what disturbed the samples of a device's drawings: clause -> state."""
+def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
+    """Return the disturbances of the samples of a device's drawings: clause -> state."""
     problems: dict[str, State] = {}
-    masks = {name: undisturbed(time) for name, time in drawings.items()}
+    masks = {name: find_undisturbed(time) for name, time in drawings.items()}
     count = sum(len(quiet) for quiet in masks.values())
     waited = count - sum(int(quiet.sum()) for quiet in masks.values())
-    others = [
+    other_shares = [
         time.others_s / time.timing_s
         for time in drawings.values()
         if time.others_s is not None and time.timing_s
     ]
-    # If nobody else computed, threads waited for those of their own process.
-    if waited > FEW * count and max(others, default=math.inf) > FEW:
-        few = any(quiet.sum() < min(MIN_QUIET_ROUNDS, len(quiet)) for quiet in masks.values())
+    # Without other programs, threads waited for threads of their own process.
+    if (
+        waited > MAX_DISTURBED_SHARE * count
+        and max(other_shares, default=math.inf) > MAX_DISTURBED_SHARE
+    ):
+        has_few = any(quiet.sum() < min(MIN_QUIET_ROUNDS, len(quiet)) for quiet in masks.values())
         share = f"{waited} of {count} samples waited for a core"
-        problems[share] = UNTRUSTED if few else DISTURBED
+        problems[share] = UNTRUSTED if has_few else DISTURBED
     bimodal: dict[str, State] = {}
     for name, time in drawings.items():
         samples, quiet = _level_processes(time), masks[name]
-        if modes := two_modes(samples[quiet] if quiet.sum() >= MIN_QUIET_ROUNDS else samples):
+        if modes := find_two_modes(samples[quiet] if quiet.sum() >= MIN_QUIET_ROUNDS else samples):
             low, high = (f"{second * 1e3:.3g}" for second in modes)
-            # CPU time has no mode of the scheduler's; other clocks take its slices for the draw's.
+            # CPU time does not include the scheduler's time slices; other clocks do.
             state: State = DISTURBED if time.timer == "cpu" else UNTRUSTED
             bimodal[f"{name} ({low} and {high} ms)"] = state
-    if len(bimodal) > FEW * len(drawings):
-        first, *rest = bimodal
-        more = f", and {len(rest)} more" if rest else ""
+    if len(bimodal) > MAX_DISTURBED_SHARE * len(drawings):
+        first = next(iter(bimodal))
+        more = f", and {len(bimodal) - 1} more" if len(bimodal) > 1 else ""
         worst = max(bimodal.values(), key=STATES.index)
-        problems[f"times sit in two modes: {first}{more}"] = worst
+        problems[f"times have two modes: {first}{more}"] = worst
     for time in drawings.values():
         stolen, wall = time.stolen_s or 0.0, time.timing_s or 0.0
-        if stolen > STOLEN * wall > 0:
+        if stolen > MAX_STOLEN_SHARE * wall > 0:
             problems[f"the host took {stolen / wall:.0%} of a core"] = DISTURBED
     return problems
 
@@ -219,27 +224,27 @@ def _level_processes(time: Time) -> NDArray[np.float64]:
     return np.concatenate([part * np.median(samples) / np.median(part) for part in parts])
 
 
-def state_of(run: Run) -> RunState:
-    """Return the state that a run's `run.json` has, or else what its samples show."""
+def get_run_state(run: Run) -> RunState:
+    """Return the state in a run's `run.json`, or if missing, computed from its samples."""
     stored = run.facts.get("state")
     if isinstance(stored, Mapping) and stored.get("state") in STATES:
         why = stored.get("why")
         reasons = why if isinstance(why, list | tuple) else ()
         return RunState(stored["state"], tuple(map(str, reasons)))
-    return judge_records(run.records)
+    return assess_records(run.records)
 
 
-def explain_apart(base: Time, head: Time, *, machines_differ: bool) -> str:
-    """Return why times of a case in two runs made apart cannot be compared; "" if they can.
+def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> str:
+    """Return why the times of a case in two separate runs cannot be compared, or "" if they can.
 
-    machines_differ : then reference draws differ for that
+    machines_differ : True if reference draws differ because of the machines
     """
     for name, time in (("BASE", base), ("HEAD", head)):
-        if problems := _of_samples({"it": time}):
+        if problems := _find_disturbances({"it": time}):
             return f"{name} was disturbed ({next(iter(problems))}); use run --beside"
     medians = [np.median(time.reference_s or [np.nan]) for time in (base, head)]
     for slow, fast in pairwise([*medians, medians[0]]):
-        if slow > SLOWER * fast and not machines_differ:
+        if slow > MAX_REFERENCE_RATIO * fast and not machines_differ:
             return (
                 f"two states of the machine (reference draw {medians[0] * 1e3:.3g} ms in BASE, "
                 f"{medians[1] * 1e3:.3g} ms in HEAD); use run --beside"

@@ -22,7 +22,7 @@ from harness.metrics.groups import IDENTIFYING
 from harness.metrics.per_polygon import spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
-from harness.stats.intervals import UNKNOWN, median_over
+from harness.stats.intervals import UNKNOWN, median_interval_or_unknown
 from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
 from triangulators.criteria import AUXILIARY_FEATURES
 
@@ -79,7 +79,7 @@ def estimate_median(values: ArrayLike) -> Estimate:
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     value = float(np.median(finite)) if len(finite) else float("nan")
-    return Estimate(value, *median_over(finite), len(finite))
+    return Estimate(value, *median_interval_or_unknown(finite), len(finite))
 
 
 def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:

@@ -25,7 +25,7 @@ from harness.metrics.groups import group_records
 from harness.metrics.per_polygon import Column
 from harness.metrics.registry import list_costs, list_predictions
 from harness.results.record import Record, Time
-from harness.stats.intervals import FEWEST, UNKNOWN, blocks, mean_interval
+from harness.stats.intervals import MIN_VALUES, UNKNOWN, mean_interval, split_rounds
 from harness.study.correlations import TIME, get_label, make_criterion_table, to_column
 from harness.study.subjects import MIN_QUADS
 from harness.style import family_of
@@ -140,7 +140,7 @@ def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]
     rounds, first = min(len(time.samples_s) for time in times), times[0]
     samples = np.array([time.samples_s[:rounds] for time in times])
     relative = samples / np.array(first.reference_s[:rounds])
-    parts = blocks(first.processes, first.epochs, rounds)
+    parts = split_rounds(first.processes, first.epochs, rounds)
     values = np.stack([np.median(relative[:, part], axis=1) for part in parts], 1)
     best = int(np.argmin(np.log(values).mean(axis=1)))
     return best, [estimate_regret(values, index) for index in range(len(times))]
@@ -255,7 +255,7 @@ def format_regret(row: Any) -> str:
 
 def explain_missing_interval(row: Any) -> str:
     """Say why the interval of a row's mean is unknown."""
-    if row["polygons"] < FEWEST:
+    if row["polygons"] < MIN_VALUES:
         return "too few polygons"
     if math.isclose(row["worst"], row["mean"]):
         return "all equal"

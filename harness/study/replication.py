@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from harness.metrics.registry import find_metric
-from harness.stats.intervals import FEWEST
+from harness.stats.intervals import MIN_VALUES
 from harness.study.correlations import TIME, TOO_FEW
 
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
@@ -123,7 +123,7 @@ def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Fin
     """Return the finding of a row: value, low and high are its columns `names`."""
     if row is None:
         return None
-    few = row.get("polygons", FEWEST) < FEWEST
+    few = row.get("polygons", MIN_VALUES) < MIN_VALUES
     value, low, high = (float(row[name]) for name in names)
     return Finding(value, low, high, few=bool(few), **fields)
 

@@ -36,9 +36,9 @@ from harness.stats.intervals import (
     CONFIDENCE,
     RUN_SCATTER,
     UNKNOWN,
+    add_run_scatter,
     mean_interval,
     median_interval,
-    of_any_run,
     paired_ratio,
     ratio_interval,
 )
@@ -310,7 +310,7 @@ def _simulate_any_run(epochs: int, rng: np.random.Generator) -> Trial:
     logs = RUN_SCATTER * rng.standard_normal() + epoch
     logs = logs + 0.01 * rng.standard_normal(len(epoch))
     simpler = paired_ratio(np.exp(logs), np.ones(len(logs)), [10] * epochs)
-    interval = of_any_run(simpler)
+    interval = add_run_scatter(simpler)
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), 1.0)
 
 

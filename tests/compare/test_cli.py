@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.compare.matching import changes, machines_differ
+from harness.compare.matching import list_changes, machines_differ
 from harness.results.run_folder import Run
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.conftest import assert_refused, require_ok
@@ -33,13 +33,13 @@ def test_a_missing_baseline_is_bad_usage_unless_allowed(harness):
     assert_refused(harness("compare", "base", "head"), "no baseline", "--allow-missing-baseline")
     Path("base").mkdir()  # a cache that found nothing may leave an empty folder
     out, _ = require_ok(harness("compare", "base", "head", "--allow-missing-baseline"))
-    assert out.startswith("No baseline yet: base holds no run; the 5 cases")
+    assert out.startswith("No baseline yet: base has no run; store HEAD")
 
 
 def test_a_missing_head_is_bad_usage(harness):
     write_run(Path("base"), seed=1)
     assert_refused(
-        harness("compare", "base", "head", "--allow-missing-baseline"), "head holds no run"
+        harness("compare", "base", "head", "--allow-missing-baseline"), "head has no run"
     )
 
 
@@ -94,8 +94,8 @@ def test_a_package_that_changed_is_reported():
         return Run(Path(), {"environment": {"packages": packages}}, [], [])
 
     one, other = run({"numpy": "2.3.0"}), run({"numpy": "2.4.0"})
-    assert changes(one, other) == ["environment: packages: numpy was 2.3.0, is 2.4.0"]
-    assert changes(one, one) == changes(one, run(None)) == []
+    assert list_changes(one, other) == ["environment: packages: numpy was 2.3.0, is 2.4.0"]
+    assert list_changes(one, one) == list_changes(one, run(None)) == []
 
 
 def test_a_driver_update_is_reported_not_refused(runs):
@@ -196,7 +196,7 @@ def test_changed_content_is_not_compared(runs):
 
     code, out, _ = runs(edits={"*": other})
     assert code == 4
-    assert "5 cases of changed content" in out
+    assert "5 cases with changed content" in out
 
 
 @pytest.mark.parametrize("seconds", [0.0005, 5.0])

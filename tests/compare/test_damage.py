@@ -109,4 +109,4 @@ def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
         "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later record is used"
         in out
     )
-    assert "1 case of changed content" in out
+    assert "1 case with changed content" in out

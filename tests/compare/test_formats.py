@@ -12,8 +12,15 @@ from markdown_it import MarkdownIt
 
 from harness.compare.comparison import compare_runs, no_baseline
 from harness.compare.model import Settings
-from harness.compare.outputs import LIMIT, MARKER, to_html, to_json, to_junit, to_markdown
-from harness.compare.wording import headline
+from harness.compare.outputs import (
+    MARKER,
+    MAX_COMMENT_LENGTH,
+    to_html,
+    to_json,
+    to_junit,
+    to_markdown,
+)
+from harness.compare.wording import format_headline
 from harness.results.run_folder import read_run
 from tests.chromium import LOADED
 from tests.compare.runs import SCENARIOS, TRIANGULATORS, costlier, failed, slower, write_run
@@ -111,7 +118,7 @@ def test_markdown_renders_with_the_verdict_first(comparison):
     page = render(text)
     first = "".join(page[0].itertext()).strip()
     assert page[0].tag == "p"
-    assert first == " ".join(headline(comparison).split())
+    assert first == " ".join(format_headline(comparison).split())
     for table in page.iter("table"):
         widths = {len(row) for row in table.iter("tr")}
         assert len(widths) == 1
@@ -149,7 +156,7 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
     comparison = compare_runs(*runs)
     text = to_markdown(comparison, limit=20_000)
     whole = to_markdown(comparison)
-    assert len(text) <= 20_000 < len(whole) <= LIMIT
+    assert len(text) <= 20_000 < len(whole) <= MAX_COMMENT_LENGTH
     left = whole.count("<details>") - text.count("<details>")
     assert f"{left} tables left out" in text
     least = len(whole) + 200 - len(f"\n\n{MARKER}\n")  # with room for what says that it is cut

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.comparison import _across, compare_runs, no_baseline
-from harness.compare.matching import Match, other_hardware
+from harness.compare.comparison import _has_other_device, compare_runs, no_baseline
+from harness.compare.matching import Match, find_changed_hardware
 from harness.compare.model import CaseChange, Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import classify
-from harness.compare.wording import groups, headline
+from harness.compare.wording import build_tables, format_headline
 from harness.errors import UsageError
 from harness.metrics.groups import IDENTIFYING
 from harness.rasterisers.reference import Binning
@@ -81,7 +81,7 @@ def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
         after = before | {name: round(before[name] * 1.5)}
         found = compared(tmp_path / name, counted(before), counted(after))
         assert found.exit_code == 1
-        assert f"{name.replace('_', ' ')} {before[name]:,} → " in headline(found)
+        assert f"{name.replace('_', ' ')} {before[name]:,} → " in format_headline(found)
         assert all(case.regressions()[0].metric == name for case in found.cases)
 
 
@@ -101,13 +101,13 @@ def test_the_headline_names_what_grew_most_whether_it_was_counted_or_timed(tmp_p
     other = write_run(tmp_path / "head", seed=2, edits=edits)
     found = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
     assert {case.id.name for case in found.regressed()} == {"delaunay", "fan"}
-    assert headline(found).startswith(f"Regression: {worst}, city")
+    assert format_headline(found).startswith(f"Regression: {worst}, city")
 
 
 def test_what_regressed_has_the_first_column_and_others_follow_what_is_usual(tmp_path):
     before = {"quads": 100, "spills": 100, "stalls": 100}
     after = before | {"spills": 150, "stalls": 150}
-    (group,) = groups(compared(tmp_path, counted(before), counted(after)))
+    (group,) = build_tables(compared(tmp_path, counted(before), counted(after)))
     assert group.heading[1:4] == ("spills", "stalls", "quads")
 
 
@@ -115,11 +115,11 @@ def test_what_regressed_has_the_first_column_and_others_follow_what_is_usual(tmp
 def test_a_counter_nobody_registered_is_gated_whatever_its_name(tmp_path, name):
     found = compared(tmp_path, counted({name: 100}), counted({name: 101}))
     assert found.exit_code == 1
-    assert "+1.0 %" in headline(found)
-    assert "101 (+1.0 %)" in str(groups(found)[0].rows[0].cells)
+    assert "+1.0 %" in format_headline(found)
+    assert "101 (+1.0 %)" in str(build_tables(found)[0].rows[0].cells)
     back = compared(tmp_path / "back", counted({name: 101}), counted({name: 100}))
     assert back.exit_code == 0
-    assert "5 improved" in headline(back)
+    assert "5 improved" in format_headline(back)
 
 
 def test_a_threshold_may_name_any_counter_of_the_runs(tmp_path):
@@ -133,7 +133,7 @@ def test_a_threshold_may_name_any_counter_of_the_runs(tmp_path):
 def test_pixels_that_every_triangulation_covers_may_not_change(tmp_path, shared, after):
     found = compared(tmp_path, counted({shared: 1000}), counted({shared: after}))
     assert found.exit_code == 1
-    assert f"covers other pixels: {shared.replace('_', ' ')}" in str(groups(found))
+    assert f"covers other pixels: {shared.replace('_', ' ')}" in str(build_tables(found))
 
 
 @pytest.mark.parametrize("after", [{"vertex_shader_invocations": 1001}, {}])
@@ -141,15 +141,15 @@ def test_driver_statistics_are_not_gated(tmp_path, after):
     before = counted({"vertex_shader_invocations": 1000, "hits": 9})
     found = compared(tmp_path, before, counted({**after, "hits": 9}))
     assert found.exit_code == 0
-    assert "no counter differs" in headline(found)
-    with pytest.raises(UsageError, match="neither more nor less"):
+    assert "no counter differs" in format_headline(found)
+    with pytest.raises(UsageError, match="no better direction"):
         parse_threshold("vertex_shader_invocations=5%")
 
 
 def test_a_counter_that_is_no_longer_counted_is_a_regression(tmp_path):
     found = compared(tmp_path, counted({"spills": 100, "hits": 9}), counted({"hits": 9}))
     assert found.exit_code == 1
-    assert "spills no longer counted" in headline(found)
+    assert "spills no longer counted" in format_headline(found)
 
 
 @pytest.fixture
@@ -166,7 +166,7 @@ def scenario(request, tmp_path) -> Callable[[str], Any]:
 @pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "no-baseline"])
 def test_nothing_is_called_a_regression_that_does_not_fail(scenario, name, gates):
     found = scenario(name, Settings(gates=gates))
-    texts = (headline(found), to_markdown(found), to_junit(found), to_html(found))
+    texts = (format_headline(found), to_markdown(found), to_junit(found), to_html(found))
     if found.exit_code != 1:
         # An alarm's words stand for exit code 1 alone; the style sheet has names of its own.
         shown = " ".join(texts).partition("<style>")[0] + " ".join(texts).partition("</style>")[2]
@@ -190,11 +190,11 @@ def test_a_drift_is_told_and_never_gated(tmp_path):
     (drift,) = found.drifts
     assert drift.outcome == "regressed"
     assert not drift.gated
-    (group,) = groups(found)
+    (group,) = build_tables(found)
     assert group.drift.startswith("all cases together: time 1.5")
-    assert "all cases together took +55.0 % time (not gated)" in headline(found)
+    assert "all cases together took +55.0 % time (not gated)" in format_headline(found)
     less = replace(drift, ratio=1.2)
-    assert headline(replace(found, drifts=(less, drift))) == headline(found)
+    assert format_headline(replace(found, drifts=(less, drift))) == format_headline(found)
     assert "not gated" in group.drift
 
 
@@ -366,8 +366,8 @@ def test_what_the_plan_did_not_ask_for_is_not_missed(tmp_path, narrower):
 def test_one_case_on_another_device_makes_it_another_machine():
     here, there = make_record(device="llvmpipe"), make_record(device="zink")
     name = here.id
-    assert _across([Match(name, here, here), Match(name, here, there)])
-    assert not _across([Match(name, here, here), Match(name, None, there)])
+    assert _has_other_device([Match(name, here, here), Match(name, here, there)])
+    assert not _has_other_device([Match(name, here, here), Match(name, None, there)])
 
 
 def test_what_head_lacks_fails_only_where_all_are_asked_for():
@@ -384,5 +384,5 @@ def test_a_driver_may_have_another_version_and_a_device_no_other_name():
         Run(Path("run"), {"devices": {"opengl on gpu0": {"details": {"renderer": name}}}}, [])
         for name in names
     ]
-    assert other_hardware(runs[0], runs[1]) == {}
-    assert other_hardware(*runs[1:]) == {"opengl on gpu0": names[1:]}
+    assert find_changed_hardware(runs[0], runs[1]) == {}
+    assert find_changed_hardware(*runs[1:]) == {"opengl on gpu0": names[1:]}

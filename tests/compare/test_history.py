@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.history import (
-    LEAST_STEP,
-    MOST,
-    TOGETHER,
-    changes_of_exact,
-    changes_of_noisy,
+    GROUP_NAME,
+    MAX_SERIES,
+    MIN_STEP,
+    find_exact_changes,
+    find_noisy_changes,
     find_runs,
     read_series,
 )
@@ -51,7 +51,7 @@ def test_changes_are_where_they_were_made(year):
         ("helper_lanes", "ear-clipping"): (5,),
         ("time", "delaunay"): (9,),
     }
-    together = next(s for s in series if s.id.name == TOGETHER)
+    together = next(s for s in series if s.id.name == GROUP_NAME)
     assert together.metric == "time"
     assert np.ptp(np.log(together.values)) > 0.05
 
@@ -112,7 +112,7 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
     with Path("plots/history.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     series = {(row["metric"], row["triangulator"]) for row in rows}
-    assert len(series) == MOST
+    assert len(series) == MAX_SERIES
     assert {
         ("quads", "ear-clipping"),
         ("helper_lanes", "ear-clipping"),
@@ -160,7 +160,7 @@ def test_what_one_run_alone_measured_has_no_history(harness):
 @pytest.mark.parametrize(
     ("arguments", "code", "parts"),
     [
-        (["nowhere"], 2, ["nowhere holds no run"]),
+        (["nowhere"], 2, ["nowhere has no run"]),
         (["runs", "--metrics", "qads"], 2, ["qads", "quads"]),
         (["runs", "--metrics", "bbox_tests"], 4, ["bbox_tests"]),
         (["runs", "--scene", "cyti"], 2, ["cyti", "city"]),
@@ -175,7 +175,7 @@ def test_bad_usage(harness, arguments, code, parts):
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=30))
 def test_exact_changes_are_all_differences(values):
-    found = changes_of_exact(np.array(values, float))
+    found = find_exact_changes(np.array(values, float))
     assert found == [n for n in range(1, len(values)) if values[n] != values[n - 1]]
 
 
@@ -185,11 +185,11 @@ def test_a_level_series_with_outliers_has_no_changes(seed, runs):
     logs = rng.normal(0, 0.006, runs)
     logs[rng.random(runs) < 0.05] += 0.7  # a busy machine
     lonely = np.convolve(logs > 0.3, np.ones(2 * 3), mode="same").max(initial=0) <= 1
-    assert not lonely or changes_of_noisy(logs) == []
+    assert not lonely or find_noisy_changes(logs) == []
 
 
 @given(seed=st.integers(0, 2**32), place=st.integers(5, 15), sign=st.sampled_from([-1, 1]))
 def test_a_step_is_found_where_it_is(seed, place, sign):
     logs = np.random.default_rng(seed).normal(0, 0.006, 20)
-    logs[place:] += sign * 3 * LEAST_STEP
-    assert changes_of_noisy(logs) == [place]
+    logs[place:] += sign * 3 * MIN_STEP
+    assert find_noisy_changes(logs) == [place]

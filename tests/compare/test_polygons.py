@@ -10,7 +10,7 @@ from harness.compare.comparison import compare_runs
 from harness.compare.matching import Match
 from harness.compare.model import Settings
 from harness.compare.outputs import to_html, to_markdown
-from harness.compare.polygons import _counted, most_grown
+from harness.compare.polygons import _read_counters, find_largest_growth
 from harness.heatmaps import lane_maps
 from harness.results import drawings
 from harness.results.record import Record
@@ -44,7 +44,7 @@ def runs(tmp_path_factory):
 def test_the_three_that_grew_most_are_those_of_the_columns(runs):
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
-    grown = most_grown(base, head, comparison)
+    grown = find_largest_growth(base, head, comparison)
     columns = [read_arrays(run, lines_of(run)[0]["key"])["helper_lanes"] for run in runs]
     growth = columns[1].astype(int) - columns[0]
     assert sorted(growth)[-3:][::-1] == [each.head - each.base for each in grown]
@@ -54,7 +54,7 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
         assert drawn == [each.base, each.head]  # what is shown is what was counted
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
-    assert "**Where it grew most** (heatmaps: compare.html)\n\n- " in text
+    assert "**Largest growth** (heatmaps: compare.html)\n\n- " in text
     for each in grown:
         said = f"polygon {each.polygon} ({len(each.frame.points)} vertices)"
         assert said in page
@@ -64,26 +64,26 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
 def test_what_got_better_or_kept_no_columns_shows_none(runs, tmp_path):
     base, head = runs
     better = compare_runs(head, base, Settings(gates=("counters",)))
-    assert most_grown(head, base, better) == []
+    assert find_largest_growth(head, base, better) == []
     for array in (head.path / "polygons").iterdir():
         np.savez(array, other=np.zeros(1))
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     assert comparison.regressed()
-    assert most_grown(base, head, comparison) == []
-    assert "Where it grew most" not in to_html(comparison)
+    assert find_largest_growth(base, head, comparison) == []
+    assert "Largest growth" not in to_html(comparison)
 
 
 def test_of_one_polygon_the_totals_are_its_own(tmp_path):
     run = Run(tmp_path, {}, [])
     one, two = (make_record(polygons=n, counters={"helper_lanes": 7}) for n in (1, 2))
-    assert _counted(run, one) == {"helper_lanes": [7]}
-    assert _counted(run, two) == {}
+    assert _read_counters(run, one) == {"helper_lanes": [7]}
+    assert _read_counters(run, two) == {}
 
 
 def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
     counts = {"base": [5, 9, 7, 2], "head": [6, 9, 10, 1]}
     given = {name: {"quads": np.array(each)} for name, each in counts.items()}
-    monkeypatch.setattr(polygons, "_counted", lambda run, _: given[run])
+    monkeypatch.setattr(polygons, "_read_counters", lambda run, _: given[run])
     record = make_record()
     assert list(polygons._growth("base", "head", Match("", record, record))) == [
         ("quads", 2, 7, 10),
@@ -95,9 +95,9 @@ def test_of_several_cases_the_polygons_that_grew_most_come_first(runs, monkeypat
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     sizes = [("quads", 0, 5, 6), ("quads", 1, 5, 9), ("quads", 2, 5, 7)]
-    monkeypatch.setattr(polygons, "_growth", lambda *_: iter(sizes))
-    monkeypatch.setattr(polygons, "_grown", lambda _base, _head, _found, *each: each)
-    assert most_grown(base, head, comparison) == [sizes[1], sizes[2], sizes[0]]
+    monkeypatch.setattr(polygons, "_find_growths", lambda *_: iter(sizes))
+    monkeypatch.setattr(polygons, "_read_polygon", lambda _base, _head, _found, *each: each)
+    assert find_largest_growth(base, head, comparison) == [sizes[1], sizes[2], sizes[0]]
 
 
 def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
@@ -112,7 +112,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     def grown(place: int, geometry: object = kept, record: Record = fan) -> polygons.Grown | None:
         monkeypatch.setattr(drawings, "read", lambda *_: geometry)
         found = Match("city", record, record)
-        return polygons._grown(None, None, found, "quads", place, 1, 2)
+        return polygons._read_polygon(None, None, found, "quads", place, 1, 2)
 
     second = grown(1)
     assert (second.polygon, second.metric, second.base, second.head) == (8, "quads", 1, 2)
@@ -140,5 +140,5 @@ def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch)
         "fragments": np.array([5, 6]),
     }
     monkeypatch.setattr("harness.compare.polygons.read_arrays", lambda *_: columns)
-    found = _counted(Run(Path("run"), {}, []), make_record())
+    found = _read_counters(Run(Path("run"), {}, []), make_record())
     assert {name: each.tolist() for name, each in found.items()} == {"helper_lanes": [3, 4]}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness.compare.comparison import compare_runs
-from harness.compare.wording import run_lines
+from harness.compare.wording import list_runs
 from harness.errors import IncompatibleRunsError
 from harness.history import read_series, run_label
 from harness.machine import environment
@@ -88,7 +88,7 @@ def test_comparison_and_history_tell_the_users_commit(tmp_path):
         read_run(write_run(tmp_path / name, seed=seed, facts=facts))
         for name, seed in (("base", 1), ("head", 2))
     ]
-    line = run_lines(compare_runs(*runs))[1]
+    line = list_runs(compare_runs(*runs))[1]
     assert f"commit {'b' * 12}, raster-harness 0.1.0 at {'a' * 12}" in line
     assert run_label(runs[0]).startswith("b" * 8)
 
@@ -180,7 +180,7 @@ def test_gains_and_comparisons_say_so(two, harness):
     assert f'"llvmpipe ({EPYC})"' in table
     assert ",llvmpipe," not in table
     notes = compare_runs(*two).notes
-    said = [line for line in notes if "what draws on the processor" in line]
+    said = [line for line in notes if "time ratios of software devices" in line]
     assert [f"llvmpipe on {EPYC}, {XEON}" in line for line in said] == [True]
     assert not any("draws on the processor" in line for line in compare_runs(two[0], two[0]).notes)
 

@@ -13,7 +13,7 @@ import pytest
 
 from harness import __version__
 from harness.errors import UsageError
-from harness.history import changes_of_noisy
+from harness.history import find_noisy_changes
 from scenes import SceneError
 from scenes.readers import meshes
 from tests.paths import ROOT
@@ -92,7 +92,7 @@ def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
     for package in ("ruptures", "plyfile"):
         monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(UsageError, match=r"pip install .*\[history\]\"$"):
-        changes_of_noisy(np.zeros(100))
+        find_noisy_changes(np.zeros(100))
     with pytest.raises(SceneError, match=r"a\.ply needs plyfile.*\[ply\]\"$"):
         meshes.parse_ply(tmp_path / "a.ply")
 

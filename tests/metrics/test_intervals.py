@@ -13,13 +13,13 @@ from harness.stats.intervals import (
     SLOWER,
     UNDECIDED,
     Ratio,
-    blocks,
+    add_run_scatter,
     mean_interval,
     median_interval,
-    median_over,
-    of_any_run,
+    median_interval_or_unknown,
     paired_ratio,
     ratio_interval,
+    split_rounds,
 )
 from scripts.studies.interval_coverage import Kind, list_kinds, share_interval, simulate
 
@@ -63,9 +63,9 @@ def test_what_values_do_not_tell_has_no_interval(values):
 
 
 def test_a_median_of_few_has_no_interval_and_one_of_equal_values_has():
-    assert np.isnan(median_over(np.arange(5.0))).all()
-    assert median_over(np.arange(6.0)) == (0.0, 5.0)
-    assert median_over(np.ones(8)) == (1.0, 1.0)
+    assert np.isnan(median_interval_or_unknown(np.arange(5.0))).all()
+    assert median_interval_or_unknown(np.arange(6.0)) == (0.0, 5.0)
+    assert median_interval_or_unknown(np.ones(8)) == (1.0, 1.0)
 
 
 def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
@@ -77,12 +77,12 @@ def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
 
 
 def test_a_run_says_what_another_run_may_find():
-    exact = of_any_run(Ratio(0.9, 0.9, 0.9, 40))
+    exact = add_run_scatter(Ratio(0.9, 0.9, 0.9, 40))
     assert exact.value == 0.9
     assert np.log([exact.low / 0.9, exact.high / 0.9]) == pytest.approx(
         [-1.96 * RUN_SCATTER, 1.96 * RUN_SCATTER], rel=1e-4
     )
-    wide = of_any_run(Ratio(0.9, 0.7, 1.2, 40))
+    wide = add_run_scatter(Ratio(0.9, 0.7, 1.2, 40))
     assert (wide.low, wide.high) == pytest.approx((0.7, 1.2), abs=2e-4)
     assert wide.low < 0.7 < 1.2 < wide.high
 
@@ -136,7 +136,7 @@ def test_the_mean_of_processes_is_not_that_of_their_epochs():
     ],
 )
 def test_blocks_are_the_largest_parts_that_share_nothing(times, sizes):
-    found = blocks(times.get("processes", ()), times.get("epochs", ()), 12)
+    found = split_rounds(times.get("processes", ()), times.get("epochs", ()), 12)
     assert [len(block) for block in found] == sizes
     assert sorted(np.concatenate(found).tolist()) == list(range(12))
 

@@ -7,7 +7,7 @@ from harness import summary
 from harness.metrics import decision, per_view
 from harness.results.parsing import FieldError, parse_record
 from harness.stats.intervals import (
-    FEWEST,
+    MIN_VALUES,
     RESAMPLES,
     TAIL,
     mean_interval,
@@ -100,13 +100,16 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
         "helper lanes relative to ear-clipping (95 % CI over 8 tiles): "
         f"flips:l1 0.769 ({over.ratio_low:.3f}-{over.ratio_high:.3f})"
     )
-    fewest = [record(name, [*range(9, 9 + FEWEST)]) for name in "ab"]
-    assert f"(95 % CI over {FEWEST} tiles)" in said(fewest)[0]
+    fewest = [record(name, [*range(9, 9 + MIN_VALUES)]) for name in "ab"]
+    assert f"(95 % CI over {MIN_VALUES} tiles)" in said(fewest)[0]
     tests = [{**each, VIEWS: {"bbox_tests": each[VIEWS]["quads"]}} for each in (BASE, OTHER)]
     assert said(tests)[0].startswith("bounding-box tests relative to")
 
 
-@pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])
+@pytest.mark.parametrize(
+    ("tiles", "few"),
+    [(1, "1 tile,"), (MIN_VALUES - 1, f"{MIN_VALUES - 1} tiles,")],
+)
 def test_few_tiles_tell_no_interval(tiles, few):
     base, other = (
         record(each["triangulator"], each[VIEWS]["helper_lanes"][:tiles]) for each in (BASE, OTHER)

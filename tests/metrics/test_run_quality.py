@@ -12,16 +12,16 @@ from harness.measuring.reference_draws import default_path
 from harness.metrics.decision import decide, format_advice
 from harness.stats.run_quality import (
     DISTURBED,
+    MAX_REFERENCE_RATIO,
     MIN_QUIET_ROUNDS,
     QUIET,
-    SLOWER,
     UNTRUSTED,
-    explain_apart,
-    judge_records,
+    assess_records,
+    explain_incomparable,
+    find_two_modes,
+    find_undisturbed,
+    get_run_state,
     select_rounds,
-    state_of,
-    two_modes,
-    undisturbed,
 )
 from scripts.studies import machines
 from scripts.studies.machines import ROUNDS, simulate_run
@@ -46,7 +46,7 @@ def test_samples_that_waited_are_left_out_if_others_are_enough():
     time = make_time(
         samples_s=[1.0] * 20, waited_s=[0.0] * MIN_QUIET_ROUNDS + [0.021] * (20 - MIN_QUIET_ROUNDS)
     )
-    assert undisturbed(time).sum() == MIN_QUIET_ROUNDS
+    assert find_undisturbed(time).sum() == MIN_QUIET_ROUNDS
     for waited, rounds in (
         ([0.02] * 20, MIN_QUIET_ROUNDS),
         ([0.02] * 19 + [0.0], MIN_QUIET_ROUNDS),
@@ -54,7 +54,7 @@ def test_samples_that_waited_are_left_out_if_others_are_enough():
     ):
         assert select_rounds(time, make_time(samples_s=[1.0] * 20, waited_s=waited)).sum() == rounds
     unknown = make_time(samples_s=[1.0, 2.0])
-    assert undisturbed(unknown).all()
+    assert find_undisturbed(unknown).all()
     with pytest.raises(ValueError, match="not rounds of one group"):
         select_rounds(time, unknown)
 
@@ -65,12 +65,12 @@ def test_threads_that_wait_for_each_other_are_not_disturbed():
     cpu = 1e-3 * np.exp(0.01 * rng.standard_normal(40))
     time = make_time(samples_s=cpu.tolist(), waited_s=(0.95 * cpu).tolist())
     late = np.where(np.arange(40) < 10, 0.5 * cpu, 0.0)  # by another program
-    assert not undisturbed(time).any()
-    assert undisturbed(replace(time, wall_s=tuple(1.001 * cpu))).all()
+    assert not find_undisturbed(time).any()
+    assert find_undisturbed(replace(time, wall_s=tuple(1.001 * cpu))).all()
     for usual in (0.5, 1.001):  # side by side, one after the other
-        quiet_samples = undisturbed(replace(time, wall_s=tuple(usual * cpu + late)))
+        quiet_samples = find_undisturbed(replace(time, wall_s=tuple(usual * cpu + late)))
         assert quiet_samples.tolist() == (late == 0).tolist()
-    assert not undisturbed(replace(time, wall_s=tuple(1.5 * cpu))).any()
+    assert not find_undisturbed(replace(time, wall_s=tuple(1.5 * cpu))).any()
 
 
 def test_few_drawings_of_two_modes_disturb_no_run():
@@ -79,14 +79,16 @@ def test_few_drawings_of_two_modes_disturb_no_run():
         simulate_run(rng, machine, (1.0,))[0] for machine in (machines.two_speeds, machines.quiet)
     )
     many = [another.with_id(triangulator=str(number)) for number in range(11)]
-    assert judge_records([one, *many[:8]]).state == DISTURBED
-    assert judge_records([one, *many]).state == QUIET
+    assert assess_records([one, *many[:8]]).state == DISTURBED
+    assert assess_records([one, *many]).state == QUIET
     samples = one.time.samples_s
     half = len(samples) // 2
     of_two = with_time(one, processes=(half, len(samples) - half))
-    low, high = re.search(r"\((\S+) and (\S+) ms\)", str(judge_records([of_two]).words)).groups()
+    low, high = re.search(
+        r"\((\S+) and (\S+) ms\)", str(assess_records([of_two]).warnings)
+    ).groups()
     modes = 1e-3 * float(low), 1e-3 * float(high)
-    assert modes == pytest.approx(two_modes(samples), rel=0.2)
+    assert modes == pytest.approx(find_two_modes(samples), rel=0.2)
 
 
 def with_time(record, **fields):
@@ -103,39 +105,39 @@ def test_two_modes_are_found_and_one_is_one():
         np.r_[np.ones(190), 5 * np.ones(10)],  # a few that are slow
         np.linspace(1.0, 1.3, 60),  # a drift
     ):
-        assert two_modes(samples) is None
-    modes = two_modes(np.r_[rng.normal(1, 0.02, 40), rng.normal(2, 0.04, 10)])
+        assert find_two_modes(samples) is None
+    modes = find_two_modes(np.r_[rng.normal(1, 0.02, 40), rng.normal(2, 0.04, 10)])
     assert modes == pytest.approx((1, 2), rel=0.02)
-    assert two_modes([1.0] * 9 + [2.0] * 3) == pytest.approx((1, 2))
-    assert two_modes([1.0] * 8 + [2.0] * 3) is None
+    assert find_two_modes([1.0] * 9 + [2.0] * 3) == pytest.approx((1, 2))
+    assert find_two_modes([1.0] * 8 + [2.0] * 3) is None
     for scatter, found in ((0.03, True), (0.09, False)):  # five of their widths have to fit between
         noise = np.exp(scatter * rng.standard_normal(400))
-        assert (two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
+        assert (find_two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
 
 
 def test_state_follows_one_rule():
     rng = np.random.default_rng(2)
-    assert judge_records(simulate_run(rng, machines.quiet, (1.0, 0.9))).state == QUIET
-    sliced_run = judge_records(simulate_run(rng, machines.time_slices, (1.0, 0.9)))
+    assert assess_records(simulate_run(rng, machines.quiet, (1.0, 0.9))).state == QUIET
+    sliced_run = assess_records(simulate_run(rng, machines.time_slices, (1.0, 0.9)))
     assert sliced_run.state == DISTURBED
-    assert "samples waited for a core" in sliced_run.words[0]
+    assert "samples waited for a core" in sliced_run.warnings[0]
     for others_s, state in ((0.05, QUIET), (0.5, DISTURBED)):
         drawings = simulate_run(rng, machines.time_slices, (1.0, 0.9))
         alone = [with_time(each, timing_s=1.0, others_s=others_s) for each in drawings]
-        assert judge_records(alone).state == state
-    two = judge_records(simulate_run(rng, machines.two_speeds, (1.0, 0.9)))
+        assert assess_records(alone).state == state
+    two = assess_records(simulate_run(rng, machines.two_speeds, (1.0, 0.9)))
     assert two.state == DISTURBED
-    assert "two modes" in two.words[0]
+    assert "two modes" in two.warnings[0]
     record = simulate_run(rng, machines.two_speeds, (1.0,))[0]
-    assert judge_records([with_time(record, timer="wall")]).state == UNTRUSTED
+    assert assess_records([with_time(record, timer="wall")]).state == UNTRUSTED
     for free, state in ((0, UNTRUSTED), (MIN_QUIET_ROUNDS, DISTURBED)):
         waited = (0.0,) * free + (1.0,) * (ROUNDS - free)
-        assert judge_records([with_time(record, waited_s=waited)]).state == state
+        assert assess_records([with_time(record, waited_s=waited)]).state == state
     draw = {"rasteriser": "opengl", "device": "llvmpipe", "resolution": 64, "reference_s": 1e-3}
-    assert judge_records([], [{**draw, "slower": 1.2}]).state == QUIET
-    assert judge_records([], [{**draw, "slower": 1.6}]).state == DISTURBED
+    assert assess_records([], [{**draw, "slower": 1.2}]).state == QUIET
+    assert assess_records([], [{**draw, "slower": 1.6}]).state == DISTURBED
     stolen = with_time(simulate_run(rng, machines.quiet, (1.0,))[0], stolen_s=1.0, timing_s=10.0)
-    assert judge_records([stolen]).state == DISTURBED
+    assert assess_records([stolen]).state == DISTURBED
 
 
 @pytest.mark.parametrize("levels", [(1.0, 1.5), (1.0, 1.5, 1.5, 1.0)])
@@ -145,15 +147,17 @@ def test_processes_that_differ_are_no_two_modes(levels):
     record = simulate_run(rng, machines.quiet, (1.0,))[0]
     samples = tuple(np.array(record.time.samples_s) * np.repeat(levels, each))
     record = with_time(record, samples_s=samples)
-    assert judge_records([record]).state == DISTURBED
-    assert judge_records([with_time(record, processes=(each,) * len(levels))]).state == QUIET
+    assert assess_records([record]).state == DISTURBED
+    assert assess_records([with_time(record, processes=(each,) * len(levels))]).state == QUIET
 
 
 def test_stored_state_is_used():
     stored = make_run([], state={"state": DISTURBED, "why": ["a neighbour"], "draws": []})
-    assert state_of(stored).words[0].startswith("the run's times are disturbed: a neighbour")
+    assert (
+        get_run_state(stored).warnings[0].startswith("the run's times are disturbed: a neighbour")
+    )
     for damaged in ({}, {"state": "x"}, {"state": {"state": 3}}, {"state": []}):
-        assert state_of(make_run([], **damaged)).state == QUIET
+        assert get_run_state(make_run([], **damaged)).state == QUIET
 
 
 def test_counters_decide_in_a_disturbed_run():
@@ -176,15 +180,17 @@ def test_counters_decide_in_a_disturbed_run():
 def test_runs_in_different_states_are_not_compared():
     rng = np.random.default_rng(6)
     base, head = (simulate_run(rng, machines.quiet, (1.0,))[0].time for _ in range(2))
-    assert explain_apart(base, head, machines_differ=False) == ""
+    assert explain_incomparable(base, head, machines_differ=False) == ""
     slower = replace(head, reference_s=(1.4,) * ROUNDS)
-    assert "two states" in explain_apart(base, slower, machines_differ=False)
-    assert "--beside" in explain_apart(slower, base, machines_differ=False)
-    assert explain_apart(base, slower, machines_differ=True) == ""
-    first, last = (replace(head, reference_s=(each,) * ROUNDS) for each in (1.0, SLOWER))
-    assert explain_apart(first, last, machines_differ=False) == ""
+    assert "two states" in explain_incomparable(base, slower, machines_differ=False)
+    assert "--beside" in explain_incomparable(slower, base, machines_differ=False)
+    assert explain_incomparable(base, slower, machines_differ=True) == ""
+    first, last = (
+        replace(head, reference_s=(each,) * ROUNDS) for each in (1.0, MAX_REFERENCE_RATIO)
+    )
+    assert explain_incomparable(first, last, machines_differ=False) == ""
     waiting = replace(head, waited_s=(1.0,) * ROUNDS)
-    assert explain_apart(base, waiting, machines_differ=True).startswith(
+    assert explain_incomparable(base, waiting, machines_differ=True).startswith(
         "HEAD was disturbed (72 of 72 samples waited"
     )
 

@@ -189,7 +189,7 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
 
 @pytest.mark.parametrize("call", [RunFolder.resume, read_run])
 def test_a_folder_without_a_run_is_refused(tmp_path, call):
-    with pytest.raises(InputError, match="holds no run"):
+    with pytest.raises(InputError, match="has no run"):
         call(tmp_path)
 
 

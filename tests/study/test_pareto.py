@@ -11,7 +11,7 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.results.run_folder import read_run
-from harness.stats.intervals import of_any_run, paired_ratio
+from harness.stats.intervals import add_run_scatter, paired_ratio
 from harness.study.pareto import (
     MAX_POINTS,
     SWEEP,
@@ -118,7 +118,7 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     end = records[CITY, SWEEP[0], "reference"]
     times, others = record["time"], end["time"]
     own = paired_ratio(times["samples_s"], others["samples_s"], times["epochs"])
-    ratio = of_any_run(own)
+    ratio = add_run_scatter(own)
     found = tuple(row[["time_ratio", "ci_low", "ci_high"]])
     assert found == pytest.approx((ratio.value, ratio.low, ratio.high))
     # The scripted rasteriser takes as long for as many triangles.

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from harness.stats.intervals import FEWEST, mean_interval
+from harness.stats.intervals import MIN_VALUES, mean_interval
 from harness.study import regret
 from harness.study.correlations import get_label
 from harness.study.regret import (
@@ -165,7 +165,7 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ([0.0] * FEWEST, "0.00% (all equal)"),
+        ([0.0] * MIN_VALUES, "0.00% (all equal)"),
         ([0.1] * 12, "10.00% (all equal)"),
         ([0.1, 0.2, 0.3], "20.00% (too few polygons)"),
         ([0.0] * 11 + [1.2], "10.00% (one polygon dominates)"),

@@ -190,7 +190,7 @@ def test_parts_run_although_one_fails(harness, tmp_path):
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
 def test_disturbed_times_have_no_gains(harness, monkeypatch):
     disturbed = RunState(DISTURBED, ("9 of 10 samples waited for a core",))
-    monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
+    monkeypatch.setattr("harness.measuring.run.assess_records", lambda *_: disturbed)
     arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
     code, out, err = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
     assert code == 5

@@ -83,7 +83,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert code == 130
     assert "continue with the same command and --resume stopped" in out
     disturbed = RunState(DISTURBED, ("a loop ran beside it",))
-    monkeypatch.setattr("harness.measuring.run.judge_records", lambda *_: disturbed)
+    monkeypatch.setattr("harness.measuring.run.assess_records", lambda *_: disturbed)
     out, _ = require_ok(harness(*arguments, "--resume", "stopped"))
     assert ("predicts the helper lanes of reference on cpu best (rank" in out) == (
         command == "validate"
