@@ -311,7 +311,9 @@ def time_ratio(row: pd.Series[Any]) -> Interval:
 
     The files behind findings.md were written before an interval included that.
     """
-    ratio = add_run_scatter(Ratio(row["time_ratio"], row["time_ratio_low"], row["time_ratio_high"], 0))
+    ratio = add_run_scatter(
+        Ratio(row["time_ratio"], row["time_ratio_low"], row["time_ratio_high"], 0)
+    )
     return Interval(ratio.value, ratio.low, ratio.high)
 
 

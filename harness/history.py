@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from harness.compare.times import low_quantile
 from harness.errors import InputError, UsageError, unknown
-from harness.machine.git import commit_of
+from harness.machine.git import get_commit
 from harness.metrics.processors import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
 from harness.results.record import CaseGroup, CaseId, Record
@@ -135,11 +135,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     series = []
     for metric in metrics:
         if metric == TIME:
-            states = [get_run_state(run) for run in runs]
-            quiet = [
-                r if s.is_quiet else replace(r, records=[])
-                for r, s in zip(runs, states, strict=True)
-            ]
+            quiet = [r if get_run_state(r).is_quiet else replace(r, records=[]) for r in runs]
             # The processor of a software device is part of the content.
             series += _build_time_series(_group_by_case(mark_processors(quiet, _add_processor)))
         else:
@@ -367,6 +363,6 @@ def _mark_content_changes(panel: Axes, entry: Series) -> None:
 
 def run_label(run: Run) -> str:
     """Return a run's commit if known, otherwise its folder's name, and its date."""
-    name = commit_of(run.facts)[:8] or run.path.name
+    name = get_commit(run.facts)[:8] or run.path.name
     day = str(run.facts.get("created") or "")[:10]
     return f"{name}\n{day}" if day else name

@@ -147,9 +147,9 @@ def _count(
     warn_of_skipped(summary, dataset.out, reporter)
     counted = summary.polygons
     if not counted:
-        asked = census.chosen.layers or () if isinstance(census, TileCensus) else ()
-        if missing := [name for name in asked if totals.known and name not in totals.known]:
-            hint = format_suggestion(missing[0], sorted(totals.known), "it has")
+        asked = census.selection.layers or () if isinstance(census, TileCensus) else ()
+        if missing := [name for name in asked if totals.layers and name not in totals.layers]:
+            hint = format_suggestion(missing[0], sorted(totals.layers), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
         if not any(kind == "failed" or reason == THIN for kind, reason in summary.counts):
             condition = getattr(census, "where", None)

@@ -38,5 +38,5 @@ def merge(
             raise UsageError(
                 f"--hosts: {len(hosts)} hosts for {len(stored)} runs; name one host for each run"
             )
-        stored = [merging.on_host(run, name) for run, name in zip(stored, hosts, strict=True)]
+        stored = [merging.set_host(run, name) for run, name in zip(stored, hosts, strict=True)]
     make_run(out, lambda folder: merging.merge(stored, folder), quiet=quiet)

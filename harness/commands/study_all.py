@@ -98,7 +98,7 @@ def study_all(
             figure for _, figure in replication.evaluate_claims(evidence) if figure is not None
         ]
         judged += len(figures)
-        decided = [figure for figure in figures if not figure.few]
+        decided = [figure for figure in figures if not figure.too_few]
         holds = sum(figure.holds for figure in decided)
         console.print(f"{name}: {holds} of {len(decided)} findings hold", markup=False)
     console.print(f"to read: {file}", markup=False, soft_wrap=True)
@@ -127,7 +127,7 @@ def _parts(
     scene: str, folder: Path, settings: _Settings
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield (folder name, measuring function) of each part of the study of a scene."""
-    from harness.study.replication import CHOICE, DELAUNAY, ONCE, TURNED, USUAL
+    from harness.study.replication import CHOICE, DELAUNAY, ROTATED_TRIANGULATORS, TURNED, USUAL
 
     bases = [USUAL, DELAUNAY]
     largest = replace(settings, resolution=(max(settings.resolution),))
@@ -136,7 +136,9 @@ def _parts(
     yield "choice", partial(_measure_gains, scene, folder / "choice", settings, CHOICE, bases)
     measure_walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
     yield "walked", partial(measure_walked, order="walk")
-    measure_turned = partial(_measure_gains, scene, folder / "turned", largest, ONCE, turned_bases)
+    measure_turned = partial(
+        _measure_gains, scene, folder / "turned", largest, ROTATED_TRIANGULATORS, turned_bases
+    )
     yield "turned", partial(measure_turned, turned=True)
 
 

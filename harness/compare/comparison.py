@@ -30,7 +30,7 @@ from harness.compare.model import (
     check_thresholds,
 )
 from harness.errors import InputError
-from harness.machine.git import commit_of
+from harness.machine.git import get_commit
 from harness.metrics.processors import find_mixed_processors, format_processors
 from harness.metrics.registry import (
     METRICS,
@@ -197,9 +197,9 @@ def _read_origin(run: Run) -> RunOrigin:
     return RunOrigin(
         path=str(run.path),
         created=str(run.facts.get("created") or ""),
-        commit=commit_of(run.facts),
+        commit=get_commit(run.facts),
         harness=str(environment.get("harness") or ""),
-        harness_commit=commit_of(run.facts, "git"),
+        harness_commit=get_commit(run.facts, "git"),
         machine=format_machine(run.facts),
         cases=len(run.records),
     )

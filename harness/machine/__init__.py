@@ -1,1 +1,1 @@
-"""The machine: what it is, what software runs on it, what its operating system does its own way."""
+"""Facts about the machine and the software, and differences between operating systems."""

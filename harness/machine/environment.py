@@ -53,9 +53,9 @@ MAX_LOAD_PER_CORE = 0.5
 
 
 def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
-    """Return facts about this machine, JSON-ready; unknown ones are None.
+    """Return facts about this machine, JSON-ready; unknown facts are None.
 
-    triangulators : as named; the folders of their modules show whose repository is measured
+    triangulators : names, whose modules' folders identify the measured repository
     """
     memory = psutil.virtual_memory()
     return {
@@ -160,9 +160,9 @@ VECTORS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd
 
 @cache
 def processor() -> dict[str, Any]:
-    """Return facts about this machine's processor, JSON-ready; unknown ones are None.
+    """Return facts about this machine's processor, JSON-ready; unknown facts are None.
 
-    vendor, name, family, model, stepping : as the system reports them
+    vendor, name, family, model, stepping : as reported by the system
     caches : bytes by level and type, e.g. "L2"; vector_bits : width of the widest vectors
     label : short description, e.g. AMD EPYC 25/17, 512-bit
     """

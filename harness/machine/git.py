@@ -29,9 +29,10 @@ KEPT_VARIABLES = (
     "GIT_DISCOVERY_ACROSS_FILESYSTEM",
     "GIT_EXEC_PATH",
 )
-"""Variables of git that are passed on: where it is installed, and the user's settings.
+"""Variables passed on to git: location of the installation, and the user's settings.
 
-All others are removed: a hook inherits the GIT_DIR and GIT_INDEX_FILE of the commit in progress."""
+All other variables are removed: a hook inherits GIT_DIR and GIT_INDEX_FILE of a commit in progress.
+"""
 
 NO_PROGRAMS = (
     *("-c", f"core.hooksPath={os.devnull}"),
@@ -97,7 +98,7 @@ def run_git(folder: Path, *arguments: str) -> str:
 
 
 def _ask_git(folder: Path, *arguments: str) -> str | None:
-    """Return what `run_git` returns, or None if it fails."""
+    """Return what `run_git` returns, or None on failure."""
     try:
         return run_git(folder, *arguments)
     except (OSError, subprocess.SubprocessError):
@@ -140,7 +141,9 @@ def checked_out(top: Path, commit: str) -> Iterator[Path]:
             reason = error.stderr.decode(errors="replace").strip().splitlines()
             raise UsageError(f"--beside {commit}: {reason[-1] if reason else error}") from error
         except (OSError, subprocess.SubprocessError) as error:
-            raise UsageError(f"--beside {commit}: git cannot check it out: {error}") from error
+            raise UsageError(
+                f"--beside {commit}: checkout failed ({error}); give a commit of this repository"
+            ) from error
         yield folder
     finally:
         # Not `git worktree prune`: it removes work trees that are only out of reach for now.
@@ -177,20 +180,20 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
     return {"name": _printable(Path.cwd().name), "commit": commit, "dirty": False}
 
 
-def commit_of(facts: Mapping[str, Any], of: str = "project") -> str:
+def get_commit(facts: Mapping[str, Any], repository: str = "project") -> str:
     """Return `0123456789ab`, or `0123456789ab with local changes`; "" if a run has no commit.
 
-    of : "project" is the user's repository, or the harness's in a run that has no other; "git"
-        is the harness's
+    repository : "project", the user's, or the harness's if the run has no other; "git", the
+        harness's
     """
     environment = facts.get("environment") or {}
-    state = environment.get(of) or environment.get("git") or {}
+    state = environment.get(repository) or environment.get("git") or {}
     commit = str(state.get("commit") or "")[:12]
     return f"{commit} with local changes" if commit and state.get("dirty") else commit
 
 
 def _printable(name: str) -> str:
-    """Return a file's name as text that JSON can hold, whatever its bytes are."""
+    """Return a file's name as valid Unicode for JSON."""
     return os.fsencode(name).decode(errors="replace")
 
 

@@ -174,10 +174,10 @@ def stolen_s() -> float:
 
 def other_processes_s() -> float:
     """Return the CPU time of all other processes since the system started, in seconds."""
-    total, own = psutil.cpu_times(), psutil.Process().cpu_times()
+    total, process = psutil.cpu_times(), psutil.Process().cpu_times()
     states = ("user", "nice", "system", "irq", "softirq")
     busy_s = sum(float(getattr(total, state, 0.0)) for state in states)
-    return busy_s - float(own.user + own.system)
+    return busy_s - float(process.user + process.system)
 
 
 def start_process_group() -> None:
@@ -228,12 +228,12 @@ def kill_orphans(parent: int) -> None:
     """Kill the orphans of `parent`: children in other sessions, and their descendants."""
     gone = (psutil.NoSuchProcess, ProcessLookupError)
     with contextlib.suppress(*gone):
-        own = os.getsid(parent)
+        session = os.getsid(parent)
         for child in psutil.Process(parent).children():
             with contextlib.suppress(*gone):
-                if os.getsid(child.pid) != own:
-                    for each in [*child.children(recursive=True), child]:
-                        each.kill()
+                if os.getsid(child.pid) != session:
+                    for process in [*child.children(recursive=True), child]:
+                        process.kill()
 
 
 def umask() -> int:
@@ -246,7 +246,7 @@ def umask() -> int:
 def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file; closing the file releases the lock.
 
-    wait : wait for another process to release it; otherwise return False at once
+    wait : wait until the lock is released; otherwise return False if it is held
     required : return False, not True, if the file system does not support locks
     """
     try:
@@ -254,18 +254,18 @@ def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     except ImportError:  # on Windows a locked range cannot be read, so lock one beyond the end
         import msvcrt
 
-        place = os.lseek(descriptor, 0, os.SEEK_CUR)
+        position = os.lseek(descriptor, 0, os.SEEK_CUR)
         os.lseek(descriptor, 2**40, os.SEEK_SET)
         try:
             # Windows waits for ten seconds at most.
-            how = msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK  # type: ignore[attr-defined]
-            msvcrt.locking(descriptor, how, 1)  # type: ignore[attr-defined]
+            mode = msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK  # type: ignore[attr-defined]
+            msvcrt.locking(descriptor, mode, 1)  # type: ignore[attr-defined]
         except OSError:
             if wait:
                 raise
             return False
         finally:
-            os.lseek(descriptor, place, os.SEEK_SET)
+            os.lseek(descriptor, position, os.SEEK_SET)
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

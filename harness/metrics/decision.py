@@ -1,7 +1,7 @@
 """Decide which triangulator to take in a group: ranking, verdicts, reason, and one sentence.
 
-The terminal's table, summary.csv, the report and the recommendation are all made from one
-`Decision`, so that they cannot contradict each other.
+The terminal's table, summary.csv, the report and the recommendation all use the same `Decision`,
+so that none contradicts another.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ TIME = "draw_ms"
 COVERED = "fragments"
 
 MIN_PIXELS = 64
-"""With fewer covered pixels, all polygons together, counters say nothing about larger drawings."""
+"""Minimum number of covered pixels for a recommendation: small counters do not scale."""
 
 MIN_SAVED_SHARE = 0.01
 """Smallest saved share of a cost that is a reason to change the triangulator, in `run` and
@@ -37,7 +37,7 @@ class Standing:
     """A record in a ranking.
 
     cost : sort key: time relative to the base's, or main counter relative to the base's
-    complete : whether it drew all polygons
+    complete : True if all polygons were drawn
     ratio : paired ratio of times to the base's, or None if undefined
     break_even : break-even against the base, or None if undefined
     """
@@ -55,7 +55,7 @@ class Standing:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Verdict of the ratio, or None if there is no ratio."""
+        """Verdict of the ratio, or None without a ratio."""
         return self.ratio.verdict if self.ratio else None
 
 
@@ -63,22 +63,22 @@ class Standing:
 class Decision:
     """Which triangulator to take, and why.
 
-    standings : measured records: the complete ones first, the cheapest on top; unless the group's
-        state is quiet, in the order of the main counter
-    base : the standing that the others are compared with
+    standings : measured records: complete records first, then by cost; unless the group's state is
+        quiet, by the main counter
+    base : the base of the ratios
     reason : "faster": the choice is significantly faster than the base; "others slower": all others
         are significantly slower than the base; "counter": times do not decide, and the choice has
         the minimum of an exact counter among triangulators that are not slower, and saves
         `MIN_SAVED_SHARE`; "undecided": no difference that counts; "few pixels": fewer than
         `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
         skipped polygons. The last three give no recommendation
-    choice : the recommended triangulator: the base if nothing speaks for another
+    choice : the recommended triangulator; the base unless another is better
     not_slower : if the reason is "faster": other triangulators that are not significantly slower
         than the choice
-    measure : the main counter, or None if nothing was counted
+    measure : the main counter, or None without counters
     timed : whether times of two or more are compared
     saving : if the reason is "faster": the choice's ratio to the base, with a simultaneous interval
-        over all candidates, because the best of several noisy ratios looks better than it is
+        over all candidates, because the minimum of several noisy ratios is biased
     """
 
     group: RecordGroup
@@ -123,11 +123,11 @@ def decide(group: RecordGroup) -> Decision | None:
 
 
 Decided = tuple[RecordGroup, Decision | None]
-"""A group and its decision, or None if nothing was measured."""
+"""A group with the decision, or None if no record was measured."""
 
 
 def decide_all(run: Run) -> list[Decided]:
-    """Return the groups of a run with their decisions."""
+    """Return the groups of a run with decisions."""
     return [(group, decide(group)) for group in group_run(run)]
 
 
@@ -176,7 +176,7 @@ def _choose(
         for rival in candidates
         if (count := rival.record.counters.get(measure or "")) is not None
     ]
-    # The base first: if no count is lower, nothing speaks for a change.
+    # The base first: it is the choice if no count is lower.
     counts.sort(key=lambda pair: (pair[0], pair[1] is not base))
     if counts:
         choice = counts[0][1]
@@ -189,7 +189,7 @@ def _choose(
 def _saved_share(record: Record, base: Record, measure: str | None) -> float:
     """Return the saved share of the base's quads (four shaded lanes each), or main counter."""
     names = ["quads", *([measure] if measure else [])]
-    count, base_count = (first_value(each, names) or 0.0 for each in (record, base))
+    count, base_count = (first_value(r, names) or 0.0 for r in (record, base))
     return 1.0 - count / base_count if base_count else 0.0
 
 
@@ -198,14 +198,14 @@ def format_advice(decision: Decision | None) -> str:
     if decision is None:
         return "No recommendation: no case was measured (all were skipped or failed)."
     group = decision.group.id
-    where = f"{group.scene} on {group.device_name} ({group.rasteriser}, {group.condition})"
+    condition = f"{group.scene} on {group.device_name} ({group.rasteriser}, {group.condition})"
     if decision.reason in ("single", "incomplete", "few pixels"):
-        return f"No recommendation for {where}: {_format_obstacle(decision)}."
-    return f"Recommendation for {where}: {_format_choice(decision)}."
+        return f"No recommendation for {condition}: {_format_obstacle(decision)}."
+    return f"Recommendation for {condition}: {_format_choice(decision)}."
 
 
 def _format_obstacle(decision: Decision) -> str:
-    """Say why the records give no recommendation."""
+    """Return why the records give no recommendation."""
     record = decision.choice.record
     if decision.reason == "single":
         return f"{record.name} has no other triangulator to compare with"
@@ -242,7 +242,7 @@ def _format_choice(decision: Decision) -> str:
 
 
 def _explain_times(decision: Decision) -> str:
-    """Say why times did not decide."""
+    """Return why times did not decide."""
     state = decision.group.state
     if state != QUIET:
         return f"times are {state} and not used (measure again on an idle machine)"

@@ -1,4 +1,4 @@
-"""Groups of records that may be compared with each other, and ratios of their times."""
+"""Groups of comparable records, and ratios of times."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ class RecordGroup:
     """Records that differ in the triangulator alone.
 
     base_name : the base that the user chose, "" if none
-    state : of the machine during the run; unless it was quiet, times are not used
+    state : state of the machine during the run; unless quiet, times are not used
     """
 
     id: CaseGroup
@@ -38,9 +38,10 @@ class RecordGroup:
 
     @cached_property
     def base(self) -> Record | None:
-        """The record that the others are compared with, or None if none was measured.
+        """The base of the ratios, or None if no record was measured.
 
-        It is the chosen base, else ear clipping, else the first with the most polygons.
+        The base is the user's choice, otherwise ear clipping, otherwise the first record with the
+        maximum number of polygons.
         """
         by_name = {record.name: record for record in self.measured}
         for name in (self.base_name, DEFAULT_BASE):
@@ -56,7 +57,7 @@ class RecordGroup:
 def group_records(
     records: Iterable[Record], base_name: str = "", state: State = QUIET
 ) -> list[RecordGroup]:
-    """Split records into groups, in order; records of a group keep their order."""
+    """Split records into groups, in order; the order within a group is kept."""
     ordered = sorted(records, key=lambda record: record.id.group)
     return [
         RecordGroup(group, tuple(members), base_name, state)
@@ -75,7 +76,7 @@ def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
     first: dict[tuple[float, ...], Record] = {}
     for record in records:
         predicted = record.predicted
-        if all(name in predicted for name in IDENTIFYING):  # a damaged record may lack one
+        if all(name in predicted for name in IDENTIFYING):  # a damaged record may lack a criterion
             first.setdefault(tuple(round(predicted[name], 6) for name in IDENTIFYING), record)
     return list(first.values())
 
@@ -97,12 +98,12 @@ def set_base(run: Run, name: str) -> Run:
 def compute_time_ratio(
     record: Record, base: Record | None, candidates: int = 1, *, quiet: bool = True
 ) -> Ratio | None:
-    """Return the paired ratio of two records' times, or None if they are not comparable.
+    """Return the paired ratio of two records' times, or None for incomparable records.
 
     The interval includes the scatter between runs (`add_run_scatter`).
 
-    candidates : number of ratios from which this one may be chosen by its value; if there are
-        several, a ratio that is significantly below 1 gets a simultaneous one (`joint`)
+    candidates : number of ratios from which this ratio may be selected by value; with several, a
+        ratio significantly below 1 also has a simultaneous interval (`joint`)
     quiet : False if the run was disturbed, so that the ratio is not used
     """
     if base is None or record.polygons != base.polygons:

@@ -16,7 +16,7 @@ Columns = dict[str, Column]
 
 
 def read_columns(run: Run, record: Record) -> Columns | None:
-    """Return a case's columns, each (p,), or None if they are not stored."""
+    """Return a case's columns, each (p,), or None if not stored."""
     arrays = read_arrays(run, record.key)
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
@@ -34,7 +34,7 @@ def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
 
 TIE_TOLERANCE = 1e-9
 """Relative difference up to which neighbouring values share a rank. The sums of two equal
-triangulations differ by about 1e-15, because their triangles are added in different orders."""
+triangulations differ by about 1e-15, because triangles are added in different orders."""
 
 
 def compute_ranks(values: Column) -> Column:
@@ -85,16 +85,18 @@ def pair_ratios(
 ) -> tuple[Column, Column]:
     """Return the ratios of predictions and of counters, one per polygon and triangulator.
 
-    columns : triangulator -> its columns; the others are divided by those of `base`. The result is
+    columns : triangulator -> columns, which are divided by the columns of `base`; the result is
         empty if a triangulator lacks the criterion, or the base the measure
     """
     name, base_columns = PREDICTED + criterion, columns[base]
     complete = measure in base_columns and all(name in column for column in columns.values())
-    others = [column for other, column in columns.items() if other != base and complete]
-    if not others:
+    compared = [
+        column for triangulator, column in columns.items() if triangulator != base and complete
+    ]
+    if not compared:
         return np.empty(0), np.empty(0)
     x, y = (
-        np.concatenate([compute_ratios(column, base_columns, field) for column in others])
+        np.concatenate([compute_ratios(column, base_columns, field) for column in compared])
         for field in (name, measure)
     )
     return x, y

@@ -39,9 +39,9 @@ class ViewStatistics:
 
 
 def compare_views(record: Record, base: Record | None, measure: str = "") -> ViewStatistics | None:
-    """Return a counter over the record's views, or None without views or with other polygons.
+    """Return a counter over the record's views, or None without views or if the polygons differ.
 
-    measure : a counter, by default the main one
+    measure : a counter, by default the main counter
     """
     if base is None or record.polygons != base.polygons:
         return None

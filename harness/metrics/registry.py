@@ -34,22 +34,22 @@ OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
 LEAST = "least"
-"""Column of each polygon's minimum number of quads; their sums are `Record.least`."""
+"""Column of each polygon's minimum number of quads, whose sums are in `Record.least`."""
 
 
 @dataclass(frozen=True)
 class Metric:
     """A metric of a record.
 
-    name : its key and its column in files
+    name : key, and column in files
     label, symbol, unit : for tables and plots; a ratio's unit is "x"
-    function : record -> value, or None if the record lacks it
+    function : record -> value, or None if the record has none
     kind : "counter", "ratio" of exact metrics, "prediction", "time", or another "count"
     better : "lower" or "higher" is better, or "none"
-    best_case : bound that no triangulation can beat, or None if it depends on the scene
-    heading : its heading in the terminal's table, which omits the metric if it is ""
+    best_case : bound for all triangulations, or None if the bound depends on the scene
+    heading : heading in the terminal's table, or "" for a metric that is not in the table
     form : format string for the table
-    gated : whether `compare` gates it; a driver's statistics are not exact
+    gated : True if `compare` gates the metric; a driver's statistics are not exact
     """
 
     name: str
@@ -76,12 +76,12 @@ class Metric:
 
     @property
     def exact(self) -> bool:
-        """Whether it is the same in every run, unlike times."""
+        """Whether the value is the same in every run, unlike times."""
         return self.kind != "time"
 
     @property
     def is_shared(self) -> bool:
-        """Whether all triangulations of a polygon have the same, so that a change is a defect."""
+        """Whether all triangulations of a polygon have the same value: a change is a defect."""
         return self.gated and self.kind == "counter" and self.better == "none"
 
     @property
@@ -118,9 +118,9 @@ def _divide(value: float | None, base: float | None, factor: float = 1) -> float
 
 
 def compute_lower_bound(record: Record) -> Record | None:
-    """Return a record with the counters of the polygons' outlines, each drawn in one piece.
+    """Return a record with a lower bound for every triangulation, or None if unknown.
 
-    They are a lower bound for every triangulation; None if they are unknown.
+    The counters are those of the polygons drawn in one piece each.
     """
     fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:
@@ -131,12 +131,12 @@ def compute_lower_bound(record: Record) -> Record | None:
 
 
 METRICS: dict[str, Metric] = {}
-"""Metrics derived from records, for plots, comparisons, reports and, if they have a `heading`, the
+"""Metrics derived from records, for plots, comparisons, reports and, given a `heading`, the
 terminal's table."""
 
 
 def _metric(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[Read], Read]:
-    """Register a function in `METRICS` by its name; its docstring becomes the description."""
+    """Register a function in `METRICS` by name, with the docstring as description."""
 
     def register(function: Read) -> Read:
         name, text = function.__name__, " ".join((function.__doc__ or "").split())

@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.machine.git import commit_of
+from harness.machine.git import get_commit
 from harness.metrics.decision import Decided, Decision, Standing, decide_all, format_advice
 from harness.metrics.groups import RecordGroup
 from harness.metrics.per_polygon import (
@@ -411,8 +411,8 @@ def list_key_facts(run: Run) -> list[tuple[str, str]]:
     if scene:
         size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
         rows.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
-    rows.append(("commit", commit_of(run.facts)))
-    harness = f"{machine.get('harness', '')} {commit_of(run.facts, 'git')}"
+    rows.append(("commit", get_commit(run.facts)))
+    harness = f"{machine.get('harness', '')} {get_commit(run.facts, 'git')}"
     rows.append(("harness", harness.strip()))
     rows.append(("command", " ".join(map(str, machine.get("command") or []))))
     return [(name, str(value)) for name, value in rows if value]

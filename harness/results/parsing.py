@@ -1,6 +1,6 @@
 """Records and `run.json` as JSON: parsing, validation and writing.
 
-An invalid record, or an invalid part of `run.json`, is skipped; the others are used.
+An invalid record, or an invalid part of `run.json`, is skipped; valid parts are used.
 """
 
 import hashlib

@@ -16,10 +16,10 @@ from harness.frame import View
 from harness.rasterisers.base import Options
 
 Status = Literal["ok", "skipped", "failed", "counted"]
-"""Status of a case; "counted": it is still to be timed."""
+"""Status of a case; "counted": not yet timed."""
 
 Version = Literal["", "base"]
-"""Version of the code that triangulated: the current one, or that of `run --beside`."""
+"""Version of the code that triangulated: the current version, or the other of `run --beside`."""
 
 NUMBER_MARK, UPRIGHT_MARK, HOST_MARK, BASE_MARK = "#", "@0", "@", "BASE "
 _NAME = re.compile(r"(?P<base>.*?)(?:#(?P<number>\d+))?(?P<upright>@0)?", re.DOTALL)
@@ -58,7 +58,7 @@ def split_name(name: str) -> tuple[str, int | None, bool]:
 
 @dataclass(frozen=True, order=True)
 class CaseGroup:
-    """Cases that differ in the triangulator alone, so that they can be compared.
+    """Comparable cases, which differ in the triangulator alone.
 
     host : machine of the device, "" unless runs of several hosts were merged
     """
@@ -157,7 +157,7 @@ class CaseId:
 
 @dataclass(frozen=True)
 class Time:
-    """Times of one draw in s; sample r of each tuple comes from round r.
+    """Times of one draw in s; sample r of each tuple is from round r.
 
     timer : "gpu", "cpu" or "wall"
     median_s, ci95_s : of the undisturbed samples, with the ends of the 95 % interval
@@ -168,7 +168,7 @@ class Time:
     disturbed : samples that waited for a core too long
     stolen_s, others_s, timing_s : of all rounds: time taken by the host, CPU time of other
         processes, duration
-    round_group : identifies the rounds; cases with equal ones can be paired
+    round_group : identifier of the rounds; cases with equal identifiers can be paired
     """
 
     timer: str = ""
@@ -201,7 +201,7 @@ class Time:
 class LeastQuads:
     """Sums over the polygons whose minimum quad count is known.
 
-    polygons : their number; quads : their minimum
+    polygons : number of polygons; quads : minimum
     shaded, fragments : quads and pixels of the record's triangles
     """
 
@@ -254,7 +254,7 @@ class Record:
     key: str = ""
 
     def __post_init__(self) -> None:
-        """Use the identity's key unless the file has a different one."""
+        """Use the identity's key unless the file has a different key."""
         if not self.key:
             object.__setattr__(self, "key", self.id.key)
 
@@ -274,7 +274,7 @@ class Record:
         return self.polygons + self.polygons_skipped + self.polygons_failed
 
     def with_id(self, **changes: Any) -> "Record":
-        """Return the record with a changed identity; its `key` still names its arrays."""
+        """Return the record with a changed identity; `key` still names the arrays."""
         return replace(self, id=replace(self.id, **changes))
 
 

@@ -63,8 +63,8 @@ UNREADABLE = (
 class Run:
     """A stored run.
 
-    path : its folder, or its `cases.jsonl` if only that file was named
-    facts : the content of `run.json`, {} if it is missing
+    path : folder, or `cases.jsonl` if only that file was given
+    facts : the content of `run.json`, or {} if missing
     records : in the order written
     problems : a line for each unreadable part
     modified : names of array files whose checksum differs
@@ -104,7 +104,7 @@ class _RecordFile:
         Raises
         ------
         StorageError
-            if another process has locked it
+            if another process has locked the file
         """
         folder, name = self.path.parent, self.path.name
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
@@ -169,7 +169,7 @@ class RunFolder:
         Raises
         ------
         UsageError
-            if it cannot be written or already holds a run
+            if the folder cannot be written or already has a run
         """
         writer = cls(path, remedy)
         with translate_errors(path, remedy):
@@ -177,7 +177,9 @@ class RunFolder:
             # A process that was killed immediately leaves an empty file.
             cases = writer._cases.path
             if (cases.exists() and cases.stat().st_size) or (path / FACTS).exists():
-                raise UsageError(f"{path} already holds a run; choose another --out or --resume it")
+                raise UsageError(
+                    f"{path} already has a run; choose another --out, or --resume {path}"
+                )
             writer._cases.open()
         return writer
 
@@ -188,7 +190,7 @@ class RunFolder:
         Raises
         ------
         InputError
-            if there is no run, or it cannot be written
+            if the folder has no run or cannot be written
         """
         if not (path / FACTS).is_file():
             raise InputError(f"{path} has no run to resume ({FACTS} is missing)")
@@ -264,7 +266,7 @@ def read_run(path: Path) -> Run:
     Raises
     ------
     InputError
-        if there is no run, or its schema is newer
+        if the path has no run, or the schema is newer
     """
     cases = path / CASES if path.is_dir() else path
     if not cases.exists() and not cases.with_name(FACTS).exists():

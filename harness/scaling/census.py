@@ -88,26 +88,26 @@ class Census(Counting):
 
 @dataclass(frozen=True)
 class TileCensus(Counting):
-    """A census of map tiles; chosen : zooms, layers and a tile's side in pixels."""
+    """A census of map tiles; selection : zooms, layers and a tile's side in pixels."""
 
     unit: ClassVar[str] = "tiles"
     noun: ClassVar[str] = "polygons"
 
-    chosen: TileSelection
+    selection: TileSelection
 
     def cut(self, path: str) -> Slices:
         """Cut an archive by its tiles."""
-        return cut_tiles(path, self.chosen.zooms)
+        return cut_tiles(path, self.selection.zooms)
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the tiles."""
         counter = _Counter(self.triangulators, threads)
         assert part.rows is not None
         extents: set[int] = set()
-        for tile in read_tiles(part.path, part.rows, self.chosen):
-            extents.update(layer.extent for layer in counter.add_tile(tile, self.chosen.pixels))
-        counter.count_waiting(self.chosen.pixels)
-        counter.notes += note_rounding(extents, self.chosen.pixels)
+        for tile in read_tiles(part.path, part.rows, self.selection):
+            extents.update(layer.extent for layer in counter.add_tile(tile, self.selection.pixels))
+        counter.count_waiting(self.selection.pixels)
+        counter.notes += note_rounding(extents, self.selection.pixels)
         return counter.save(part, path)
 
 
@@ -152,7 +152,7 @@ class _Counter:
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
         """Add the polygons of a tile; count once enough wait; return layers with polygons."""
-        self.counted.known.update(tile.content.layer_names)
+        self.counted.layers.update(tile.content.layer_names)
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
             self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.repeats
@@ -166,7 +166,7 @@ class _Counter:
                 self.noted.note(kind, labelled, tile.repeats)
             numbers = {name: tile.repeats * count for name, count in numbers.items()}
             group = (tile.zoom, layer.name)
-            self.counted.add(group, Sums.of(len(self.triangulators), **numbers))
+            self.counted.add(group, Sums.empty(len(self.triangulators), **numbers))
             labels = [f"{label} polygon {number}" for number in range(len(layer.polygons))]
             self.waiting.append(_Batch(group, layer.polygons, labels, tile.repeats))
         if sum(len(part.polygons) for part in self.waiting) >= CHUNK_ROWS:
@@ -225,7 +225,7 @@ class _Counter:
 
     def save(self, part: FilePart, path: Path) -> PartResult:
         """Write the counts as the part's file."""
-        zero = Sums.of(len(self.triangulators))
+        zero = Sums.empty(len(self.triangulators))
         sums = self.counted.sum_groups() if self.counted.groups else zero
         done = PartResult(
             polygons=sums.count("polygons"),
@@ -271,7 +271,7 @@ def _sum_up(
     times : (p,) multiplicity of each polygon; dropped : number of vanished polygons
     """
     corners = shapely.get_num_coordinates(polygons) - 1 - shapely.get_num_interior_rings(polygons)
-    sums = Sums.of(
+    sums = Sums.empty(
         len(table),
         polygons=int(times.sum()),
         vertices=int((times * corners).sum()),

@@ -74,11 +74,11 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
         (cells,) = counted.cells
         places = {axis: cells[axis] * census.cell for axis in ("x", "y")}
         written["cells.csv"] = cells.assign(**places)
-        draw(folder / "plots", "map", map_of, cells, census)
+        draw(folder / "plots", "map", plot_map, cells, census)
     for name, table in written.items():
         text = table.to_csv(index=False, lineterminator="\n")
         atomic.write(folder / name, text.encode())
-    draw(folder / "plots", "gains", distribution, counted.sum_groups(), names, census.noun)
+    draw(folder / "plots", "gains", plot_distribution, counted.sum_groups(), names, census.noun)
     return [*written, "plots/"]
 
 
@@ -107,9 +107,9 @@ def _in_order(counted: Counted) -> list[tuple[Group, Sums]]:
 
 def table(counted: Counted, census: Census | TileCensus) -> Table:
     """Return the table for the terminal: savings of helper lanes."""
-    base, *others = census.triangulators
+    base, *names = census.triangulators
     if isinstance(census, TileCensus):
-        return _table_of_tiles(counted, base, others)
+        return _table_of_tiles(counted, base, names)
     sums = counted.sum_groups()
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
@@ -125,9 +125,9 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
     return table
 
 
-def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table:
+def _table_of_tiles(counted: Counted, base: str, triangulators: Sequence[str]) -> Table:
     # Long names wrap after a colon or a hyphen.
-    names = [name.replace(":", ":\n").replace("-", "-\n") for name in others]
+    names = [name.replace(":", ":\n").replace("-", "-\n") for name in triangulators]
     table = plain_table(
         f"map tiles: helper lanes, compared with {base}",
         *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
@@ -147,7 +147,7 @@ def _table_of_tiles(counted: Counted, base: str, others: Sequence[str]) -> Table
     return table
 
 
-def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
+def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Figure:
     """Draw the share of footprints by minimum gain, for helper lanes and quads."""
     figure, panels = grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
     styles = looks(triangulators)
@@ -160,13 +160,13 @@ def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
         panel.set_ylim(0, 100)
         panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
         panel.set_xlabel(f"gain in {measure.replace('_', ' ')}, % of {triangulators[0]}'s")
-    panels[0].set_ylabel(f"{what} that gain at least as much, %")
+    panels[0].set_ylabel(f"{noun} that gain at least as much, %")
     panels[0].legend(fontsize=7)
-    figure.suptitle(f"What is gained on {sums.count('polygons'):,} {what}?", fontsize=8)
+    figure.suptitle(f"Gain on {sums.count('polygons'):,} {noun}", fontsize=8)
     return figure
 
 
-def map_of(cells: pd.DataFrame, census: Census) -> Figure:
+def plot_map(cells: pd.DataFrame, census: Census) -> Figure:
     """Draw a map of the helper lanes that the last triangulator saves in each cell."""
     coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MAX_CELLS)))
     sums = cells.groupby([cells["y"] // coarse, cells["x"] // coarse]).sum()

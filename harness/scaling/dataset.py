@@ -43,7 +43,7 @@ LEFT_OUT = "left_out.csv"
 VERSION = 1
 
 CHUNK_ROWS = 12_500
-"""Rows in memory at a time; a process takes 450 MB with them."""
+"""Rows in memory at a time, for which a process takes 450 MB."""
 
 SHAPEFILE_PARTS = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
 """Suffixes of a Shapefile's files other than .shp."""
@@ -300,7 +300,7 @@ class Dataset:
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
                 raise IncompatibleRunsError(
-                    f"{self.out} holds parts of {about['source']} as it was before it changed: "
+                    f"{self.out} has parts of an older version of {about['source']}; "
                     "give another -o"
                 )
             if about["key"] in keys:

@@ -54,7 +54,7 @@ Task = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 class TaskResult(NamedTuple):
-    """The value of a task, or the reason why it `failed` repeatedly."""
+    """The value of a task, or the reason of its repeated failure (`failed`)."""
 
     value: Any = None
     failed: str = ""
@@ -96,19 +96,20 @@ class Executor:
 class DaskExecutor(Executor):
     """Runs tasks as futures of Dask's distributed scheduler, one per worker thread.
 
-    where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
+    address : `local` for a process on each core, `local:N` for N processes, or the address of a
+        scheduler
 
     Raises
     ------
     UsageError
-        if Dask is not installed, or `where` is not an address
+        if Dask is not installed, or `address` is invalid
     SchedulerUnreachableError
         if no scheduler answers at the address
     """
 
     threads_per_task = 1
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, address: str) -> None:
         from scenes.spec import format_install_command  # not needed in a worker
         from triangulators.devices import cores
 
@@ -123,17 +124,17 @@ class DaskExecutor(Executor):
         dask.config.set(SETTINGS)
         for name in ("distributed", "distributed.client", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        local = re.fullmatch(r"local(?::(\d+))?", where)
-        if local is None and ":" not in where:
+        local = re.fullmatch(r"local(?::(\d+))?", address)
+        if local is None and ":" not in address:
             raise UsageError(
-                f"--dask {where}: give local, local:N or an address as tcp://host:8786"
+                f"--dask {address}: give local, local:N or an address as tcp://host:8786"
             )
-        self._where = where
+        self._address = address
         try:
             if local is not None:
-                self._where = self._start(where, int(local[1] or cores()))
+                self._address = self._start(address, int(local[1] or cores()))
             self._client = distributed.Client(
-                self._where, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+                self._address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
             )
         except KeyboardInterrupt:
             self.close()
@@ -141,9 +142,9 @@ class DaskExecutor(Executor):
         except OSError as error:
             raise self._unreachable() from error
         except ValueError as error:
-            raise UsageError(f"--dask {where}: {error}") from error
+            raise UsageError(f"--dask {address}: {error}") from error
 
-    def _start(self, where: str, number: int) -> str:
+    def _start(self, address: str, number: int) -> str:
         """Start a cluster; a signal that stops the command is delayed until it has started.
 
         A cluster that is interrupted while it starts cannot be closed and complains at exit.
@@ -152,7 +153,7 @@ class DaskExecutor(Executor):
         from harness.machine.user_modules import hidden_working_folder
 
         if not 1 <= number <= 1024:
-            raise UsageError(f"--dask {where}: give 1 to 1024 workers")
+            raise UsageError(f"--dask {address}: give 1 to 1024 workers")
         with hidden_working_folder(), system.signals_delayed(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the port of the dashboard may be taken
             self._cluster = self._distributed.LocalCluster(
@@ -207,7 +208,7 @@ class DaskExecutor(Executor):
         try:
             result: TaskResult = future.result(timeout=CONNECT_TIMEOUT_S)
         except self._distributed.scheduler.KilledWorker:
-            return TaskResult(failed="its workers were killed, each time")
+            return TaskResult(failed="the workers that ran the task were killed")
         except (self._distributed.CancelledError, OSError):
             raise
         except Exception as error:  # of Dask: not picklable, or the worker lacks a module
@@ -223,7 +224,7 @@ class DaskExecutor(Executor):
 
     def _unreachable(self) -> SchedulerUnreachableError:
         return SchedulerUnreachableError(
-            f"no scheduler answers at {self._where}: start one (dask scheduler), "
+            f"no scheduler answers at {self._address}: start one (dask scheduler), "
             "then run the same command again"
         )
 
@@ -247,7 +248,7 @@ def _run_pickled(task: bytes) -> bytes:
 def _process() -> Worker:
     from harness.workers.worker import shared_worker  # not needed without Dask
 
-    # Dask starts its workers as daemons, which may not start processes; there is no public way to
-    # say that these end with their parent.
+    # Dask starts workers as daemons, which may not start processes. No public setting lets them
+    # start processes that end with the worker.
     multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
     return shared_worker("the part's process")

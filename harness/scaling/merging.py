@@ -1,6 +1,6 @@
-"""Several runs as one: the same records in the same order, whatever the order of the runs.
+"""Merging of runs; the result is independent of the order of the runs.
 
-A device on another host is another device, because its times are: it is called device@host.
+Devices of different hosts are different devices, named device@host, because times differ.
 """
 
 import json
@@ -17,27 +17,27 @@ from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
 from harness.results.run_folder import POLYGONS, Run, RunFolder, file_stem, read_arrays
 
 STATUSES = ("ok", "skipped", "failed")
-"""A record of the first wins over one of the others, which say only that it did not work there."""
+"""Statuses by priority: a measured record replaces a skipped or a failed record of the case."""
 
 
 @dataclass(frozen=True)
 class _Source:
-    """A record and the run that it is from, in which `record.key` names its arrays."""
+    """A record and the run that it is from, where `record.key` names the arrays."""
 
     record: Record
     run: Run
 
 
-def on_host(run: Run, host: str) -> Run:
-    """Return the run with all its devices on `host`, which makes other cases of its cases.
+def set_host(run: Run, host: str) -> Run:
+    """Return the run with all devices on `host`, which changes the identities of the cases.
 
     Raises
     ------
     IncompatibleRunsError, UsageError
-        if a host's name cannot be part of a device's
+        if the host's name is invalid, or a device has a host already
     """
     if not host or file_stem(host) != host:
-        raise UsageError(f"host {host!r}: give letters, digits, hyphens and dots")
+        raise UsageError(f"host {host!r}: invalid name; give letters, digits, hyphens and dots")
     for record in run.records:
         if record.id.host or HOST_MARK in record.id.device:
             raise IncompatibleRunsError(
@@ -50,14 +50,14 @@ def on_host(run: Run, host: str) -> Run:
 
 
 def merge(runs: Sequence[Run], out: Path) -> int:
-    """Merge runs into a new run folder; returns how many records it has.
+    """Merge runs into a new run folder; return the number of records.
 
     Raises
     ------
     IncompatibleRunsError
-        if times of a software device are of several processors, records of one case differ,
-        counters of one kind of device differ between hosts, the runs are of different scenes or do
-        not say of which, one run is given under two hosts' names, or the folder cannot be written
+        if a software device was timed on several processors, measured records of a case differ,
+        counters of a device differ between hosts, the scenes differ or are unknown, or a run is
+        given with two hosts
     """
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
@@ -66,15 +66,15 @@ def merge(runs: Sequence[Run], out: Path) -> int:
             f"times of a software rasteriser are the processor's: {format_processors(mixed)}; "
             "keep the runs apart with --hosts"
         )
-    sources = _by_key(runs)
+    sources = _select_records(runs)
     _refuse_other_counters([source.record for source in sources])
-    facts = _facts(runs)
+    facts = _merge_facts(runs)
     names = facts["plan"]["triangulators"]
     sources.sort(key=lambda source: _sort_key(source.record, names))
-    again = f"remove {out} and give the same command again"
-    with RunFolder.create(out, again) as store:
+    remedy = f"remove {out} and run the same command again"
+    with RunFolder.create(out, remedy) as store:
         store.write_facts({**facts, "interrupted": True})  # until the folder is complete
-        _keep_drawings(store, runs)
+        _store_drawings(store, runs)
         for source in sources:
             record = replace(source.record, key=source.record.id.key)
             arrays = read_arrays(source.run, source.record.key)
@@ -87,12 +87,11 @@ def merge(runs: Sequence[Run], out: Path) -> int:
 
 def _describe(record: Record) -> str:
     case = record.id
-    where = f"{case.rasteriser} on {case.device_name}"
-    return f"{record.name}, {case.group.condition}, {where}"
+    return f"{record.name}, {case.group.condition}, {case.rasteriser} on {case.device_name}"
 
 
-def _by_key(runs: Iterable[Run]) -> list[_Source]:
-    """Return the record of each case; raise IncompatibleRunsError if two good ones differ."""
+def _select_records(runs: Iterable[Run]) -> list[_Source]:
+    """Return a record of each case; raise IncompatibleRunsError if two measured records differ."""
     sources: dict[str, _Source] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
@@ -108,14 +107,14 @@ def _by_key(runs: Iterable[Run]) -> list[_Source]:
 
 
 def _rank(source: _Source) -> tuple[int, str]:
-    """Return the least for the record to use; two good ones must be equal, so they rank equal."""
+    """Return the sort key of records of a case: the minimum is used; measured records are equal."""
     record = source.record
     content = "" if record.is_ok else json.dumps(record_to_json(record), sort_keys=True)
     return STATUSES.index(record.status), content
 
 
 def _refuse_other_counters(records: Iterable[Record]) -> None:
-    """Counters are exact: one kind of device gives the same on every host."""
+    """Raise IncompatibleRunsError if counters, which are exact, differ between hosts."""
     first: dict[str, Record] = {}
     for record in sorted(records, key=lambda record: record.id.device_name):
         if not record.is_ok:
@@ -123,45 +122,43 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
         other = first.setdefault(replace(record.id, host="").key, record)
         if (record.counters, record.triangles) != (other.counters, other.triangles):
             names = {*record.counters, *other.counters}
-            wrong = [n for n in names if record.counters.get(n) != other.counters.get(n)]
-            what = min(wrong, default="triangles")
+            differing = [n for n in names if record.counters.get(n) != other.counters.get(n)]
+            name = min(differing, default="triangles")
             raise IncompatibleRunsError(
-                f"hosts count differently: {what} of {_describe(record)} and on "
-                f"{other.id.device_name}; see that they have the same version of raster-harness "
-                "and of the driver"
+                f"counters differ between hosts: {name} of {_describe(record)} and on "
+                f"{other.id.device_name}; use the same version of raster-harness and of the driver"
             )
 
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
     if not any(run.records for run in runs):
-        raise InputError("no record to merge")
-    of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs}
-    if None in of_runs or len(of_runs) > 1:
-        places = ", ".join(sorted(str(run.path) for run in runs))
+        raise InputError("runs: no records to merge; give complete runs")
+    hashes = {(run.facts.get("scene") or {}).get("hash") for run in runs}
+    if None in hashes or len(hashes) > 1:
+        paths = ", ".join(sorted(str(run.path) for run in runs))
         raise IncompatibleRunsError(
-            f"the runs are of different polygons, or one does not say of which ({places}): "
-            "merge complete runs of one scene"
+            f"runs: different or unknown polygons ({paths}); merge complete runs of one scene"
         )
 
 
 def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
-    """The same measurements under two hosts' names are no two devices."""
+    """Raise IncompatibleRunsError if a run is given with two hosts."""
     first: dict[str, tuple[str, Run]] = {}
     for run in runs:
         host = next((record.id.host for record in run.records), "")
         facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
         times = sorted(_text(record.time.samples_s) for record in run.records if record.time)
-        for what in [_text(facts), *([_text(times)] if times else [])]:
-            first_host, other = first.setdefault(what, (host, run))
+        for content in [_text(facts), *([_text(times)] if times else [])]:
+            first_host, other = first.setdefault(content, (host, run))
             if first_host != host:
                 raise IncompatibleRunsError(
-                    f"{other.path} and {run.path} hold the same measurements: one run cannot be "
-                    f"of two hosts, {first_host or 'its own'} and {host or 'its own'}"
+                    f"{other.path} and {run.path}: the same measurements with two hosts "
+                    f"({first_host or 'no name'} and {host or 'no name'}); give each run once"
                 )
 
 
-def _facts(runs: Sequence[Run]) -> RunFacts:
-    """The content of run.json; none of it depends on the order of the runs."""
+def _merge_facts(runs: Sequence[Run]) -> RunFacts:
+    """Return the content of run.json, independent of the order of the runs."""
     in_order = sorted((run.facts for run in runs), key=_text)
     in_order.sort(key=lambda facts: str(facts.get("created") or ""))
     first = in_order[0]
@@ -174,7 +171,7 @@ def _facts(runs: Sequence[Run]) -> RunFacts:
         **{which: _union(plan.get(which) for plan in plans) for which in _LISTS},
     }
     hosts = [
-        {name: facts.get(name) for name in _OF_A_HOST}
+        {name: facts.get(name) for name in _HOST_FACTS}
         | {"devices": sorted(facts.get("devices") or {})}
         for facts in in_order
     ]
@@ -192,7 +189,7 @@ def _facts(runs: Sequence[Run]) -> RunFacts:
     }
 
 
-_OF_A_HOST = ("created", "environment", "cpu", "state", "seconds", "warnings")
+_HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")
 _LISTS = ("rasterisers", "devices", "views", "options")
 
 
@@ -211,8 +208,8 @@ def _sort_key(record: Record, names: Sequence[str]) -> tuple[CaseGroup, int, str
     return record.id.group, position, record.id.key
 
 
-def _keep_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
-    """Keep the frames of all runs, with the triangulations of all."""
+def _store_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
+    """Store the frames and triangulations of all runs."""
     columns: dict[str, dict[str, Any]] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for file in sorted((run.path / drawings.FOLDER).glob("*.npz")):

@@ -1,7 +1,7 @@
 """Sums over polygons for each triangulator, and the files of a part's sums.
 
 A part's file has sums and a histogram of gains for each group of polygons, and sums of each map
-cell. Files are small, so those of a country are added quickly.
+cell. Files are small, so the files of a country are added quickly.
 """
 
 import json
@@ -52,14 +52,14 @@ class Sums(NamedTuple):
     bins: NDArray[np.int64]
 
     @classmethod
-    def of(cls, triangulators: int, **counts: int) -> "Sums":
-        """Return sums of polygons that are not drawn."""
+    def empty(cls, triangulators: int, **counts: int) -> "Sums":
+        """Return sums of 0 for t triangulators, with the given counts."""
         totals = np.zeros((triangulators, len(MEASURES)))
         bins = np.zeros((triangulators, len(GAINED), BINS), np.int64)
         return cls(np.array([counts.get(name, 0) for name in COUNTS], np.int64), totals, bins)
 
     def count(self, name: str) -> int:
-        """Return one of `COUNTS`."""
+        """Return a count by its name in `COUNTS`."""
         return int(self.counts[COUNTS.index(name)])
 
     def total(self, measure: str) -> NDArray[np.float64]:
@@ -73,13 +73,14 @@ class Counted:
 
     groups : sums by zoom and layer
     cells : columns `x`, `y` (whole numbers), `footprints`, and each triangulator's helper lanes
-    damaged : (tile, reason) of unreadable tiles; known : names of all layers
+    damaged : (tile, reason) of unreadable tiles
+    layers : names of all layers
     """
 
     groups: dict[Group, Sums] = field(default_factory=dict)
     cells: list[pd.DataFrame] = field(default_factory=list)
     damaged: list[tuple[str, str]] = field(default_factory=list)
-    known: set[str] = field(default_factory=set)
+    layers: set[str] = field(default_factory=set)
 
     def add(self, group: Group, sums: Sums) -> None:
         """Add sums to a group."""
@@ -98,7 +99,7 @@ class Counted:
             "groups": list(self.groups),
             "cells": [list(frame) for frame in cells],
             "damaged": self.damaged,
-            "known": sorted(self.known),
+            "known": sorted(self.layers),
         }
         arrays = {
             name: np.array([getattr(sums, name) for sums in self.groups.values()])
@@ -122,7 +123,7 @@ class Counted:
                 for rows, columns in zip(stored["cells"], content["cells"], strict=True):
                     result.cells.append(pd.DataFrame(rows, columns=columns))
             result.damaged += map(tuple, content["damaged"])
-            result.known.update(content["known"])
+            result.layers.update(content["known"])
         if result.cells:
             result.cells = [_sum_cells(result.cells)]
         return result
@@ -133,7 +134,7 @@ def _sum_cells(cells: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def read_done(file: Path) -> PartResult | None:
-    """Return the result that a part's file holds, or None if it is invalid."""
+    """Return the result in a part's file, or None if the file is invalid."""
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return PartResult(**json.loads(str(arrays["content"]))["done"])

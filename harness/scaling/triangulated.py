@@ -1,4 +1,4 @@
-"""Each part triangulated into one GeoParquet file, and what such a file says of itself."""
+"""Triangulation of each part into a GeoParquet file, whose footer has the part's result."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ from scenes.files import read_chunks
 from scenes.slices import Slices, cut_file
 
 FOOTER = "raster_harness_part"
-"""Name under which a part's file holds what it says of itself, as JSON."""
+"""Key of the part's result, as JSON, in the footer of a file."""
 
 
 @dataclass(frozen=True)

@@ -70,8 +70,8 @@ def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, fl
     """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
 
     The interval follows the skew of the values, unlike the percentile bootstrap and Student's.
-    `UNKNOWN` for fewer than `MIN_VALUES` values, for equal values, whose spread is unknown, and if one
-    value outweighs the others so much that either end is unbounded. An event rarer than one in
+    `UNKNOWN` for fewer than `MIN_VALUES` values, for equal values, whose spread is unknown, and if
+    one value outweighs the others so much that either end is unbounded. An event rarer than one in
     n / 3 is probably absent from n values, and no interval covers it. Source: B. Efron and
     R. Tibshirani, An Introduction to the Bootstrap, 12.5.
     """

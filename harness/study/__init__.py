@@ -1,1 +1,1 @@
-"""Studies: does a criterion predict the measured cost, and what does a better choice gain?"""
+"""Studies: accuracy of criteria as predictors of cost, and gains of better triangulations."""

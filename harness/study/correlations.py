@@ -164,25 +164,25 @@ def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd
     """Yield ((rasteriser, device), rows, measure): the main counter, other counters, times."""
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
-    others = {*KEYS, *times, *list_predictors(), *AUXILIARY_FEATURES}
-    counted = list_costs(name for name in columns if name not in others)
-    for where, part in table.groupby(["rasteriser", "device"], sort=False):
+    excluded = {*KEYS, *times, *list_predictors(), *AUXILIARY_FEATURES}
+    counted = list_costs(name for name in columns if name not in excluded)
+    for device, part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in counted + times:
             if part[measure].notna().any():
-                yield where, part, measure
+                yield device, part, measure
 
 
 def correlate(table: pd.DataFrame) -> pd.DataFrame:
     """Return the content of correlations.csv: every criterion and every measure."""
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
     rows: list[tuple[Any, ...]] = []
-    for where, part, measure in _iterate_measures(table):
+    for device, part, measure in _iterate_measures(table):
         for criterion in [name for name in list_predictors() if name in table]:
             complete = part.dropna(subset=[criterion, measure])
             x, y = (complete[name].to_numpy(float) for name in (criterion, measure))
             views = complete.groupby(["polygon", *VIEW]).ngroups
             within = estimate_median(correlate_within(complete, criterion, measure))
-            key = (*where, to_name(criterion), measure)
+            key = (*device, to_name(criterion), measure)
             rows.append((*key, "spearman_within", *within))
             rows.append((*key, "spearman_pooled", spearman(x, y), *UNKNOWN, views))
     return pd.DataFrame(rows, columns=[*names, *ENDS])
@@ -191,17 +191,17 @@ def correlate(table: pd.DataFrame) -> pd.DataFrame:
 def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
     """Return the content of criteria_compared.csv: paired differences of every two criteria.
 
-    Both use the same polygons, so their difference has a smaller error than either coefficient.
+    Both use the same polygons, so the difference has a smaller error than either coefficient.
     """
     names = ["rasteriser", "device", "measure", "criterion", "other", "difference"]
     rows = []
-    for where, part, measure in _iterate_measures(table):
+    for device, part, measure in _iterate_measures(table):
         criteria = [name for name in list_predictions() if name in table]
         correlations = {name: correlate_within(part, name, measure) for name in criteria}
         for first, second in combinations(correlations, 2):
             estimate = estimate_median(correlations[first] - correlations[second])
             if estimate.polygons:
-                key = (*where, measure, to_name(first), to_name(second))
+                key = (*device, measure, to_name(first), to_name(second))
                 rows.append((*key, *estimate, estimate.verdict))
     return pd.DataFrame(rows, columns=[*names, *ENDS, "verdict"])
 
@@ -277,27 +277,27 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     values = part.set_index([part["criterion"].map(to_column), "measure"])["value"]
     measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
-    chosen = []
+    pairs = []
     # Quads are ranked as helper lanes are: all triangulations have the same fragments.
     for measure in [name for name in measured if name not in times][:1] + times[:1]:
         ranked = values.xs(measure, level="measure").dropna()
         best = ranked.drop([PAPER, *EXACT], errors="ignore").nlargest(1).index
-        chosen += [(name, measure) for name in (PAPER, *best)]
-    words = (
+        pairs += [(name, measure) for name in (PAPER, *best)]
+    title_lines = (
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: least squares"
     )
-    figure, places = panels(len(chosen), (3.2, 3.1), words, across=2)
-    for panel, (criterion, measure) in zip(places, chosen, strict=True):
+    figure, axes = panels(len(pairs), (3.2, 3.1), title_lines, across=2)
+    for panel, (criterion, measure) in zip(axes, pairs, strict=True):
         x, y = scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)
         # A cost has a part that no criterion predicts (covered pixels), so its slope is not 1.
         if np.ptp(x[drawn]) > 0:
             slope, height = np.polyfit(x[drawn] - 1, y[drawn], 1)
             panel.axline((1, height), slope=slope, color="black", linewidth=0.8, linestyle="--")
-        found = values.get((criterion, measure), np.nan)
-        panel.set_title(f"rank correlation {found:.3f}", fontsize=8)
+        coefficient = values.get((criterion, measure), np.nan)
+        panel.set_title(f"rank correlation {coefficient:.3f}", fontsize=8)
         panel.set_xlabel(f"predicted by {list_predictors()[criterion]}, over median")
         panel.set_ylabel(f"measured {get_label(measure)},\nover median")
-    legend_below(figure, places, columns=4)
+    legend_below(figure, axes, columns=4)
     return figure

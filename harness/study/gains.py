@@ -105,10 +105,10 @@ def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     if rows.empty or "native" not in set(rows["order"]) or rows["order"].nunique() < 2:
         return pd.DataFrame()
-    where = [*DRAWN, *AXES, "fit", "triangulator"]
-    wide = rows.pivot_table("time_ratio", where, "order", sort=False)
-    others = [name for name in wide.columns if name != "native"]
-    wide = wide.dropna(subset=["native"]).dropna(subset=others, how="all")
+    keys = [*DRAWN, *AXES, "fit", "triangulator"]
+    wide = rows.pivot_table("time_ratio", keys, "order", sort=False)
+    orders = [name for name in wide.columns if name != "native"]
+    wide = wide.dropna(subset=["native"]).dropna(subset=orders, how="all")
     wide.insert(0, "native", wide.pop("native"))
     return wide.reset_index().rename_axis(columns=None)
 
@@ -128,8 +128,8 @@ def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
 def _draw_figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
     figure, (axes,) = grid((4.6, 3.6))
     # Only this axis varies; the others are fixed at the values for which it has most values.
-    others = [name for name in KEYS if name != axis]
-    _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
+    fixed_keys = [name for name in KEYS if name != axis]
+    _, fixed = max(part.groupby(fixed_keys), key=lambda group: group[1][axis].nunique())
     styles = looks(list(fixed["triangulator"]))
     rows = fixed[fixed["triangulator"] != base].sort_values(axis, kind="stable")
     for name, line in rows.groupby("triangulator", sort=False):

@@ -65,7 +65,7 @@ SWEEP = (mixture(1, 0), *(mixture(1, step) for step in STEPS), mixture(0, 1))
 """The sweep, from A alone to D alone."""
 
 WITH_C = mixture(1, 1, 1)
-"""The same triangulations as without C: its weight has no effect."""
+"""The same triangulations as without C, whose weight has no effect."""
 
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
@@ -92,10 +92,10 @@ def make_parts(
     InputError
         if no polygon is suitable
     """
-    alone = len(scene.polygons) == 1
+    is_single = len(scene.polygons) == 1
     fronts = {}
     parts = []
-    if alone or polygons:
+    if is_single or polygons:
         design = StudySize(polygons=max(polygons, 1), most_vertices=MAX_VERTICES)
         for number, part in choose_polygons(scene, design):
             drawn = make_frame(part.polygons, view).polygons
@@ -104,12 +104,12 @@ def make_parts(
             costs = pareto_front(drawn[0], "overdraw", "shape").costs.tolist()
             sample = sample_evenly(range(len(costs)), MAX_POINTS)
             points = (f"pareto#{k}" for k in sample)
-            sweep = (*SWEEP, WITH_C) if alone else ()
+            sweep = (*SWEEP, WITH_C) if is_single else ()
             name = f"{label}#{number}"
             parts.append(Part(name, part, parse_all((*points, *list_compared(), *sweep))))
             rows = [(number, k, *cost, k in sample) for k, cost in enumerate(costs)]
             fronts[name] = pd.DataFrame(rows, columns=FRONTS)
-    if not alone:
+    if not is_single:
         parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *list_compared()))))
     if not parts:
         raise InputError(
@@ -138,8 +138,8 @@ def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
             # A single polygon is compared with its complete front, a scene with its other rows.
             names = list(NORMALISED if front is None else ("overdraw", "shape"))
             costs = np.array([[row[name] for name in names] for row in rows], np.float64)
-            others = costs if front is None else front[names].to_numpy()
-            marks = mark_undominated(costs, others).tolist()
+            reference = costs if front is None else front[names].to_numpy()
+            marks = mark_undominated(costs, reference).tolist()
             table += [row | {"undominated": m} for row, m in zip(rows, marks, strict=True)]
     return pd.DataFrame(table)
 
@@ -177,7 +177,7 @@ def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dic
 def _normalise(run: Run, record: Record, base: Record) -> tuple[float, float]:
     """Return A over the area and D per triangle (degrees), each a mean over polygons.
 
-    Areas and numbers of triangles are those of the base, so that all have the same divisors.
+    Areas and numbers of triangles are the base's, so that all records have the same divisors.
     """
     columns, base_columns = read_columns(run, record), read_columns(run, base)
     if columns is None or base_columns is None:  # a single polygon: totals are its columns
@@ -190,15 +190,17 @@ def _normalise(run: Run, record: Record, base: Record) -> tuple[float, float]:
     )
 
 
-def mark_undominated(costs: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each row of (c, 2) costs whether no row of `others` dominates it, (c,).
+def mark_undominated(
+    costs: NDArray[np.float64], reference: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return the (c,) mask of the rows of (c, 2) costs that no row of `reference` dominates.
 
     A row dominates another if it is at most as large in both columns and smaller in one; relative
     differences up to `TOLERANCE` are ties.
     """
     slack = TOLERANCE * np.maximum(np.abs(costs).max(axis=0, initial=0.0), 1e-300)
-    not_larger = (others[None] <= costs[:, None] + slack).all(axis=2)
-    smaller = (others[None] < costs[:, None] - slack).any(axis=2)
+    not_larger = (reference[None] <= costs[:, None] + slack).all(axis=2)
+    smaller = (reference[None] < costs[:, None] - slack).any(axis=2)
     return np.asarray(~(not_larger & smaller).any(axis=1))
 
 
@@ -210,13 +212,13 @@ def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     title = f"{scene}: time relative to the minimum of A on the front of A and D"
     headings = ("polygon", "rasteriser", ">points", ">slower", ">faster", "fastest triangulator")
     printed = plain_table(title, *headings)
-    where = ["polygon", "rasteriser", "device"]
-    for (polygon, rasteriser, _), part in table.groupby(where, sort=False):
+    keys = ["polygon", "rasteriser", "device"]
+    for (polygon, rasteriser, _), part in table.groupby(keys, sort=False):
         kind = "front" if (part["kind"] == "front").any() else "sweep"
-        others = part[~part["same_as_end"]].dropna(subset=["time_ratio"])
-        points = others[(others["kind"] == kind) & (others["gamma"].fillna(0) == 0)]
+        compared = part[~part["same_as_end"]].dropna(subset=["time_ratio"])
+        points = compared[(compared["kind"] == kind) & (compared["gamma"].fillna(0) == 0)]
         counts = [len(points) + 1, *((points["verdict"] == v).sum() for v in (SLOWER, FASTER))]
-        fastest = others.sort_values("time_ratio").head(1).itertuples()
+        fastest = compared.sort_values("time_ratio").head(1).itertuples()
         cells = [f"{row.time_ratio:.3f} {row.triangulator}" for row in fastest]
         printed.add_row(str(polygon), str(rasteriser), *map(str, counts), *(cells or ["-"]))
     console.print(printed)

@@ -1,9 +1,9 @@
-"""Regret: the extra cost of a criterion's, or a triangulator's, choice over the best known one.
+"""Regret: the extra cost of the triangulation that a criterion or a triangulator selects.
 
-A rank correlation measures how well a criterion sorts triangulations, regret what that costs: for
-each polygon, the cost of the triangulation that the criterion prefers, relative to the minimum,
-less 1. The minimum of quads and helper lanes is exact if `optimal:exact-quads` was measured;
-otherwise it is the minimum of the measured triangulations.
+A rank correlation measures how well a criterion sorts triangulations, and regret the cost of its
+errors: for each polygon, the cost of the selected triangulation relative to the minimum, less 1.
+The minimum of quads and helper lanes is exact if `optimal:exact-quads` was measured;
+otherwise the minimum of the measured triangulations is used.
 
 For times, the minimum of many noisy medians is lower than any true time, so that even the best
 triangulation would have a regret; and the best of one part of the rounds is not the best of
@@ -47,7 +47,7 @@ SUMMARY = (
 )
 
 
-def estimate_regret(values: Column, chosen: int) -> tuple[float, float]:
+def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
     """Return a lower and an upper estimate of the regret of the candidate `chosen`.
 
     values : (k, b) costs of k candidates in b independent blocks of noisy measurements
@@ -59,10 +59,10 @@ def estimate_regret(values: Column, chosen: int) -> tuple[float, float]:
     """
     logs = np.log(values)
     means = logs.mean(axis=1)
-    others = logs.sum(axis=1, keepdims=True) - logs
-    best = others.argmin(axis=0)
-    cross_fitted = (logs[chosen] - logs[best, np.arange(len(best))]).mean()
-    plug_in = means[chosen] - means.min()
+    rest_sums = logs.sum(axis=1, keepdims=True) - logs
+    best = rest_sums.argmin(axis=0)
+    cross_fitted = (logs[selected] - logs[best, np.arange(len(best))]).mean()
+    plug_in = means[selected] - means.min()
     return float(np.expm1(cross_fitted)), float(np.expm1(plug_in))
 
 
@@ -78,7 +78,7 @@ def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
 def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return `COLUMNS`, one row for each polygon, measure, and criterion or triangulator.
 
-    kind : "criterion" or "triangulator", called `name`; `triangulator` is its choice
+    kind : "criterion" or "triangulator", with `name`; `triangulator` is the selected triangulator
     best : the triangulator with the minimum, for times over all rounds
     least_known : whether the minimum holds for all triangulations
     regret : ratio to the minimum, less 1; for a time, the mean of both estimates
@@ -92,11 +92,11 @@ def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
         if len(records_ok) < 2:
             continue
         view = (case.view.resolution, case.view.rotation, case.options.samples)
-        where = (case.rasteriser, case.device_name, *view)
+        conditions = (case.rasteriser, case.device_name, *view)
         regrets = {}
         # Counters do not depend on the work per fragment, so they are used once.
-        if (*where, case.scene) not in counted:
-            counted.add((*where, case.scene))
+        if (*conditions, case.scene) not in counted:
+            counted.add((*conditions, case.scene))
             for measure in list_costs(records_ok[0].counters):
                 values = [r.counters[measure] for r in records_ok if measure in r.counters]
                 if len(values) == len(records_ok):
@@ -106,12 +106,14 @@ def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
             regrets[f"{TIME}{case.options.work}"] = _compare_times(times)
         proven = any(r.name == MIN_QUADS and r.proven == r.polygons for r in records_ok)
         for measure, (best, estimates) in regrets.items():
-            known = proven and measure in OF_QUADS and case.options.samples == 1
+            least_known = proven and measure in OF_QUADS and case.options.samples == 1
             for kind, name, index in _list_choices(records_ok):
                 low, high = estimates[index]
-                row = (case.scene, records_ok[index].name, records_ok[best].name, known)
+                row = (case.scene, records_ok[index].name, records_ok[best].name, least_known)
                 if not np.isnan(low):
-                    rows.append((*where, measure, kind, name, *row, (low + high) / 2, low, high))
+                    rows.append(
+                        (*conditions, measure, kind, name, *row, (low + high) / 2, low, high)
+                    )
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -157,12 +159,14 @@ def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     columns = ["regret", "regret_low", "regret_high", "least_known"]
     for key, part in table.groupby(list(KEYS), sort=False):
-        values, lows, highs, known = (
+        values, lows, highs, least_known = (
             part.groupby("polygon", sort=False)[columns].mean().to_numpy(float).T
         )
         spread = (np.median(values), np.percentile(values, 95), values.max())
         ends = compute_regret_interval(lows, highs)
-        rows.append((*key, len(values), known.mean(), max(0.0, values.mean()), *ends, *spread))
+        rows.append(
+            (*key, len(values), least_known.mean(), max(0.0, values.mean()), *ends, *spread)
+        )
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
@@ -187,7 +191,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     """
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
     ranks = ranks[ranks["criterion"].map(to_column).isin(list_predictions())]
-    chosen = regrets[regrets["kind"] == "criterion"]
+    of_criteria = regrets[regrets["kind"] == "criterion"]
     cells = {
         (
             row["rasteriser"],
@@ -196,7 +200,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
             row["name"],
             row["resolution"],
         ): format_regret(row)
-        for row in chosen.to_dict("records")
+        for row in of_criteria.to_dict("records")
     }
     sizes = sorted({key[-1] for key in cells})
     heading = ["device", "measure", "criterion", "rank correlation (95 % CI)"]
@@ -210,8 +214,8 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
                 rank = f"{row['value']:.2f}" + ("" if np.isnan(row["ci_low"]) else ends)
                 key = (rasteriser, device, measure, row["criterion"])
                 regret = [cells.get((*key, size), "") for size in sizes]
-                where = f"{rasteriser} on {device}"
-                rows.append([where, get_label(measure), row["criterion"], rank, *regret])
+                device_label = f"{rasteriser} on {device}"
+                rows.append([device_label, get_label(measure), row["criterion"], rank, *regret])
     lines = [heading, ["---"] * 3 + ["--:"] * (len(heading) - 3), *rows]
     markdown = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     first, *body = (" & ".join(map(_escape_latex, line)) + " \\\\\n" for line in (heading, *rows))
@@ -254,7 +258,7 @@ def format_regret(row: Any) -> str:
 
 
 def explain_missing_interval(row: Any) -> str:
-    """Say why the interval of a row's mean is unknown."""
+    """Return why the interval of a row's mean is unknown."""
     if row["polygons"] < MIN_VALUES:
         return "too few polygons"
     if math.isclose(row["worst"], row["mean"]):

@@ -1,7 +1,7 @@
 """Replication of the findings on other data: each holds, does not hold, or is undecided.
 
-A claim is a sentence of docs/findings.md with its result there. `evaluate_claims` computes the same
-result, with its interval, from the tables of one data set's studies.
+A claim is a sentence of docs/findings.md with the result there. `evaluate_claims` computes the same
+result, with an interval, from the tables of the studies of a data set.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from harness.study.correlations import TIME, TOO_FEW
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
 TURNED = "@0"
 CHOICE = (USUAL, DELAUNAY, "refined", "optimal:overdraw", BEST)
-ONCE = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
+ROTATED_TRIANGULATORS = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
 """Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
 
 RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape")
@@ -60,10 +60,10 @@ TABLES = {
 
 @dataclass(frozen=True)
 class Finding:
-    """A result with its interval, and whether it supports the claim.
+    """A result with an interval, and whether the result supports the claim.
 
     comparison : text about the compared value
-    few : whether it covers too few polygons to decide
+    too_few : True if there are too few polygons to decide
     """
 
     value: float
@@ -72,12 +72,12 @@ class Finding:
     holds: bool = True
     percent: bool = False
     comparison: str = ""
-    few: bool = False
+    too_few: bool = False
 
     @property
     def verdict(self) -> str:
         """Whether the claim holds, or too few polygons."""
-        return TOO_FEW if self.few else "holds" if self.holds else "does not hold"
+        return TOO_FEW if self.too_few else "holds" if self.holds else "does not hold"
 
     @property
     def text(self) -> str:
@@ -91,8 +91,8 @@ class Finding:
 class Claim(NamedTuple):
     """One sentence of docs/findings.md.
 
-    reference : its result in docs/findings.md
-    check : evidence -> the same result on other data, or None if it is not available
+    reference : result in docs/findings.md
+    check : evidence -> the same result on other data, or None if not available
     """
 
     sentence: str
@@ -120,12 +120,12 @@ def _find_row(
 
 
 def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Finding | None:
-    """Return the finding of a row: value, low and high are its columns `names`."""
+    """Return the finding of a row: `names` are the columns of value, low and high."""
     if row is None:
         return None
-    few = row.get("polygons", MIN_VALUES) < MIN_VALUES
+    too_few = row.get("polygons", MIN_VALUES) < MIN_VALUES
     value, low, high = (float(row[name]) for name in names)
-    return Finding(value, low, high, few=bool(few), **fields)
+    return Finding(value, low, high, too_few=bool(too_few), **fields)
 
 
 def _check_correlation(
@@ -151,10 +151,10 @@ def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
     row = _find_row(evidence.get("compared"), measure=measure, criterion=a, other=h)
     gap = _make_finding(row, "difference", "ci_high", "ci_low")
     if gap is None:
-        return replace(of_h, comparison=comparison, few=True)
+        return replace(of_h, comparison=comparison, too_few=True)
     gap = replace(gap, value=-gap.value, low=-gap.low, high=-gap.high)
     comparison += f", difference {gap.text}"
-    return replace(of_h, holds=gap.low > 0, few=gap.few, comparison=comparison)
+    return replace(of_h, holds=gap.low > 0, too_few=gap.too_few, comparison=comparison)
 
 
 def _check_shape_is_last(evidence: Evidence) -> Finding | None:
@@ -162,8 +162,8 @@ def _check_shape_is_last(evidence: Evidence) -> Finding | None:
     findings = [finding for finding in checks if finding is not None]
     if len(findings) < len(RANKED):
         return None
-    *others, shape = findings
-    return replace(shape, holds=shape.value < min(finding.value for finding in others))
+    *compared, shape = findings
+    return replace(shape, holds=shape.value < min(finding.value for finding in compared))
 
 
 def _check_faster(table: pd.DataFrame | None, base: str) -> Finding | None:
@@ -258,7 +258,7 @@ CLAIMS = (
 
 
 def evaluate_claims(evidence: Evidence) -> list[tuple[Claim, Finding | None]]:
-    """Return each claim with its finding in the evidence."""
+    """Return each claim with the finding in the evidence."""
     return [(claim, claim.check(evidence)) for claim in CLAIMS]
 
 
@@ -278,14 +278,14 @@ def format_page(data_sets: Sequence[tuple[str, Evidence]], conditions: str) -> s
     lines += ["| data | hold | do not hold | undecided |", "|---|---|---|---|"]
     results = [(name, evaluate_claims(evidence)) for name, evidence in data_sets]
     for name, pairs in results:
-        decided = [finding for _, finding in pairs if finding is not None and not finding.few]
+        decided = [finding for _, finding in pairs if finding is not None and not finding.too_few]
         hold = sum(finding.holds for finding in decided)
         lines.append(f"| {name} | {hold} | {len(decided) - hold} | {len(pairs) - len(decided)} |")
     for name, pairs in results:
         lines += ["", f"## {name}", "", "| finding | reference | here | |", "|---|---|---|---|"]
         for claim, finding in pairs:
-            here = "" if finding is None else finding.text
+            result = "" if finding is None else finding.text
             verdict = "not measured" if finding is None else finding.verdict
-            lines.append(f"| {claim.sentence} | {claim.reference} | {here} | {verdict} |")
+            lines.append(f"| {claim.sentence} | {claim.reference} | {result} | {verdict} |")
     letters = ", ".join(f"{find_metric(name).symbol}: {find_metric(name).label}" for name in RANKED)
     return "\n".join([*lines, "", f"{letters}.", ""])

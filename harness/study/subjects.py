@@ -40,7 +40,7 @@ OPTIMISED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-leng
 """Criteria whose best and worst triangulations are measured."""
 
 MIN_QUADS = "optimal:exact-quads"
-"""Triangulator with the minimum number of quads, for regret; it skips large polygons."""
+"""Triangulator with the minimum number of quads, for regret; large polygons are skipped."""
 
 
 def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:

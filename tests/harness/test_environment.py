@@ -12,7 +12,7 @@ from harness.compare.wording import list_runs
 from harness.errors import IncompatibleRunsError
 from harness.history import read_series, run_label
 from harness.machine import environment
-from harness.machine.git import COMMITS, commit_of, describe_project
+from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
@@ -51,11 +51,11 @@ def test_the_repository_of_the_current_folder_is_the_users(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path / "project/code")
     facts = {"environment": environment.collect(0)}
     assert facts["environment"]["project"] == {"name": "project", "commit": commit, "dirty": False}
-    assert commit_of(facts) == commit[:12]
+    assert get_commit(facts) == commit[:12]
     own = facts["environment"]["git"]
-    assert commit_of(facts, "git").startswith("" if own is None else own["commit"][:12])
+    assert get_commit(facts, "git").startswith("" if own is None else own["commit"][:12])
     (tmp_path / "project/code/of_a_project.py").write_text("changed = True\n")
-    assert commit_of({"environment": environment.collect(0)}).endswith(" with local changes")
+    assert get_commit({"environment": environment.collect(0)}).endswith(" with local changes")
 
 
 def test_else_that_of_a_triangulators_module(tmp_path, monkeypatch):
@@ -72,13 +72,13 @@ def test_without_git_the_service_tells_the_commit(monkeypatch, name):
     assert describe_project([]) is None
     monkeypatch.setenv(name, "0123456789abcdef0123456789abcdef01234567")
     found = describe_project([])
-    assert commit_of({"environment": {"project": found, "git": None}}) == "0123456789ab"
+    assert get_commit({"environment": {"project": found, "git": None}}) == "0123456789ab"
 
 
 def test_a_run_that_knows_the_harness_alone_tells_of_it():
     facts = {"environment": {"git": {"commit": "ab" * 20, "dirty": True}}}
-    assert commit_of(facts) == "abababababab with local changes"
-    assert commit_of({}) == ""
+    assert get_commit(facts) == "abababababab with local changes"
+    assert get_commit({}) == ""
 
 
 def test_comparison_and_history_tell_the_users_commit(tmp_path):

@@ -183,7 +183,7 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
     RunFolder.create(tmp_path).close()  # killed at once: there is nothing to lose
     with RunFolder.create(tmp_path) as store:
         store.write_facts({})
-    with pytest.raises(UsageError, match="already holds a run"):
+    with pytest.raises(UsageError, match="already has a run"):
         RunFolder.create(tmp_path)
 
 
@@ -343,7 +343,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 def test_full_disk_while_merging_reports_a_remedy(tmp_path, monkeypatch):
     """What is half merged cannot be resumed."""
     with RunFolder.create(
-        tmp_path / "merged", "remove merged and give the same command again"
+        tmp_path / "merged", "remove merged and run the same command again"
     ) as store:
         monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
         with pytest.raises(

@@ -11,7 +11,7 @@ import pytest
 from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.results.run_folder import RunFolder, read_arrays, read_facts, read_run
-from harness.scaling.merging import merge, on_host
+from harness.scaling.merging import merge, set_host
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.measuring.test_run import measure, plan_for
 from tests.records import lines_of, make_record
@@ -48,7 +48,7 @@ def with_records(run, change):
 
 
 def hosted(runs, *names):
-    return [on_host(read_run(runs[name]), name) for name in names]
+    return [set_host(read_run(runs[name]), name) for name in names]
 
 
 def test_the_order_makes_no_difference(runs, tmp_path):
@@ -169,23 +169,21 @@ def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plo
 def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
-    with pytest.raises(IncompatibleRunsError, match=r"one does not say of which .*first"):
+    with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons .*first"):
         merge([first, bare], tmp_path / "out")
-    with pytest.raises(IncompatibleRunsError, match=r"one does not say of which"):
+    with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons"):
         merge([bare], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_one_run_under_two_hosts_names_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
-    with pytest.raises(
-        IncompatibleRunsError, match=r"one run cannot be of two hosts, here and there"
-    ):
-        merge([on_host(first, "here"), on_host(first, "there")], tmp_path / "out")
+    with pytest.raises(IncompatibleRunsError, match=r"two hosts \(here and there\)"):
+        merge([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
     # run.json written anew does not hide that the times are the same
     again = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
-    with pytest.raises(IncompatibleRunsError, match=r"one run cannot be of two hosts"):
-        merge([on_host(first, "here"), on_host(again, "there")], tmp_path / "out")
+    with pytest.raises(IncompatibleRunsError, match=r"same measurements with two hosts"):
+        merge([set_host(first, "here"), set_host(again, "there")], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -231,7 +229,7 @@ def test_a_run_without_records_adds_none(runs, tmp_path):
     first = read_run(runs["first"])
     merge([first, replace(first, records=[])], tmp_path / "out")
     assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
-    with pytest.raises(InputError, match="no record to merge"):
+    with pytest.raises(InputError, match="no records to merge"):
         merge([replace(first, records=[])] * 2, tmp_path / "none")
 
 
@@ -270,7 +268,7 @@ def test_other_devices_may_count_otherwise(runs, tmp_path):
         return {**record, "device": "other", "counters": counters}
 
     others = with_records(read_run(runs["third"]), elsewhere)
-    merge([*hosted(runs, "first"), on_host(others, "third")], tmp_path / "out")
+    merge([*hosted(runs, "first"), set_host(others, "third")], tmp_path / "out")
     devices = {record["device"] for record in lines_of(read_run(tmp_path / "out"))}
     assert devices == {"scripted@first", "other@third"}
 

@@ -207,7 +207,7 @@ def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
         ((name, why),) = found.damaged
         assert name == "5/2/7"
         assert why.startswith("cannot be read: not a vector tile")
-        assert found.known == {"land"}
+        assert found.layers == {"land"}
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
         assert found.groups[5, "land"].count("tiles") == 3
         assert np.array_equal(4 * found.groups[5, "land"].totals, 3 * good[5, "land"].totals)

@@ -88,7 +88,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert ("predicts the helper lanes of reference on cpu best (rank" in out) == (
         command == "validate"
     )
-    assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
+    assert "the run's times are disturbed: a loop ran beside it. Therefore results use exact" in out
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
