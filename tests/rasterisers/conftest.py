@@ -78,7 +78,7 @@ def require_covering_triangles(call: Call, *case: Any) -> None:
 
 def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, np.ndarray]:
     """Count covering triangles inside the worker, as such and as polygons of one triangle."""
-    opened = tasks._opened(name, device)
+    opened = tasks._get_rasteriser(name, device)
     counted = opened.count(*case)["covering_triangles"]
     frame, triangles, options = case
     rows = order_submission(frame, triangles, options)
