@@ -20,6 +20,7 @@ import pandas as pd
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import View, make_frame
+from harness.metrics.per_polygon import spearman
 from harness.profile.report import format_seconds
 from harness.rasterisers.reference import predict
 from harness.stats.intervals import Ratio, add_run_scatter
@@ -179,6 +180,44 @@ def on_gpu(scene: str, px: int, triangulator: str, column: str = "time_ratio") -
     return float(value)
 
 
+def in_order(
+    scene: str, px: int, triangulator: str, order: str, base: str = "", base_order: str = ""
+) -> float:
+    """Return a time on the H200 relative to that of a base (default: the same triangulator) in
+    `base_order` (default: the same order).
+    """
+    view = {"scene": scene, "resolution": px, "work": 0, "samples": 1}
+    times = [
+        csv("h200/judged.csv", "measured_ns", **view, triangulator=name, order=submitted)
+        for name, submitted in ((triangulator, order), (base or triangulator, base_order or order))
+    ]
+    return float(times[0][0] / times[1][0])
+
+
+def walk_correlation(scene: str, px: int, criterion: str) -> float:
+    """Return the rank correlation of a criterion with the H200's times of lists in a walk."""
+    table = select(f"h200/orders-{scene}/summary.csv", resolution=px, order="walk")
+    return spearman(table[criterion].to_numpy(), table["draw_ms"].to_numpy())
+
+
+def arithmetic_ps(px: int, rounds: int) -> list[float]:
+    """Return the picoseconds that a round of arithmetic in a lane took on the H200, if time is the
+    time of the arithmetic alone.
+    """
+    rows = select("h200/judged.csv", resolution=px, work=rounds)
+    return list(1e3 * rows["measured_ns"] / (4 * rows["quads"] * rounds))
+
+
+def repeated_on_h200(column: str) -> float:
+    """Return how many draws of the first day were measured again, and the largest change."""
+    key = ["scene", "resolution", "triangulator"]
+    again = select("h200/judged.csv", work=0, samples=1, order="native").set_index(key)
+    first = pd.concat(select(f"h200/gains-{scene}/summary.csv") for scene in ("city", "glyphs"))
+    first = first.set_index(key)["draw_ms"]
+    changes = (again["measured_ns"].reindex(first.index) / (1e6 * first) - 1).abs()
+    return {"draws": changes.count(), "change": changes.max()}[column]
+
+
 def equal_counters(column: str) -> int:
     """Return how many draws of the H200 have `equal` counters to the reference's, of how `many`."""
     key = ["scene", "triangulator", "resolution"]
@@ -320,7 +359,8 @@ def time_ratio(row: pd.Series[Any]) -> Interval:
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     function.__name__: function
     for function in (
-        csv, picture, gain, prediction_error, repeated, on_gpu, equal_counters, cost_ps,
+        csv, picture, gain, prediction_error, repeated, on_gpu, in_order, arithmetic_ps,
+        walk_correlation, repeated_on_h200, equal_counters, cost_ps,
         moved_on_another_cpu, flips_ms, state, coverage, profile_term, judged,
         size_or_aspect, number_after, number_before,
     )

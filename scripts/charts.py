@@ -148,10 +148,10 @@ def plot_stages() -> Figure:
     table = select("h200/judged.csv", work=0, samples=1)
     ends = [0.9 * table["measured_ns"].min() / 1e3, 1.1 * table["measured_ns"].max() / 1e3]
     for ax, (stage, title) in zip(axes, STAGES.items(), strict=True):
-        for binding, rows in table.groupby("stage", sort=False):
-            number = list(STAGES).index(str(binding))
-            line_style: Any = list(matplotlib.rcParams["axes.prop_cycle"])[number]
-            line_style |= {"linestyle": "none", "alpha": 0.6, "label": f"{binding} bind"}
+        for binding, colours in zip(STAGES, matplotlib.rcParams["axes.prop_cycle"], strict=False):
+            rows = table[table["stage"] == binding]
+            line_style: Any = {**colours, "linestyle": "none", "alpha": 0.6}
+            line_style["label"] = f"{binding} bind"
             ax.plot(rows[f"{stage}_ns"] / 1e3, rows["measured_ns"] / 1e3, **line_style)
         ax.plot(ends, ends, marker="", **FAINT)
         ax.set_xscale("log")
@@ -194,6 +194,7 @@ CHARTS: dict[str, Callable[[], Figure]] = {
     "findings-regret": plot_regret,
     "findings-devices": plot_devices,
     "findings-gpu": plot_gpu,
+    "gpu-stages": plot_stages,
     "devices-thin": plot_thin,
 }
 
