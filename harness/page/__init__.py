@@ -1,1 +1,1 @@
-"""A page that measures: a run's frames and triangulations, drawn by whatever browser opens it."""
+"""Pages that draw and measure a run's triangulations, or a profile's draws, in a browser."""

@@ -1,4 +1,4 @@
-"""Summaries of devices' measurements (`results/devices/*.json`), and a table of them."""
+"""Summaries of devices' measurements (`results/devices/*.json`), and a table of summaries."""
 
 import json
 import re
@@ -24,7 +24,7 @@ VERSION = 1
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
 """Criteria whose rank correlation with a device's times is reported: A, H and Q."""
 
-SHOWN = (
+TABLE_TRIANGULATORS = (
     *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
     *("optimal:overdraw", "delaunay"),
 )
@@ -36,7 +36,7 @@ BROWSERS = {
     "chrome": r"Chrome/(\d+)?",
     "safari": r"(?:Version/(\d+).*)?Safari/",
 }
-"""Patterns of browsers' user agents, with the version."""
+"""Patterns of user agents by browser; the group is the version."""
 
 Summary = dict[str, Any]
 
@@ -44,7 +44,7 @@ Summary = dict[str, Any]
 def summarise_device(run: Run) -> Summary:
     """Return the summary of a run's device, JSON-ready.
 
-    Each view has the base, times and quads relative to it, and the rank correlation of criteria
+    A view has the base, times and quads relative to the base, and the rank correlation of criteria
     with the times of complete triangulations.
 
     Raises
@@ -56,8 +56,8 @@ def summarise_device(run: Run) -> Summary:
     devices = dict.fromkeys((record.id.rasteriser, record.id.device_name) for record in timed)
     if len(devices) != 1:
         raise InputError(
-            f"{run.path}: a summary needs times of exactly one rasteriser and device "
-            f"(there are {len(devices)})"
+            f"{run.path}: times of {len(devices)} devices; a summary requires exactly one "
+            "rasteriser and device, see --device"
         )
     ((rasteriser, device),) = devices
     facts = (run.facts.get("devices") or {}).get(f"{rasteriser} on {device}") or {}
@@ -110,23 +110,25 @@ def _summarise_view(group: RecordGroup) -> Summary:
 
 
 def write_summary(run: Run, file: Path) -> Path:
-    """Write the summary of a run; the file's other views of the same device are retained.
+    """Write the summary of a run, and retain other views in the file.
 
     Raises
     ------
     IncompatibleRunsError
-        if the file is of another device or, for a software device, of another processor
+        if the file belongs to another device or, for a software device, to another processor
     """
     summary = summarise_device(run)
     if file.exists():
         stored = _read_summary(file)
         if (stored["rasteriser"], stored["device"]) != (summary["rasteriser"], summary["device"]):
             raise IncompatibleRunsError(
-                f"{file} is of {stored['rasteriser']} on {stored['device']}"
+                f"{file}: has {stored['rasteriser']} on {stored['device']}; give another file"
             )
         cpus = [str(part.get("cpu") or "") for part in (stored, summary)]
         if not may_be_same(*cpus):
-            raise IncompatibleRunsError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
+            raise IncompatibleRunsError(
+                f"{file}: measured on {cpus[0]}, this run on {cpus[1]}; give another file"
+            )
         new = {_identify_view(view) for view in summary["views"]}
         retained = [view for view in stored["views"] if _identify_view(view) not in new]
         summary["views"] = [*retained, *summary["views"]]
@@ -138,7 +140,7 @@ def _read_summary(file: Path) -> Summary:
     try:
         summary = json.loads(atomic.read(file))
     except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read: {error}") from error
+        raise InputError(f"{file}: cannot be read ({error})") from error
     if not isinstance(summary, dict) or summary.get("format") != FORMAT:
         raise InputError(f"{file}: not a summary of a device")
     return summary
@@ -149,23 +151,23 @@ def _identify_view(view: Summary) -> tuple[Any, ...]:
 
 
 def format_table(folder: Path) -> str:
-    """Return a Markdown table of all summaries in a folder, one row per view."""
+    """Return a Markdown table of all summaries in a folder, a row per view."""
     titles = (list_predictions()[name].title for name in CRITERIA)
-    headings = ["device", "driver", "scene", *SHOWN, *titles]
+    headings = ["device", "driver", "scene", *TABLE_TRIANGULATORS, *titles]
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     for file in sorted(folder.glob("*.json")):
         summary = _read_summary(file)
         for view in summary["views"]:
-            where = (
+            identity = (
                 f"`{device_model(summary['device'], summary)}`",
                 summary["rasteriser"],
                 summary.get("cpu"),
             )
             cells = [
-                ", ".join(filter(None, where)),
+                ", ".join(filter(None, identity)),
                 _shorten_driver(summary["driver"]),
                 f"{view['scene']}, {view['resolution']} px",
-                *(_format_ratio(view["triangulators"].get(name)) for name in SHOWN),
+                *(_format_ratio(view["triangulators"].get(name)) for name in TABLE_TRIANGULATORS),
                 *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
             ]
             lines.append("| " + " | ".join(map(plain_cell, cells)) + " |")
@@ -173,15 +175,15 @@ def format_table(folder: Path) -> str:
 
 
 def plain_cell(text: str) -> str:
-    """Return untrusted text as one line of a Markdown cell, without HTML, links or attributes."""
+    """Return untrusted text as a line in a Markdown cell, without HTML, links or attributes."""
     escapes = {"<": "&lt;", "[": "&#91;", "{": "&#123;", "|": "\\|"}
     return "".join(escapes.get(letter, letter) for letter in " ".join(text.split()))
 
 
 def identify_browser(agent: str) -> tuple[str, str]:
-    """Return the name and version of the browser with a user agent, "" if unknown.
+    """Return the name and version of the browser of a user agent, "" if unknown.
 
-    User agents name compatible browsers, too: Edge names Chrome, and Chrome Safari.
+    User agents also name compatible browsers: Edge names Chrome, and Chrome Safari.
     """
     for name, pattern in BROWSERS.items():
         if match := re.search(pattern, agent):

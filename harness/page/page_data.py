@@ -1,4 +1,4 @@
-"""Pages that draw, count and time in a browser: their content and HTML.
+"""Content and HTML of pages that draw, count and time in a browser.
 
 The content is a run's frames and triangulations, or the draws of a profile, with exact counters.
 """
@@ -55,7 +55,7 @@ VERSION = 1
 
 
 class CaseContent(TypedDict):
-    """A triangulation: base64 of uint32 rows, and of each polygon's exact counters."""
+    """A triangulation: base64 of uint32 rows, and of exact counters per polygon."""
 
     rows: str
     fragments: str
@@ -92,7 +92,7 @@ class PageContent(TypedDict):
 
 
 class GridContent(TypedDict):
-    """Draws on a grid: checksums, exact counters by name, a criterion's terms of each draw."""
+    """Draws on a grid: checksums, exact counters by name, and terms of criteria, per draw."""
 
     checksums: list[int]
     counters: dict[str, list[int]]
@@ -100,7 +100,7 @@ class GridContent(TypedDict):
 
 
 class GroupsContent(TypedDict):
-    """Positions of draws, with the number of the group and of the fold of each."""
+    """Positions of draws, and the group and the fold of each draw."""
 
     places: list[int]
     labels: list[int]
@@ -130,7 +130,7 @@ class ProfileContent(TypedDict):
 
 
 def write_page(content: PageContent | ProfileContent, file: Path) -> None:
-    """Write a page: of a run's content, or of a profile's, which shows no charts."""
+    """Write the page of a run's content, or of a profile's content, without charts."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
     styles = ("page.css", *["profile.css"] * profiling)
@@ -157,13 +157,11 @@ def make_page_content(run: Run) -> PageContent:
     """
     for fit, name in OWN_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
-            raise InputError(
-                f"{run.path} is of {name}, which pages do not support; use another run"
-            )
+            raise InputError(f"{run.path}: pages do not support {name}; give another run")
     if not (views := list(_views(run))):
         raise InputError(
-            f"{run.path} has no stored frame with two or more triangulations; "
-            "measure again with this version and several --triangulators"
+            f"{run.path}: no stored frame with two or more triangulations; measure again with "
+            "this version and several --triangulators"
         )
     names = list(dict.fromkeys(name for view in views for name in view["cases"]))
     return {
@@ -180,10 +178,10 @@ def make_page_content(run: Run) -> PageContent:
 
 
 def _views(run: Run) -> Iterator[ViewContent]:
-    """Yield each view with two or more drawable triangulations.
+    """Yield views with two or more drawable triangulations.
 
-    Used are one sample per pixel and the native order, on any device, and the first record of each
-    triangulator.
+    Cases have one sample per pixel and native order, on any device; the first record of a
+    triangulator is used.
     """
     by_view: dict[View, dict[str, Record]] = {}
     for record in run.records:
@@ -206,7 +204,7 @@ def _views(run: Run) -> Iterator[ViewContent]:
 
 
 def _make_case(record: Record, geometry: Geometry) -> CaseContent:
-    """Return one triangulation: base64 of uint32 rows, and exact counters of each polygon."""
+    """Return the content of a triangulation."""
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial, covering = (
@@ -225,16 +223,16 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
 SEED = 0
 
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
-"""Properties of each draw in the page."""
+"""Properties of a draw in the page."""
 
-STEPS = (1, 2, 4, 8, 16)
-"""Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
+GRID_STEPS = (1, 2, 4, 8, 16)
+"""Steps of devices' vertex grids, in 1/256 px; see `grid.js`."""
 
 
 def make_profile_content(pool: MeasuringPool) -> ProfileContent:
-    """Return the content of the profiling page, JSON-ready; the page makes the draws itself."""
-    made = make_draws(SEED)
-    fitted, plain = select_fitted(made)
+    """Return the content of the profiling page, JSON-ready; the page generates the draws."""
+    draws = make_draws(SEED)
+    fitted, plain = select_fitted(draws)
     sums = {name: predict_terms(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
     return {
         "format": PROFILE_FORMAT,
@@ -242,10 +240,10 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "harness": __version__,
         "design": DESIGN,
         "seed": SEED,
-        "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in made],
-        "grids": {step: make_grid([snap(draw, step) for draw in made]) for step in STEPS},
-        "fitted": _groups(made, fitted),
-        "plain": _groups(made, plain),
+        "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
+        "grids": {step: make_grid([snap(draw, step) for draw in draws]) for step in GRID_STEPS},
+        "fitted": _groups(draws, fitted),
+        "plain": _groups(draws, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
         "sums": {
             name: {"weights": [parts.get(term, 0) for term in TERMS], "words": SUM_SENTENCES[name]}
@@ -256,33 +254,33 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "base": BASE,
         "criteria": CRITERIA,
         "scenes": {
-            name: {each: _round_rows(rows) for each, rows in found.items()}
-            for name, found in sums.items()
-            if found is not None
+            name: {criterion: _round_rows(rows) for criterion, rows in predicted.items()}
+            for name, predicted in sums.items()
+            if predicted is not None
         },
     }
 
 
-def make_grid(made: Sequence[Draw]) -> GridContent:
-    """Return checksums, exact counters, and the terms of criteria, of each draw."""
-    counted = [counters(draw) for draw in made]
-    predicted = cost_rows([(draw.frame, draw.triangles) for draw in made])
+def make_grid(draws: Sequence[Draw]) -> GridContent:
+    """Return the content of draws on a grid."""
+    counted = [counters(draw) for draw in draws]
+    predicted = cost_rows([(draw.frame, draw.triangles) for draw in draws])
     return {
-        "checksums": [draw.checksum for draw in made],
-        "counters": {name: [each[name] for each in counted] for name in counted[0]},
+        "checksums": [draw.checksum for draw in draws],
+        "counters": {name: [counts[name] for counts in counted] for name in counted[0]},
         "predicted": _round_rows(predicted),
     }
 
 
-def _groups(made: Sequence[Draw], places: list[int]) -> GroupsContent:
-    """Return positions of draws, with the number of the group and of the fold of each."""
-    labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
+def _groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
+    """Return the groups and folds of the draws at `positions`."""
+    labels = np.unique([draws[position].group for position in positions], return_inverse=True)[1]
     folds = law.assign_folds(labels, SEED).tolist()
     reach = [
-        law.student_quantile(int(labels.max()) + 1, each)
-        for each in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
+        law.student_quantile(int(labels.max()) + 1, confidence)
+        for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
     ]
-    return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
+    return {"places": positions, "labels": labels.tolist(), "folds": folds, "reach": reach}
 
 
 def _round_rows(rows: Any) -> list[list[float]]:

@@ -42,7 +42,7 @@ from harness.settings import RESOLUTIONS, TimingSettings
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"
 CONTROLS = (EMPTY, REFERENCE, "(the base again)")
-"""Drawings that are timed in addition to the cases; the last one is a control: the base."""
+"""Drawings that are timed in addition to the cases; the last one is the base again."""
 
 
 class _Page(Part):
@@ -76,7 +76,7 @@ class _Record(Part):
 
 
 class _Counters(Part):
-    """Counters of each polygon."""
+    """Counters per polygon."""
 
     fragments: list[Whole]
     quads: list[Whole]
@@ -84,7 +84,7 @@ class _Counters(Part):
     covering_triangles: list[Whole] | None = None
 
     def arrays(self) -> dict[str, NDArray[np.int64]]:
-        """Return the counters by name, (p,) each; results of older pages lack the last one."""
+        """Return the counters (p,) by name; results of older pages lack the last counter."""
         return {name: np.array(values, np.int64) for name, values in self if values is not None}
 
 
@@ -92,7 +92,7 @@ RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fie
 
 
 def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return the page's counters of each polygon for triangles (m, 3), by the CPU reference."""
+    """Return the page's counters (p,) of triangles (m, 3), by the CPU reference."""
     predicted = predict(geometry.points, rows)
     owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
     size = len(geometry.grid)
@@ -112,7 +112,7 @@ class _Case(Part):
         counters = self.counters.arrays()
         for values in counters.values():
             if len(values) != polygons:
-                raise ValueError(f"{polygons} polygons and counters of {len(values)}")
+                raise ValueError(f"counters of {len(values)} of {polygons} polygons")
         fragments, quads, partial = (counters[name] for name in COUNTERS[:3])
         covering = counters.get(COUNTERS[3], np.sign(fragments))
         if ((quads > fragments) | (4 * quads < fragments)).any():
@@ -127,7 +127,7 @@ class _Case(Part):
         if (record.proven or 0) > record.polygons:
             raise ValueError(f"{record.proven} of {record.polygons} polygons proven")
         if record.triangles < record.polygons or record.vertices < 3 * record.polygons:
-            raise ValueError("triangles or vertices too few for its polygons")
+            raise ValueError("too few triangles or vertices for the polygons")
         return self
 
 
@@ -146,7 +146,7 @@ class _View(Part):
         for name, case in self.cases.items():
             record = case.record
             if name != record.triangulator or _identify_view(record) != _identify_view(self):
-                raise ValueError(f"the record of {name} is of a different case")
+                raise ValueError(f"the record of {name} belongs to a different case")
         cases = self.cases.values()
         if len({(case.record.scene_hash, len(case.counters.quads)) for case in cases}) > 1:
             raise ValueError("cases have different scenes or numbers of polygons")
@@ -180,8 +180,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     """Write a page's result as a run folder; return the folder.
 
     device : name for the device
-    run : the run from which the page was made, if available; the imported run then also has its
-        frames and the predictions of each polygon
+    run : the run from which the page was made, if available, whose frames and predictions per
+        polygon are copied
 
     Raises
     ------
@@ -191,8 +191,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     for case in (case for view in result.views for case in view.cases.values()):
         if run is not None:
             _raise_if_contradicting(run, case, exact_grid=result.device.step == 1)
-    again = f"remove {folder} and run the same command again"
-    with RunFolder.create(folder, again) as writer:
+    remedy = f"remove {folder} and run the same command again"
+    with RunFolder.create(folder, remedy) as writer:
         writer.write_facts(_facts(result, device))
         for view in result.views:
             for record, counters in _records(view, device, result):
@@ -206,7 +206,7 @@ def _facts(result: Result, device: str) -> RunFacts:
     cases = [case for view in result.views for case in view.cases.values()]
     names = dict.fromkeys(case.record.triangulator for case in cases)
     differing = sum(case.differing for case in cases)
-    warning = f"counters differ from those of the run in {differing} polygons"
+    warning = f"counters differ from the run's in {differing} polygons"
     warnings = [warning] * bool(differing)
     step = result.device.step
     details = {
@@ -239,7 +239,7 @@ def _facts(result: Result, device: str) -> RunFacts:
 def _records(
     view: _View, device: str, result: Result
 ) -> Iterator[tuple[Record, Mapping[str, np.ndarray]]]:
-    """Yield the record of each case of a view, with its counters of each polygon."""
+    """Yield the record of each case of a view, with counters per polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
         counters = case.counters.arrays()
@@ -280,7 +280,7 @@ def _time(view: _View, name: str, result: Result) -> Time | None:
 def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     """Raise an error if a case contradicts the run's polygons or triangles.
 
-    exact_grid : whether the device's grid is that of the reference, so that counters are equal
+    exact_grid : True if the device has the reference's grid, so that counters must be equal
     """
     saved = case.record
     name = saved.triangulator
@@ -288,13 +288,13 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     stored = _find_record(run, name, saved.scene_hash, view)
     if stored is None:
         raise IncompatibleRunsError(
-            f"{run.path} has no {name} of the page's polygons at {saved.resolution} px"
+            f"{run.path}: no {name} of the page's polygons at {saved.resolution} px"
         )
     expected, actual = record_to_json(stored), saved.model_dump(exclude_unset=True)
     common = [field for field in RECORD_FIELDS if field in expected and field in actual]
-    wrong = [f for f in common if f != "triangulator" and expected[f] != actual[f]]
-    if wrong:
-        raise IncompatibleRunsError(f"{name}: {', '.join(wrong)} contradict {run.path}")
+    different = [f for f in common if f != "triangulator" and expected[f] != actual[f]]
+    if different:
+        raise IncompatibleRunsError(f"{name}: {', '.join(different)} contradict {run.path}")
     geometry = drawings.read(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
         return
@@ -303,8 +303,8 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     exact = np.array(count_exactly(geometry, geometry.triangles[name])[: len(counted)])
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise InputError(
-            f"{name}: counters do not differ from the exact reference in {case.differing} "
-            "polygons, as the file states"
+            f"{name}: the number of polygons whose counters differ from the exact reference is not "
+            f"{case.differing}, as the file states"
         )
 
 
@@ -320,7 +320,7 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
 def _add_polygons(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
-    """Store the frame, and the predictions and counters of each polygon."""
+    """Store the frame, and predictions and counters per polygon."""
     name = drawings.view_name(record.id.view)
     if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)

@@ -1,6 +1,6 @@
-"""Files saved by measuring pages: digest, device, timer and times, which all pages share.
+"""Files saved by measuring pages: digest, device, timer and times, as for all pages.
 
-The files are untrusted, so that everything is validated.
+The files are untrusted, so that all fields are validated.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ class Part(BaseModel):
 class Device(Part):
     """GPU as reported by a browser.
 
-    step : step of its grid, in 1/256 px
+    step : step of the vertex grid, in 1/256 px
     limits : limits by name
     """
 
@@ -71,15 +71,15 @@ class Times(Part):
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError unless all were timed in the same rounds, and every draw took time."""
+    """Raise ValueError unless all draws have the same rounds, and no time is zero."""
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
-        raise ValueError("its times are not of the same rounds")
+        raise ValueError("draws have different numbers of rounds")
     if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):
         raise ValueError("a draw took no time")
 
 
 class Measured(Part):
-    """Fields of all results."""
+    """Fields of all kinds of results."""
 
     version: Literal[1]
     started: Text
@@ -94,7 +94,7 @@ class Measured(Part):
 
 
 class _File(BaseModel):
-    """File of a page: a result as text, and its digest."""
+    """File of a page: a result as text, and the digest of the text."""
 
     format: str
     version: int
@@ -113,15 +113,13 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
     Raises
     ------
     InputError
-        if it cannot be read, is damaged, or was not saved by a page
+        if the file cannot be read, is damaged, or was not saved by a page
     """
     try:
         if file.exists() and not file.is_file():
             raise InputError(f"{file}: not a regular file")
         if file.stat().st_size > MAX_BYTES:
-            raise InputError(
-                f"{file}: larger than {MAX_BYTES >> 20} MiB, the limit of a saved page"
-            )
+            raise InputError(f"{file}: too large for a saved page (over {MAX_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
         kind = kinds[outer.format]
     except OSError as error:
@@ -133,7 +131,7 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
     content = outer.result.encode()
     if hashlib.sha256(content).hexdigest() != outer.sha256:
         raise InputError(
-            f"{file}: damaged after it was saved (checksum mismatch); save or copy it again"
+            f"{file}: modified after saving (checksum mismatch); save or copy the file again"
         )
     try:
         return kind.model_validate_json(content)
@@ -155,7 +153,7 @@ def device_name(result: Measured) -> str:
 def list_warnings(result: Measured, warnings: Iterable[str], moved: str) -> list[str]:
     """Return problems of the page, `warnings`, and differences of the device's rasterisation.
 
-    moved : noun for what a coarser grid moves
+    moved : noun for the objects that a coarser grid moves
     """
     problem = " ".join((result.problem or "").split())
     step = result.device.step

@@ -1,1 +1,1 @@
-"""The report of a run or a study: one HTML file that needs nothing else, not even a network."""
+"""The report of a run or a study: one self-contained HTML file."""

@@ -49,19 +49,19 @@ from harness.webpages import encoded
 from triangulators.polygon_arrays import ranges
 
 MAX_MARKS = 6_000
-"""Maximum marks of a chart: polygons times triangulators."""
+"""Maximum number of marks in a chart: polygons times triangulators."""
 
 MAX_VALUES = 600_000
-"""Maximum per-polygon numbers of a report."""
+"""Maximum number of per-polygon values in a report."""
 
 MIN_POLYGONS = 12
 
 MAX_TRIANGLES = 1_500_000
-"""Maximum triangles of a report's heatmaps, over all triangulators and views."""
+"""Maximum number of triangles in a report's heatmaps, over all triangulators and views."""
 
 
 class PackedTriangles(TypedDict):
-    """Triangles of each polygon, and base64 of uint32 indices into the polygon's points."""
+    """Numbers of triangles per polygon, and base64 of uint32 indices of the polygon's points."""
 
     counts: list[int]
     rows: str
@@ -77,7 +77,7 @@ class Drawing(TypedDict):
 
 
 class ViewContent(TypedDict):
-    """A view: numbers of the sampled polygons, and each triangulator's predictions for them."""
+    """A view: numbers of sampled polygons, and each triangulator's predictions for the sample."""
 
     polygons: int
     chosen: list[int]
@@ -104,7 +104,7 @@ class GroupContent(TypedDict):
 
 
 class CaseContent(TypedDict):
-    """A case: number of its group, row of summary.csv, counters of the sampled polygons."""
+    """A case: number of the group, row of summary.csv, counters of the sampled polygons."""
 
     group: int
     row: dict[str, Any]
@@ -210,7 +210,7 @@ class _Polygons:
         self._samples: dict[str, NDArray[np.int64]] = {}
 
     def read(self, record: Record) -> Columns | None:
-        """Return a case's columns; add its view, with drawings and predictions, on first use."""
+        """Return a case's columns; on first use, add the view with drawings and predictions."""
         columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
             return None
@@ -268,7 +268,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
         for measure in counted
         if base_name is not None
     }
-    # A single polygon has no columns: the record's totals are its counters.
+    # A single polygon has no columns; the record has the counters.
     totals = list_costs((base or group.records[0]).counters)
     main = next(iter([*counted, *totals]), None)
     spread = matrix.read_spread(polygons.run, group.id.view) if main in MEASURES else None
@@ -332,7 +332,7 @@ def _describe_metric(metric: Metric) -> dict[str, Any]:
 
 
 def _list_triangulators(run: Run) -> list[str]:
-    """Return the names in the order of the plan, then names that only records have."""
+    """Return the names of the plan in order, then other names of records."""
     planned = run.facts.get("plan", {}).get("triangulators", [])
     measured = dict.fromkeys(record.name for record in run.records)
     return list(dict.fromkeys([*(name for name in planned if name in measured), *measured]))
@@ -346,31 +346,31 @@ def _round(value: Any) -> Any:
 
 
 def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
-    """Return sorted numbers of at most `limit` polygons: all, or a fixed random sample."""
+    """Return sorted numbers of at most `limit` polygons, all or a fixed random sample."""
     sample = np.random.default_rng(0).choice(polygons, min(polygons, limit), replace=False)
     return np.sort(sample).astype(np.int64)
 
 
-def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> Drawing:
-    """Return the `chosen` polygons' points and triangles, JSON-ready.
+def pack(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
+    """Return points and triangles of the polygons `numbers`, JSON-ready.
 
-    points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; `sizes` vertices each
-    triangles : triangulator -> {"counts", "rows"}: triangles of each polygon, and base64 of
-        uint32 indices into the polygon's points
+    points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; sizes : vertex counts
+    triangles : triangulator -> {"counts", "rows"}: triangles per polygon, and base64 of uint32
+        indices of the polygon's points
     """
     offsets = geometry.grid.vertex_offsets
-    starts, sizes = offsets[chosen], geometry.grid.vertex_counts[chosen]
-    take = ranges(starts, sizes)
+    starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
+    vertices = ranges(starts, sizes)
     packed: Drawing = {
-        "points": encoded(geometry.points[take].astype("<i4")),
+        "points": encoded(geometry.points[vertices].astype("<i4")),
         "sizes": sizes.tolist(),
-        "source": geometry.source[chosen].tolist(),
+        "source": geometry.source[numbers].tolist(),
         "triangles": {},
     }
     for name, triangles in geometry.triangles.items():
         owner = np.searchsorted(offsets, triangles[:, 0], side="right") - 1
-        first = np.searchsorted(owner, chosen, side="left")
-        counts = np.searchsorted(owner, chosen, side="right") - first
+        first = np.searchsorted(owner, numbers, side="left")
+        counts = np.searchsorted(owner, numbers, side="right") - first
         rows = triangles[ranges(first, counts)] - np.repeat(starts, counts)[:, None]
         packed["triangles"][name] = {
             "counts": counts.tolist(),
@@ -397,7 +397,7 @@ def list_facts(run: Run) -> list[Row]:
 
 
 def list_key_facts(run: Run) -> list[tuple[str, str]]:
-    """Return (name, value) of the known facts that times depend on most."""
+    """Return (name, value) of the facts that affect times most, as far as known."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
     rows = [("processor", read_processor(run.facts)), ("system", machine.get("kernel"))]

@@ -1,7 +1,7 @@
 """The matrix of a report: how well each criterion predicts each measurement.
 
-`study validate` writes `correlations.csv` with intervals next to its run; a plain run has the rank
-correlation of its polygons' ratios. One sentence names the criterion that predicts the cost best.
+`study validate` writes `correlations.csv` with intervals into the run's folder; other runs have the
+rank correlation of polygons' ratios. A sentence names the criterion that predicts the cost best.
 """
 
 import math
@@ -44,11 +44,11 @@ STATISTICS = {
 
 Matrix = dict[str, Any]
 Cell = tuple[tuple[str, str, str], str, list[float | None]]
-"""(rasteriser, device, measure), criterion, and the value with its interval."""
+"""(rasteriser, device, measure), criterion, and the value with interval."""
 
 
 def read_study_matrices(folder: Path) -> list[Matrix]:
-    """Return one matrix per statistic of the study in `folder`, [] if there is no study.
+    """Return a matrix per statistic of the study in `folder`, [] without a study.
 
     Raises
     ------
@@ -124,9 +124,9 @@ def format_best_criterion(
     correlations: Correlations,
     spread: pd.DataFrame | None = None,
 ) -> str:
-    """Return one sentence about the criterion that predicts the cost best, "" if unknown.
+    """Return a sentence about the criterion that predicts the cost best, "" if unknown.
 
-    measure : the group's main counter, or None if there are no counters per polygon
+    measure : the group's main counter, or None without counters per polygon
     spread : result of `read_spread` for the group's view
     """
     within = {} if spread is None or measure is None else correlate_spread(spread, measure)
@@ -152,9 +152,9 @@ def format_best_criterion(
 
 
 def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return one sentence about a study's first matrix, or None if it has no correlation.
+    """Return a sentence about a study's first matrix, or None without a correlation.
 
-    The measure is helper lanes, else bounding-box tests, else the first one.
+    The measure is helper lanes, otherwise bounding-box tests, otherwise the first measure.
     """
     if not matrices:
         return None
@@ -187,11 +187,11 @@ SPREAD = "spread.csv"
 
 
 def write_spread(run: Run) -> Path | None:
-    """Write `SPREAD` for the first view with stored drawings; return its path, or None."""
+    """Write `SPREAD` for the first view with stored drawings; return the path, or None."""
     for record in run.records:
         view = record.id.view
         if record.is_ok and (geometry := drawings.read(run, view)) is not None:
-            with Worker("the evaluation of criteria") as worker:
+            with Worker("criteria evaluation worker") as worker:
                 rows = worker.call(count_triangulations, geometry, view)
             if not rows:
                 return None
@@ -219,7 +219,7 @@ def read_spread(run: Run, view: View) -> pd.DataFrame | None:
 
 
 def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
-    """Return the rank correlation within polygons of each criterion, if it is defined."""
+    """Return the rank correlation within polygons of each criterion, if defined."""
     estimates = {
         name: estimate_median(correlate_within(table, name, measure))
         for name in list_predictions()

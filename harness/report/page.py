@@ -12,7 +12,7 @@ from harness.webpages import packed, static, template, write_atomically
 
 PACKAGE = "harness.report"
 ELEMENTS, SPANS = "elements.js", "spans.js"
-"""Scripts that measuring pages use too, as they do `CHARTS` and the style."""
+"""Scripts that measuring pages also use, as well as `CHARTS` and the style."""
 FILE = "report.html"
 STYLE = "report.css"
 
@@ -48,7 +48,7 @@ def write_report(
     content = make_content(run, decided)
     if not content["cases"] and not content["matrices"]:
         detail = f" ({run.problems[0]})" if run.problems else ""
-        raise InputError(f"{run.path} holds no case and no study{detail}; run or --resume it first")
+        raise InputError(f"{run.path}: neither a case nor a study{detail}; run or --resume first")
     target = file or run.folder / FILE
     first = content["groups"][0] if content["groups"] else None
     text = template(PACKAGE, "report.html").render(

@@ -127,8 +127,8 @@ def _draw_scatter(
         x = compute_ratios(columns[name], columns[base], PREDICTED + criterion)
         y = compute_ratios(columns[name], columns[base], measure)
         finite = np.isfinite(x) & np.isfinite(y)
-        many = (len(columns) - 1) * len(x) > MAX_VECTOR_MARKS
-        scatter(panel, x[finite], y[finite], styles[name], name, rasterized=many)
+        is_large = (len(columns) - 1) * len(x) > MAX_VECTOR_MARKS
+        scatter(panel, x[finite], y[finite], styles[name], name, rasterized=is_large)
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

@@ -1,1 +1,1 @@
-"""Worker processes for code that may crash, hang, or need its own environment."""
+"""Worker processes for code that may crash, hang, or require a separate environment."""

@@ -1,4 +1,4 @@
-"""A pool of named worker processes, in each of which tasks run one after another."""
+"""A pool of named worker processes that run tasks one after another."""
 
 import logging
 import time
@@ -21,7 +21,7 @@ MEMORY_SHARE = 0.75
 """Share of the free memory that a third party's triangulator may allocate."""
 
 POLL_S = 0.1
-"""Longest time, in seconds, in which a caller that waits for a task cannot handle a signal."""
+"""Maximum time in which a caller that waits for a task cannot handle a signal."""
 
 
 def third_party_limits() -> Limits:
@@ -42,7 +42,7 @@ class WorkerPool:
     """Worker processes by name, started on first use, replaced after a failure.
 
     open_worker : starts a process
-    timeout_s : time limit of a task, unless the task has another one
+    timeout_s : default time limit of a task
     """
 
     def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
@@ -60,9 +60,9 @@ class WorkerPool:
         timeout_s: float | None = None,
         tick: Callable[[float], None] | None = None,
     ) -> Future[T]:
-        """Run a function in a worker, after the tasks that were submitted to it before.
+        """Run a function in a worker, after previously submitted tasks.
 
-        timeout_s : time limit, if not the pool's
+        timeout_s : time limit, by default the pool's
         tick : called while the function runs, with the seconds so far
 
         The result raises `TaskError` if the process crashed or hung, or the function raised.
@@ -72,16 +72,18 @@ class WorkerPool:
         limit_s = timeout_s or self.timeout_s
         return self._threads[spec.name].submit(self._call, spec, function, arguments, limit_s, tick)
 
-    def run(self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **how: Any) -> T:
+    def run(
+        self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
+    ) -> T:
         """Run a function in a worker as `submit` does, and wait for the result."""
-        return result_of(self.submit(spec, function, *arguments, **how))
+        return result_of(self.submit(spec, function, *arguments, **options))
 
     def is_used(self, spec: WorkerSpec) -> bool:
-        """Return whether a task was ever submitted to a worker."""
+        """Return whether a task was submitted to the worker."""
         return spec.name in self._threads
 
     def replace_worker(self, spec: WorkerSpec) -> None:
-        """End a worker; the next task starts a fresh process."""
+        """End a worker; the next task starts a new process."""
         if worker := self._workers.pop(spec.name, None):
             worker.close()
 
@@ -118,14 +120,14 @@ class WorkerPool:
                 function, *arguments, timeout_s=timeout_s, tick=tick
             )
         except TaskError:
-            _LOG.info("%s: the next task gets a fresh process", spec.name)
-            # A lost graphics context stays lost: the next task gets a fresh process.
+            # A lost graphics context does not recover.
+            _LOG.info("%s: the next task gets a new process", spec.name)
             self.replace_worker(spec)
             self._forget(spec)
             raise
 
     def _forget(self, spec: WorkerSpec) -> None:
-        """Forget what a failed worker had loaded."""
+        """Reset the caller's notes about the state of a failed worker."""
 
 
 def result_of(future: Future[T]) -> T:

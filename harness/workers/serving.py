@@ -5,9 +5,9 @@ two seconds for imports and compiled code; a forked worker has both. Python's fo
 server, which ends with the process that started it. On systems without a safe fork (macOS, Windows)
 workers start from scratch.
 
-A worker runs tasks one after another and sends back their results. For third-party code there are
-two processes: a parent that only waits, and a child in which the tasks run. A task that kills or
-suspends its parent does not affect the server, from which all other workers are forked.
+A worker runs tasks one after another and returns the results. A worker for third-party code has two
+processes: a parent that only waits, and a child that runs the tasks. A task that kills or suspends
+its parent does not affect the server, from which all other workers are forked.
 """
 
 import errno
@@ -31,7 +31,7 @@ from harness.machine import system
 from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 
 MARK = "RASTER_HARNESS_SERVER"
-"""Environment variable of the server alone, by which `PRELOADED` recognises the server."""
+"""Environment variable that only the server has, by which `PRELOADED` recognises the server."""
 
 PRELOADED = "harness.measuring.preloading"
 """Module that the server imports before it forks a worker."""
@@ -48,7 +48,7 @@ def wake() -> None:
 
 
 def start() -> ForkServerContext | SpawnContext:
-    """Start the server, if none runs, without waiting for it; return the context of processes."""
+    """Start the server unless running, without waiting; return the context of processes."""
     if sys.platform != "linux" or not hasattr(os, "fork"):
         return multiprocessing.get_context("spawn")
     paths = (SOURCES, os.environ.get("PYTHONPATH", ""))
@@ -83,8 +83,8 @@ def start() -> ForkServerContext | SpawnContext:
 class Limits:
     """Limits of a process in which third-party code runs.
 
-    memory_bytes : memory that it may allocate, or None, as drivers map more than they use
-    file_bytes : size of a file that it may write, its output included
+    memory_bytes : maximum memory, or None with a driver, which maps more memory than it uses
+    file_bytes : maximum size of a written file, including the captured output
     """
 
     memory_bytes: int | None = None
@@ -92,7 +92,7 @@ class Limits:
 
 
 class TaskError(HarnessError):
-    """A task crashed, hung or raised; the message quotes its last output.
+    """A task crashed, hung or raised an exception; the message quotes the last output.
 
     detail : traceback in the worker, or ""
     """
@@ -110,13 +110,13 @@ def serve(
     environment: Mapping[str, str],
     limits: Limits | None,
 ) -> None:
-    """Run tasks until there are no more; main function of a worker process.
+    """Run tasks until a task is None; main function of a worker process.
 
     environment : all variables of the process
-    limits : None if only built-in code runs in it
+    limits : None if the process runs only built-in code
 
-    Sends None when it is ready for a task, None again when it has unpickled one, then
-    (True, result) or (False, error).
+    Sends None when ready for a task, None again after unpickling a task, then (True, result) or
+    (False, error).
     """
     _prepare(output, environment, limits)
     if limits is not None and sys.platform == "linux":
@@ -138,27 +138,27 @@ def serve(
             answer = (False, error if limits is None else _sanitised(error))
         except BaseException as error:  # a task's sys.exit must not end the run
             answer = (False, failure(error))
-        if os.getpid() != pid:  # forked off by the task; its parent answers
+        if os.getpid() != pid:  # a fork made by the task; the parent answers
             os._exit(0)
         try:
             connection.send(answer)
         except Exception as error:
             connection.send(
-                (False, TaskError(f"its result cannot be sent: {summarize_error(error)}"))
+                (False, TaskError(f"the result cannot be sent: {summarize_error(error)}"))
             )
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
-    os._exit(0)  # clean-up of drivers and plugins may crash or hang
+    os._exit(0)  # without clean-up, in which drivers and plugins may crash or hang
 
 
 def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
-    """Prepare a fresh process before its first task."""
+    """Prepare a new process for tasks."""
     os.environ.clear()
     os.environ.update(environment)
     if limits is not None:
         system.set_limits(limits.memory_bytes, limits.file_bytes)
-    # A process group, so that descendants are killed with it and Ctrl-C reaches the parent alone.
+    # A process group, so that descendants are killed as well and Ctrl-C reaches only the parent.
     system.start_process_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     system.end_with(os.getppid())
@@ -171,7 +171,7 @@ def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None)
 
 
 def _wait_for_child(connection: Connection) -> None:
-    """Continue in a child of this process, which waits for the child and ends as it does."""
+    """Continue in a child; this process waits for the child and ends in the same way."""
     waiting = os.getpid()
     child = os.fork()
     if child == 0:
@@ -189,7 +189,7 @@ def _wait_for_child(connection: Connection) -> None:
 
 
 def _sanitised(error: HarnessError) -> HarnessError:
-    """Return an error that third-party code may have raised, truncate, as one of our classes."""
+    """Return an error of third-party code, truncated, as a class of the harness."""
     kind = type(error) if type(error).__module__.startswith("harness.") else TaskError
     return kind(truncate(str(error)))
 
@@ -197,9 +197,9 @@ def _sanitised(error: HarnessError) -> HarnessError:
 def failure(error: BaseException) -> TaskError:
     """Return the failure of a task that raised `error`."""
     if isinstance(error, MemoryError):
-        return TaskError("it ran out of memory")
+        return TaskError("out of memory")
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
-        return TaskError("it exceeded the output limit (256 MiB)")
+        return TaskError("output limit exceeded (256 MiB)")
     failure = TaskError(summarize_error(error))
     failure.detail = "".join(traceback.format_exception(error))[:MAX_TRACEBACK]
     return failure

@@ -1,12 +1,12 @@
-"""A worker process for code that may crash, hang or need its own environment.
+"""A worker process for code that may crash, hang or require a separate environment.
 
 A `Worker` is one process, which is started again after a crash. Tasks are module-level functions;
 state that outlives a task (an open device) is a module global of the worker process.
 
 A task may be third-party code and is not trusted: it may exit, be killed, fork, or raise a
-`BaseException`. The operating system is asked whether the process runs, not a pipe, because a
-forked child would keep a pipe open. The process group is killed with the process. A task may also
-suspend its process, kill its parent (see `serving`), or print without end.
+`BaseException`. The operating system, not a pipe, tells whether the process runs, because a forked
+child would keep a pipe open. The process group is killed with the process. A task may also suspend
+its process, kill its parent (see `serving`), or print without end.
 """
 
 import atexit
@@ -36,7 +36,7 @@ T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
 
 MAX_OUTPUT_LINES = 5
-"""Last lines of a process's output that the message of its failure quotes."""
+"""Maximum number of lines of a failed process's output in the error message."""
 
 MAX_OUTPUT_CHARACTERS = 500
 
@@ -44,7 +44,7 @@ SUSPENSION_CHECK_S = 4.0
 """Interval of checks for a suspended process, which is killed at the second check."""
 
 POLL_S = 0.1
-"""Interval at which a waiting caller gets the time waited."""
+"""Interval at which `tick` of a waiting caller is called."""
 
 START_TIMEOUT_S = 120.0
 """Time limit for starting a process; imports take seconds, longer on a busy machine."""
@@ -52,21 +52,23 @@ START_TIMEOUT_S = 120.0
 END_TIMEOUT_S = 2.0
 """Time limit for a process to end on request."""
 
-
 _STARTING = threading.Lock()
-"""Starting a process changes this process's environment for a moment."""
+"""Held while a process starts, which changes this process's environment for a moment."""
 
 
 class Worker:
-    """A process with its own environment, in which tasks run one after another.
+    """A process with a separate environment that runs tasks one after another.
+
+    The process ends if the thread that made the worker ends.
 
     Parameters
     ----------
-    name : shown in messages
-    environment : variables set in the process before the first task
-    limits : limits of a process in which third-party code runs
-
-    The process ends if the thread that made the worker ends.
+    name : str
+        Name for messages.
+    environment : mapping of str to str, optional
+        Variables to set in the process before the first task.
+    limits : Limits, optional
+        Limits of a process that runs third-party code.
     """
 
     def __init__(
@@ -104,7 +106,7 @@ class Worker:
         TaskTimeoutError
             if the function exceeds `timeout_s`; the process is killed
         HarnessError
-            as the function raised it
+            if the function raised it
         """
         if self._process is not None and self._process.exitcode is not None:
             self._end(at_once=True)  # killed since its last task
@@ -117,7 +119,7 @@ class Worker:
         except OSError:
             self._raise_crash(written)
         except Exception as error:
-            # The process has announced that it waits for a task, and does so only once.
+            # The process announces only once that it waits for a task.
             self._end(at_once=True)
             raise TaskError(
                 f"{self.name}: the task cannot be sent: {summarize_error(error)}"
@@ -131,8 +133,8 @@ class Worker:
             # The pending answer would be taken for the next task's.
             self._end(at_once=True)
             raise
-        done, result = answer
-        if done:
+        succeeded, result = answer
+        if succeeded:
             value: T = result
             return value
         raise result
@@ -147,25 +149,25 @@ class Worker:
         with _STARTING:
             context = serving.start()
             forked = context.get_start_method() == "forkserver"
-            self._connection, theirs = context.Pipe()
+            self._connection, child_end = context.Pipe()
             arguments = (
-                theirs,
+                child_end,
                 str(self._output),
-                # All variables: the server was started before this process changed its own.
+                # All variables, as the server may have older values.
                 {**os.environ, **self._environment},
                 self._limits,
             )
             self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
             self._process.start()
-            theirs.close()
+            child_end.close()
         _LOG.info("%s: started process %s", self.name, self._process.pid)
-        with contextlib.suppress(psutil.NoSuchProcess):  # it has ended already
+        with contextlib.suppress(psutil.NoSuchProcess):  # the process has ended already
             self._server = psutil.Process(self._process.pid).ppid() if forked else None
 
     def _receive(
         self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
     ) -> Any:
-        """Return the next message of the process; raise `TaskError` if there is none."""
+        """Return the next message of the process; raise `TaskError` if no message comes."""
         assert self._process is not None
         start = time.monotonic()
         next_check_s, suspended = SUSPENSION_CHECK_S, False
@@ -177,7 +179,7 @@ class Worker:
                 if suspended and before:
                     self._end(at_once=True)
                     self._fail(f"{self.name} was suspended (SIGSTOP) and killed", written)
-            # It may have answered before it ended: then there is a message to read.
+            # A process that answered before it ended leaves a message to read.
             if self._process.exitcode is not None and not self._connection.poll(0):
                 self._raise_crash(written)
             if timeout_s is not None and waited > timeout_s:
@@ -192,7 +194,7 @@ class Worker:
             self._raise_crash(written)
         except Exception as error:
             raise TaskError(
-                f"{self.name}: its result cannot be read: {summarize_error(error)}"
+                f"{self.name}: the result cannot be read: {summarize_error(error)}"
             ) from error
 
     def _raise_crash(self, written: int) -> NoReturn:
@@ -210,7 +212,7 @@ class Worker:
         raise kind(message)
 
     def _end(self, *, at_once: bool = False) -> None:
-        """End the process and all processes that it has started."""
+        """End the process and all processes started by it."""
         process, self._process = self._process, None
         if process is None or process.pid is None:
             return
@@ -219,7 +221,7 @@ class Worker:
                 self._connection.send(None)
             process.join(END_TIMEOUT_S)
         serving.wake()
-        # The process leads the group; it may have ended before it made the group.
+        # The process leads the group, unless it ended before it made the group.
         system.kill_group(process.pid)
         process.kill()
         process.join()
@@ -258,9 +260,9 @@ _shared = threading.local()
 
 
 def shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
-    """Return this thread's worker of a name, started on first use, ended when the program exits.
+    """Return this thread's worker of a name; start it on first use, end it at program exit.
 
-    limits : returns the limits of a worker in which third-party code runs
+    limits : returns the limits of a worker that runs third-party code
     """
     workers: dict[str, Worker] = _shared.__dict__.setdefault("workers", {})
     if name not in workers:

@@ -210,7 +210,7 @@ def test_runs_with_views_can_be_resumed_but_not_exported_as_pages(model, tmp_pat
     assert [record["key"] for record in lines_of(resumed)] == [
         record["key"] for record in lines_of(first)
     ]
-    with pytest.raises(InputError, match=f"is of {noun}, which pages do not support"):
+    with pytest.raises(InputError, match=f"pages do not support {noun}"):
         make_page_content(read_run(out))
 
 

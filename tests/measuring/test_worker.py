@@ -244,7 +244,7 @@ def test_output_of_tasks_is_not_printed(worker, capfd):
 
 
 def test_unpicklable_results_are_failures(worker):
-    with pytest.raises(TaskError, match="its result cannot be sent"):
+    with pytest.raises(TaskError, match="the result cannot be sent"):
         worker.call(a_function_of_its_own)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
 

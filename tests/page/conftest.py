@@ -168,15 +168,15 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     result = measure(browser)
     browser.resize(360, 800)
     parts = ("answer", "words", "thin", "terms", "traps")
-    shown = {part: read_text(browser, part) for part in parts}
-    shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-    shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
+    texts = {part: read_text(browser, part) for part in parts}
+    texts["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    texts["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
     needed = "[...$('terms').rows].map((row) => row.cells[3].textContent)"
-    shown["needed"] = browser.evaluate(needed)
-    shown["saved"] = browser.evaluate("savedText()")
-    shown["coefficients"] = browser.evaluate("state.profile.coefficients")
+    texts["needed"] = browser.evaluate(needed)
+    texts["saved"] = browser.evaluate("savedText()")
+    texts["coefficients"] = browser.evaluate("state.profile.coefficients")
     browser.send("Emulation.clearDeviceMetricsOverride")
-    return {"result": result, **shown}
+    return {"result": result, **texts}
 
 
 @pytest.fixture(scope="session")

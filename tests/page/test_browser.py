@@ -118,7 +118,7 @@ def test_stopped_measurement_is_retained(gpu_browser, page):
     assert len(result["views"]) == 1
     assert sum(result["views"][0]["epochs"]) > 1
     assert not gpu_browser.evaluate("$('save').disabled")
-    assert "What was measured is kept" in gpu_browser.evaluate("$('notice').textContent")
+    assert "Completed measurements are kept" in gpu_browser.evaluate("$('notice').textContent")
 
 
 def test_measurements_of_a_lost_device_are_retained(gpu_browser, page):

@@ -32,18 +32,18 @@ def test_measured_run_has_a_summary(harness, small_run):
     require_ok(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
     arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")
-    assert_refused(harness(*arguments), "times of exactly one rasteriser and device (there are 0)")
+    assert_refused(harness(*arguments), "times of 0 devices")
 
 
 def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run):
     file = device_summaries.write_summary(small_run, tmp_path / "cpu.json")
-    once = json.loads(file.read_text())
-    assert json.loads(device_summaries.write_summary(small_run, file).read_text()) == once
+    first = json.loads(file.read_text())
+    assert json.loads(device_summaries.write_summary(small_run, file).read_text()) == first
     records = [record.with_id(scene="village") for record in small_run.records]
     device_summaries.write_summary(replace(small_run, records=records), file)
     assert len(json.loads(file.read_text())["views"]) == 4
     records = [record.with_id(device="other") for record in small_run.records]
-    with pytest.raises(IncompatibleRunsError, match="is of reference on cpu"):
+    with pytest.raises(IncompatibleRunsError, match="has reference on cpu"):
         device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
     with pytest.raises(InputError, match="not a summary of a device"):
@@ -69,7 +69,7 @@ def test_summary_of_a_software_device_refuses_another_cpu(tmp_path, small_run):
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
     assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.format_table(tmp_path)
     with pytest.raises(
-        IncompatibleRunsError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"
+        IncompatibleRunsError, match="measured on AMD EPYC 25/17, 512-bit, this run on Xeon"
     ):
         device_summaries.write_summary(second, file)
     gpu = [record.with_id(device="gpu0") for record in first.records]

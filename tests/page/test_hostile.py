@@ -57,8 +57,8 @@ def test_report_of_an_imported_result_runs_no_script(browser, saved, tmp_path):
         for view in result["views"]:
             for part in ("cases", "times"):
                 view[part] = {
-                    name if name.startswith("(") else name + MARKUP: each
-                    for name, each in view[part].items()
+                    name if name.startswith("(") else name + MARKUP: entry
+                    for name, entry in view[part].items()
                 }
             for case in view["cases"].values():
                 case["record"] = add_markup(case["record"])
@@ -90,8 +90,8 @@ def test_measuring_page_and_tooltips_run_no_script(browser, small_run, tmp_path,
     assert browser.evaluate("state.plot.getOption().series.length") > 3
     browser.evaluate(HOVER.replace("PLOT", "state.plot"))
     browser.evaluate("new Promise((done) => setTimeout(done, 50))")
-    shown = browser.evaluate("document.body.textContent")
-    assert MARKUP in shown
-    assert "predicted" in shown
+    text = browser.evaluate("document.body.textContent")
+    assert MARKUP in text
+    assert "predicted" in text
     assert not browser.evaluate("'hacked' in window")
     assert browser.evaluate("document.querySelectorAll('img').length") == 0

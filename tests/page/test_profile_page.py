@@ -9,7 +9,7 @@ import pytest
 
 from harness.errors import BAD_INPUT
 from harness.measuring.timing import EMPTY, Times
-from harness.page.page_data import STEPS
+from harness.page.page_data import GRID_STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, compare_aspects
 from harness.profile.counted import TERMS, counters, design_of
@@ -47,7 +47,7 @@ def test_page_is_small_and_its_draws_equal_python(loaded, profile_page):
 
 def test_counters_in_the_page_equal_the_reference(loaded):
     grids = loaded.evaluate("state.page.grids")
-    assert list(grids) == [str(step) for step in STEPS]
+    assert list(grids) == [str(step) for step in GRID_STEPS]
     for step, index in ((1, 20), (4, 80), (16, 100)):
         draw = design.snap(design.make_draws()[index], step)
         read_text = {name: values[index] for name, values in grids[str(step)]["counters"].items()}
@@ -73,7 +73,9 @@ def test_law_of_the_page_equals_python(loaded, synthetic):
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draws[index].group for index in places]
     expected = law.fit(rows[places], epochs[:, places], groups)
-    fewest = law.select_terms(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
+    selected = law.select_terms(
+        rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups
+    )
     argument = json.dumps({"epochs": epochs.tolist()})
     actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
     assert actual["rows"] == rows.tolist()
@@ -88,7 +90,7 @@ def test_law_of_the_page_equals_python(loaded, synthetic):
         assert total["shown"] == expected.is_significant(weights)
     assert actual["r2_over"] == pytest.approx(expected.r2_over, abs=1e-9)
     assert actual["r2_within"] == pytest.approx(expected.r2_within, abs=1e-9)
-    assert [list(TERMS)[index] for index in actual["fewest"]] == list(fewest)
+    assert [list(TERMS)[index] for index in actual["fewest"]] == list(selected)
 
 
 ASPECTS = """(() => {
@@ -104,16 +106,17 @@ def test_times_of_thin_triangles_equal_python(loaded, synthetic):
     fitted = law.fit(rows, epochs, groups)
     times = Measured(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
     low, high = fitted.intervals.T.tolist()
-    shown = {"seconds": fitted.costs.tolist(), "low": low, "high": high}
-    argument = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
+    costs = {"seconds": fitted.costs.tolist(), "low": low, "high": high}
+    argument = json.dumps({"law": costs, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
     actual = loaded.evaluate(ASPECTS % argument)
-    for expected, found in zip(compare_aspects(draws, rows, times, fitted), actual, strict=True):
+    for expected, result in zip(compare_aspects(draws, rows, times, fitted), actual, strict=True):
         for name in ("area", "aspects"):
-            assert found[name] == expected[name]
+            assert result[name] == expected[name]
         for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
-            assert found[name] == pytest.approx(expected[name], rel=1e-3)
+            assert result[name] == pytest.approx(expected[name], rel=1e-3)
         shares = {
-            each["name"]: [each["value"], each["low"], each["high"]] for each in found["shares"]
+            share["name"]: [share["value"], share["low"], share["high"]]
+            for share in result["shares"]
         }
         assert list(shares) == list(expected["shares"])
         for name, ends in expected["shares"].items():
@@ -170,9 +173,9 @@ SAME_CHANCE = "(() => { let s = 1; return () => (s = s * 16807 % 2147483647) / 2
 def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
     scenes = loaded.evaluate("state.page.scenes")
     assert list(scenes) == ["city"]
-    rows = {name: np.array(each) for name, each in scenes["city"].items()}
+    rows = {name: np.array(values) for name, values in scenes["city"].items()}
     assert list(rows) == ["ear-clipping", *CRITERIA]
-    assert {each.shape for each in rows.values()} == {(8, len(CRITERIA_TERMS) - 1)}
+    assert {values.shape for values in rows.values()} == {(8, len(CRITERIA_TERMS) - 1)}
     for index, term in enumerate(CRITERIA_TERMS[1:]):
         coefficients = [0.0] * len(CRITERIA_TERMS)
         coefficients[1 + index] = 1e-9
@@ -247,7 +250,7 @@ def test_measurements_of_a_lost_gpu_are_evaluated(browser, profile_page):
     assert not result["complete"]
     assert sum(result["epochs"]) > 8
     assert result["law"]["seconds"]["triangles"] == pytest.approx(5e-8, rel=0.1)
-    assert "What was measured is kept" in read_text(browser, "notice")
+    assert "Completed measurements are kept" in read_text(browser, "notice")
     assert not browser.evaluate("$('save').disabled")
 
 
@@ -264,11 +267,11 @@ def test_hidden_page_waits_and_repeats_the_round(browser, profile_page):
     slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
     open_page(browser, profile_page, f"at: {{ 4000: () => hide() }}, {slow}")
     result = measure(browser)
-    for each in result["times"].values():
-        assert max(each["samples_s"]) < 1.1 * min(each["samples_s"])
+    for draw in result["times"].values():
+        assert max(draw["samples_s"]) < 1.1 * min(draw["samples_s"])
     assert result["complete"]
     assert result["hidden"]
-    assert {len(each["samples_s"]) for each in result["times"].values()} == {sum(result["epochs"])}
+    assert {len(draw["samples_s"]) for draw in result["times"].values()} == {sum(result["epochs"])}
     assert "it waits until it is in front again" in browser.evaluate("hide.said")
     assert "The page was hidden for a while" in read_text(browser, "traps")
     assert browser.evaluate("$('notice').hidden")
@@ -318,7 +321,7 @@ def test_a_stop_keeps_what_was_counted(browser, profile_page):
     result = measure(browser)
     assert not result["complete"]
     assert not result["limited"]
-    assert "Stopped. What was measured is kept." in read_text(browser, "notice")
+    assert "Stopped. Completed measurements are kept." in read_text(browser, "notice")
 
 
 def test_without_webgpu_it_says_which_browsers_have_it(browser, profile_page):
@@ -370,7 +373,7 @@ def test_noise_does_not_give_negative_ratios(loaded, synthetic):
     nothing = {ends: [0.0] * len(TERMS) for ends in ("seconds", "low", "high")}
     argument = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
     aspects_found = loaded.evaluate(ASPECTS % argument)
-    assert all(ratio > 0 for each in aspects_found for ratio in each["ratios"])
+    assert all(ratio > 0 for aspect in aspects_found for ratio in aspect["ratios"])
 
 
 def test_swiftshader_counters_equal_the_expected_ones(gpu_browser, profile_page):

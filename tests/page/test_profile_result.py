@@ -123,8 +123,8 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "does not follow from the times"),
     "terms": (lambda r: r["law"]["seconds"].pop("near"), "the law has different terms"),
     "times": (lambda r: slow_down(r, 0), "does not follow from the times"),
-    "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),
-    "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
+    "rounds": (lambda r: times(r, "40").pop(), "draws have different numbers of rounds"),
+    "epochs": (lambda r: r["epochs"].append(1), "draws have different numbers of rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
     "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 179 draws"),
@@ -153,7 +153,7 @@ def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text: text.replace("0.0", "0.1", 1), "damaged after it was saved"),
+        (lambda text: text.replace("0.0", "0.1", 1), "modified after saving"),
         (lambda text: text[: len(text) // 2], "not a file saved by a"),
         (lambda text: text.replace("device profile", "device story", 1), "not a file saved by a"),
     ],

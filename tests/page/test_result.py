@@ -68,7 +68,7 @@ def test_problems_of_the_page_are_reported(harness, saved):
     assert "stopped before" in err
     assert "snaps to 1/16 px" in err
     assert "hidden" in err
-    assert "differ from those of the run in 3 polygons" in err
+    assert "differ from the run's in 3 polygons" in err
     untimed = [record for record in lines_of(read_run(Path("phone"))) if "time" not in record]
     assert len(untimed) == 3
 
@@ -204,7 +204,7 @@ def first_case(result):
 
 def set_zero(result):
     for case in result["views"][0]["cases"].values():
-        case["counters"] = {name: [0] * len(each) for name, each in case["counters"].items()}
+        case["counters"] = {name: [0] * len(values) for name, values in case["counters"].items()}
 
 
 def add_fragment_beyond_lanes(result):
@@ -222,19 +222,19 @@ IMPOSSIBLE = [
     (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "counters of 19"),
     (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
     (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
-    (lambda r: r["views"][0].update(resolution=256), "of a different case"),
+    (lambda r: r["views"][0].update(resolution=256), "belongs to a different case"),
     (lambda r: r.update(views=[]), "views"),
     (lambda r: r.update(extra=1), "extra"),
     (lambda r: first_case(r)["counters"].update(quads=[10**9] * 20), "fewer than one pixel"),
     (lambda r: r["views"][0]["times"]["delaunay"].update(samples_s=[0.0] * 12), "took no time"),
     (lambda r: first_case(r)["record"].update(scene_hash="1" * 64), "different scenes"),
     (set_zero, "nothing was drawn: all counters are zero"),
-    (lambda r: first_case(r)["record"].update(polygons=1000), "1000 polygons and counters of 20"),
+    (lambda r: first_case(r)["record"].update(polygons=1000), "counters of 20 of 1000 polygons"),
     (add_fragment_beyond_lanes, "fewer than one pixel, or more than four"),
     (lambda r: first_case(r)["counters"]["covering_triangles"].reverse(), "more than quads"),
     (add_partial_quad_without_helper, "without a helper lane, or with more than three"),
     (lambda r: first_case(r)["record"].update(proven=1_000_000), "1000000 of 20 polygons proven"),
-    (lambda r: first_case(r)["record"].update(triangles=1), "too few for its polygons"),
+    (lambda r: first_case(r)["record"].update(triangles=1), "too few triangles or vertices"),
     (lambda r: r["views"].append(r["views"][0]), "a view occurs twice"),
 ]
 
@@ -268,7 +268,7 @@ def test_contradictions_to_the_run_are_refused(saved, small_run, tmp_path, chang
             for f, q in zip(counters["fragments"], counters["quads"], strict=True)
         ]
         lanes = [4 * q - f for f, q in zip(counters["fragments"], counters["quads"], strict=True)]
-        counters["partial_quads"] = [-(-each // 3) for each in lanes]
+        counters["partial_quads"] = [-(-count // 3) for count in lanes]
         pairs = zip(counters["quads"], counters["covering_triangles"], strict=True)
         counters["covering_triangles"] = [min(q, max(c, 1)) for q, c in pairs]
 
@@ -316,7 +316,7 @@ def test_skipped_and_failed_polygons_are_included_in_the_counters(saved, tmp_pat
         first_case(result)["record"]["polygons_skipped"] = 3
 
     assert read_result(saved(skip_polygons))
-    with pytest.raises(InputError, match="polygons and counters of"):
+    with pytest.raises(InputError, match="counters of"):
         read_result(saved(miscount))
 
 
@@ -324,9 +324,9 @@ def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
     geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
     counts = count_exactly(geometry, np.array([(0, 1, 2)], np.int32))
-    assert [len(each) for each in counts] == [2] * len(COUNTERS)
-    assert not any(each[1] for each in counts)
-    assert min(each[0] for each in counts[:2]) > 0
+    assert [len(values) for values in counts] == [2] * len(COUNTERS)
+    assert not any(values[1] for values in counts)
+    assert min(values[0] for values in counts[:2]) > 0
 
 
 def test_number_of_differing_polygons_is_verified(imported, small_run):
@@ -345,7 +345,7 @@ def test_number_of_differing_polygons_is_verified(imported, small_run):
         first_case(result)["differing"] = 2
 
     assert lines_of(imported(change_counts, small_run))
-    with pytest.raises(InputError, match="do not differ from the exact reference in 2"):
+    with pytest.raises(InputError, match="differ from the exact reference is not 2"):
         imported(miscount, small_run)
 
 
@@ -399,7 +399,7 @@ def remove_polygon(result):
 @pytest.mark.parametrize(
     ("minimum", "below", "message"),
     [
-        (use_only_triangles, remove_vertex, "too few for its polygons"),
+        (use_only_triangles, remove_vertex, "too few triangles or vertices"),
         (remove_polygons, remove_polygon, "of polygons"),
     ],
 )
@@ -415,7 +415,7 @@ def test_file_above_the_size_limit_is_refused(saved, monkeypatch):
     monkeypatch.setattr("harness.page.saved.MAX_BYTES", size)
     assert read_result(file)
     monkeypatch.setattr("harness.page.saved.MAX_BYTES", size - 1)
-    with pytest.raises(InputError, match="the limit of a saved page"):
+    with pytest.raises(InputError, match="too large for a saved page"):
         read_result(file)
 
 
@@ -507,9 +507,9 @@ def test_missing_fields_are_no_contradiction(imported, small_run, tmp_path):
 def test_imported_run_has_frames_and_predictions(imported, small_run):
     run = imported(lambda _: None, small_run)
     for view in {record.id.view for record in run.records}:
-        imported_drawing, drawing = (drawings.read(each, view) for each in (run, small_run))
+        imported_drawing, drawing = (drawings.read(source, view) for source in (run, small_run))
         assert imported_drawing.points.tolist() == drawing.points.tolist()
-    before = {(each.name, each.id.view): each for each in small_run.records}
+    before = {(record.name, record.id.view): record for record in small_run.records}
     for record in run.records:
         columns = read_columns(run, record)
         drawing = read_columns(small_run, before[record.name, record.id.view])

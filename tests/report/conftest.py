@@ -75,7 +75,7 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def large_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run of 1,000 cases; a chart shows 800, without those of the baseline."""
     return write_many(tmp_path_factory.mktemp("report") / "many", devices=1)
 

@@ -210,8 +210,8 @@ def test_csv_button_downloads_the_file(page, tmp_path):
     assert {row["triangulator"] for row in rows} == set(NAMES)
 
 
-def test_table_of_cases_has_pages_of_fifty(browser, many):
-    browser.open(many / "report.html")
+def test_table_of_cases_has_pages_of_fifty(browser, large_run):
+    browser.open(large_run / "report.html")
     assert read_texts(browser, "#found") == ["1 to 50 of 1,000"]
     assert browser.evaluate("state.report.cases.length") == 1_000
     select(browser, "level", "cases")

@@ -137,7 +137,7 @@ def test_truncated_records_are_refused_by_compare_and_report(tmp_path):
         for pair in ((base, head), (head, base)):
             with pytest.raises(InputError, match=r"incomplete.*measure again"):
                 compare_runs(*pair)
-    with pytest.raises(InputError, match=r"holds no case and no study .*incomplete"):
+    with pytest.raises(InputError, match=r"neither a case nor a study .*incomplete"):
         write_report(head)
     cases.write_bytes(whole)
     assert read_run(tmp_path / "head").truncation == ""

@@ -80,8 +80,8 @@ async function start() {
   }
   const any = Boolean(result && hasAny(result));
   if (any) await conclude(result);
-  const end = state.problem ?? (result?.complete ? "" : "Stopped. What was measured is kept.");
-  $("notice").textContent = state.problem && any ? `${end} What was measured is kept; start again for the rest.` : end;
+  const end = state.problem ?? (result?.complete ? "" : "Stopped. Completed measurements are kept.");
+  $("notice").textContent = state.problem && any ? `${end} Completed measurements are kept; start again for the others.` : end;
   $("notice").hidden = !end;
   $("answer").textContent = any ? answerOf(result) : "Nothing was measured.";
   progress(result?.complete ? 1 : $("progress").value, result?.complete ? "done" : "not finished");

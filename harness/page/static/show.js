@@ -42,7 +42,7 @@ function rankingOf(view) {
   const note = again && view.epochs.length >= FEWEST_EPOCHS ? pairedRatio(again.samples_s, base.samples_s, view.epochs) : null;
   return element("div", {}, rankingTable(`Ranking at ${conditionOf(view)}`, conditionOf(view), columns, rows),
     note ? element("p", { class: "quiet" }, `${state.page.base} drawn a second time, under another name: ${note.value.toFixed(3)} `
-      + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that leaves out 1 here shows what times on this device cannot tell.`) : null);
+      + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that excludes 1 here shows the error of times on this device.`) : null);
 }
 
 /* Marks of one criterion: predicted and measured, relative to the base. */

@@ -56,7 +56,7 @@ async function selfTest(big, nothing) {
   test.gpu_s = median(seen.map((each) => each.gpu)) / repeats;
   const figures = `${(test.gpu_s * 1e3).toFixed(3)} ms of a draw that took ${(wall * 1e3).toFixed(3)} ms`;
   if (!(Math.abs(test.gpu_s - wall) <= AGREEMENT * wall)) {
-    return { ...test, reason: `the driver's GPU timer tells another time: ${figures}` };
+    return { ...test, reason: `the driver's GPU timer disagrees: ${figures}` };
   }
   const step = stepOf(seen.map((each) => each.gpu * 1e9));
   return { ...test, timer: "gpu", resolution_s: step, reason: `the GPU timer saw ${figures}` };

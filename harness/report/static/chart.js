@@ -69,8 +69,8 @@ function drawChart() {
   chart.at = -1;
   const host = $("chart");
   host.hidden = !marks.length;
-  $("chart-note").textContent = marks.length ? noteOn(marks) : "No polygon or case of this choice can be drawn here: "
-    + "the rasteriser counts nothing, or there is no second triangulator.";
+  $("chart-note").textContent = marks.length ? noteOn(marks) : "No polygon or case matches these conditions: "
+    + "the rasteriser has no counters, or the run has only one triangulator.";
   if (!marks.length) return;
   const stacked = host.clientWidth < 640;
   host.classList.toggle("stacked", stacked);

@@ -156,7 +156,7 @@ function fillHeatmap() {
   $("heatmap").hidden = !drawing;
   $("heatmap-section").querySelector(".empty")?.remove();
   if (!drawing) {
-    $("heatmap-section").append(element("p", { class: "empty" }, "No drawings of these conditions were kept, as a study keeps none, so there is no heatmap to show; raster-harness inspect draws one."));
+    $("heatmap-section").append(element("p", { class: "empty" }, "No heatmap: the run has no drawings of these conditions, as studies store none; raster-harness inspect draws a heatmap."));
     return;
   }
   const names = Object.keys(drawing.triangles);
