@@ -1,7 +1,7 @@
 """Entry point of `python -m harness` and of the script `raster-harness`.
 
-It imports little, since worker processes import it as well. A signal while the command line is
-loading, which takes a second or two, or while the process ends, ends it as Ctrl-C does.
+It imports little, since worker processes import it as well. A signal during loading, which takes a
+second or two, or during exit, ends the process as Ctrl-C does.
 """
 
 import os
@@ -17,7 +17,7 @@ def main() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            # Not an exception: libraries that are being imported catch those.
+            # Not an exception, which a library that is being imported might catch.
             signal.signal(number, _stop)
     _remove_working_folder()
     from harness.supervisor import continue_in_child
@@ -27,15 +27,15 @@ def main() -> None:
 
     try:
         run()
-    except KeyboardInterrupt:  # it came before `run` could catch it, or after
+    except KeyboardInterrupt:  # before or after `run` can catch it
         _stop()
 
 
 def _remove_working_folder() -> None:
     """Remove the entry of `sys.path` that Python adds for `python -m harness`.
 
-    A folder of data may hold a stranger's `typer.py`. A checkout that is not installed stays, and
-    see `harness.machine.user_modules`.
+    A data folder may contain a foreign `typer.py`. The entry of a checkout that is not installed is
+    retained; see also `harness.machine.user_modules`.
     """
     if sys.flags.safe_path or not sys.path:
         return

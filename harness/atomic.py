@@ -29,7 +29,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
     Raises
     ------
     OSError
-        if it cannot be written; an existing file stays unchanged
+        if the file cannot be written; an existing file stays unchanged
     """
     temporary = path.with_name(f".{path.name}{UNFINISHED}")
     file = _claim(temporary)
@@ -77,7 +77,7 @@ def read(file: Path) -> bytes:
     Raises
     ------
     OSError
-        if it cannot be read, or is a device, a pipe or a socket, which might be endless
+        if the file cannot be read, or is a device, a pipe or a socket, which might be endless
     """
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, f"{file.name} is not a regular file")
@@ -85,7 +85,7 @@ def read(file: Path) -> bytes:
 
 
 MAX_READ_BYTES = 2**31
-"""Maximum size of a file that is read into memory."""
+"""Maximum size of a file to read into memory."""
 
 
 def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
@@ -96,8 +96,8 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
     Raises
     ------
     OSError
-        if it is missing, a link, outside the folder, too large or not a regular file; or, for
-        writing, if it has several names (hard links)
+        if the file is missing, a link, outside the folder, too large or not a regular file; or, for
+        writing, has several names (hard links)
     """
     parts = name.split("/")
     if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
@@ -105,9 +105,9 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
     file = folder.joinpath(*parts)
     for inner in file.parents[: len(parts) - 1]:
         if inner.is_symlink():
-            raise OSError(errno.ELOOP, "a link, which is not followed", str(inner))
+            raise OSError(errno.ELOOP, "a link; copy the target instead", str(inner))
     if file.is_symlink():
-        raise OSError(errno.ELOOP, "a link, which is not followed", str(file))
+        raise OSError(errno.ELOOP, "a link; copy the target instead", str(file))
     no_wait = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     descriptor = os.open(file, flags | no_wait | system.BINARY, 0o666)
     info = os.fstat(descriptor)
@@ -125,7 +125,7 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
 
 
 def read_inside(folder: Path, name: str) -> bytes:
-    """Return the content of a file in a folder; raises as `open_inside`."""
+    """Return the content of a file in a folder; raise as `open_inside` does."""
     with os.fdopen(open_inside(folder, name), "rb") as file:
         return file.read()
 
@@ -133,8 +133,8 @@ def read_inside(folder: Path, name: str) -> bytes:
 def move(source: Path, target: Path, *, forced: bool = False) -> None:
     """Rename a finished file within its file system.
 
-    forced : first the content, then the name is forced to the disk, so that a name that exists
-        after a power failure has its full content
+    forced : True to write the content and then the name to the disk, so that a file that exists
+        after a power failure is complete
 
     Raises
     ------
@@ -160,27 +160,27 @@ def move(source: Path, target: Path, *, forced: bool = False) -> None:
 def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
     """Yield a temporary folder that becomes `path` at the end of the block.
 
-    The remains of a killed process are deleted.
+    Files of a killed process are deleted.
 
-    merge : if `path` exists, the files are moved into it one by one, inner folders first
+    merge : True to move the files into an existing `path` one by one, inner folders first
 
     Raises
     ------
     StorageError, UsageError
         if `path` exists, or another process is creating it
     OSError
-        if it cannot be written; `path` does not exist then
+        if the folder cannot be written; `path` does not exist then
     """
     if path.is_dir() and not any(path.iterdir()):
         path.rmdir()
     merge = merge and path.is_dir()
     if not merge and (path.exists() or path.is_symlink()):
-        raise UsageError(f"{path} already exists; name a new folder")
+        raise UsageError(f"{path}: already exists; give a new folder")
     parent = path.with_name(f".{path.name}{UNFINISHED}")
     parent.mkdir(parents=True, exist_ok=True)
     with (parent / LOCK).open("a") as lock:
         if not system.lock(lock.fileno(), wait=False):
-            raise StorageError(f"{path} is in use: another process is creating it")
+            raise StorageError(f"{path}: in use (another process is creating the folder)")
         temporary = parent / path.name
         shutil.rmtree(temporary, ignore_errors=True)
         try:
@@ -194,13 +194,13 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
             except OSError as error:
                 if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
-                raise StorageError(f"{path} already exists: another process created it") from error
+                raise StorageError(f"{path}: another process created the folder") from error
         finally:
             shutil.rmtree(parent, ignore_errors=True)
 
 
 def _move_files(source: Path, target: Path) -> None:
-    """Move all files below a folder into another, the deepest first."""
+    """Move all files below a folder into another folder, the deepest first."""
     files = [file for file in source.rglob("*") if file.is_file()]
     for file in sorted(files, key=lambda file: (-len(file.parts), file)):
         moved = target / file.relative_to(source)
@@ -224,10 +224,10 @@ def _remove_files(folder: Path) -> None:
 class Output:
     """Files of an export, written in a temporary folder next to the target.
 
-    Use as a context manager: `publish` moves the files to the target; on an error they are deleted
-    and the target stays unchanged.
+    Use as a context manager: `publish` moves the files to the target. After an error the files are
+    deleted and the target is unchanged.
 
-    forced : published files also survive a power failure
+    forced : True if published files must survive a power failure
     """
 
     def __init__(self, target: Path, *, forced: bool = False) -> None:
@@ -244,7 +244,7 @@ class Output:
         except OSError as error:
             reason = error.strerror or error
             raise StorageError(
-                f"{parent.resolve()} cannot be written: {reason}; choose another -o"
+                f"{parent.resolve()}: cannot be written ({reason}); choose another -o"
             ) from error
         return self
 

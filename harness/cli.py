@@ -1,4 +1,4 @@
-"""The command line: `raster-harness`. Commands live in `harness.commands`, one file each."""
+"""The command line `raster-harness`; `harness.commands` has a file for each command."""
 
 import contextlib
 import logging
@@ -65,9 +65,7 @@ def _options(
     ),
     debug: Annotated[
         bool,
-        typer.Option(
-            "--debug", help=f"Print every error with its traceback, as {DEBUG_VARIABLE}=1 does."
-        ),
+        typer.Option("--debug", help=f"Print the traceback of errors, as {DEBUG_VARIABLE}=1 does."),
     ] = False,
     log: Annotated[
         Path | None,
@@ -107,9 +105,9 @@ def _versions() -> str:
 
 
 def main() -> None:
-    """Run the command line; an error is one line and an exit code other than 1.
+    """Run the command line; report an error in one line, with an exit code other than 1.
 
-    1 means a regression, so only `compare` ends with it.
+    The exit code 1 means a regression, and only `compare` returns it.
     """
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
         from harness.workers import serving
@@ -143,7 +141,7 @@ def _explain(error: BaseException) -> int | str | None:
             return error.code  # the regular end of a completion
         # Typer and Rich exit when standard output is closed.
         case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):
-            # Discard what is still buffered, or Python would complain at exit.
+            # Discard buffered output, about which Python would complain at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
         case SystemExit():
@@ -164,12 +162,12 @@ def _explain(error: BaseException) -> int | str | None:
             if not is_debugging():
                 print_traceback(error)
             summary = f"{type(error).__name__}: {error}".splitlines()[0]
-            return _say(f"error: internal error, please report it: {summary}", DEFECT)
+            return _say(f"error: internal error, please report: {summary}", DEFECT)
 
 
 def _is_input_error(error: BaseException) -> bool:
     """Return whether scenes or triangulators refused an input."""
-    scenes = sys.modules.get("scenes.scene")  # takes long to load, and raised nothing if it is not
+    scenes = sys.modules.get("scenes.scene")  # slow to load; if not loaded, it raised no error
     refusals = (TriangulationError, *([scenes.SceneError] if scenes else []))
     return isinstance(error, refusals)
 
@@ -178,10 +176,10 @@ def _misused(error: ClickException) -> tuple[str, int]:
     """Return the message for wrong options of a command, and the exit code."""
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
-    where = context.command_path if context else PROGRAM
+    command = context.command_path if context else PROGRAM
     if not message or type(error).__name__ == "NoArgsIsHelpError":
         return context.get_help() if context else "", BAD_INPUT
-    return f"error: {message.rstrip('.')}; see: {where} --help", BAD_INPUT
+    return f"error: {message.rstrip('.')}; see: {command} --help", BAD_INPUT
 
 
 def _say(line: str, code: int) -> int:
@@ -193,8 +191,8 @@ def _say(line: str, code: int) -> int:
 
 
 _received: list[int] = []
-"""Signals that were received. Python only prints an exception that is raised in a destructor or in
-a library's callback, so a program that is interrupted there would end as if it were not."""
+"""Received signals. Python only prints an exception that is raised in a destructor or a library's
+callback, so an interrupt there would not change the exit code."""
 
 
 def _stop(number: int, _: object) -> None:

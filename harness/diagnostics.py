@@ -9,24 +9,24 @@ import sys
 import traceback
 from pathlib import Path
 
+from triangulators.compute.compiled_files import PACKAGES
+
 DEBUG_VARIABLE = "RASTER_HARNESS_DEBUG"
-"""Every error is printed with its traceback, unless the variable is empty or 0."""
+"""Environment variable: print the traceback of errors, unless empty or 0."""
 
 LOG_VARIABLE = "RASTER_HARNESS_LOG"
-"""File to which events are appended: worker starts and ends, time limits, retries, cache hits."""
-
-PACKAGES = ("harness", "scenes", "triangulators")
+"""Environment variable: file for events such as worker starts and ends, time limits, cache hits."""
 
 LINE_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)s [%(process)d] %(name)s: %(message)s"
 
 
 def is_debugging() -> bool:
-    """Return whether errors are printed with their traceback."""
+    """Return whether errors are printed with a traceback."""
     return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
 
 
 def start_log() -> None:
-    """Append the log records of this process to the file of `LOG_VARIABLE`, if it is set.
+    """Append the log records of this process to the file of `LOG_VARIABLE`, if set.
 
     Raises
     ------
@@ -35,20 +35,21 @@ def start_log() -> None:
     """
     loggers = [logging.getLogger(package) for package in PACKAGES]
     for logger in loggers:
-        for old in [each for each in logger.handlers if isinstance(each, logging.FileHandler)]:
-            logger.removeHandler(old)
-            old.close()
+        for handler in list(logger.handlers):
+            if isinstance(handler, logging.FileHandler):
+                logger.removeHandler(handler)
+                handler.close()
     if not (name := os.environ.get(LOG_VARIABLE)):
         return
-    handler = logging.FileHandler(Path(name), encoding="utf-8")
-    handler.setFormatter(logging.Formatter(LINE_FORMAT, "%Y-%m-%dT%H:%M:%S"))
+    log_file = logging.FileHandler(Path(name), encoding="utf-8")
+    log_file.setFormatter(logging.Formatter(LINE_FORMAT, "%Y-%m-%dT%H:%M:%S"))
     for logger in loggers:
-        logger.addHandler(handler)
+        logger.addHandler(log_file)
         logger.setLevel(logging.DEBUG)
 
 
 def print_traceback(error: BaseException) -> None:
-    """Print the traceback of an error and of its causes, also of those in a worker process."""
+    """Print the traceback of an error and its causes, including causes in a worker process."""
     traceback.print_exception(error)
     cause: BaseException | None = error
     while cause is not None:

@@ -1,6 +1,6 @@
-"""Examines the devices of this machine: status, and the fix if one is missing.
+"""Examination of this machine's devices: status, and a remedy for missing devices.
 
-Each device is opened in its own worker process, which counts and times on it.
+Each device is opened in a separate worker process, which counts and times.
 """
 
 import os
@@ -38,7 +38,7 @@ HIDING_VARIABLES = (
     "VK_DRIVER_FILES",
     "VK_ICD_FILENAMES",
 )
-"""Environment variables that restrict loaders to some drivers, and so hide the others."""
+"""Environment variables that restrict loaders to some drivers."""
 
 NVIDIA_NODE = Path("/dev/nvidiactl")
 """Exists if NVIDIA's kernel driver is loaded, also in a container without the OpenGL libraries."""
@@ -65,12 +65,13 @@ class Finding(NamedTuple):
 
 
 def examine() -> list[Finding]:
-    """Examine all devices; takes some seconds, and does not raise if one is missing."""
+    """Examine all devices, which takes some seconds; a missing device raises no error."""
     findings: list[Finding] = []
-    for rasteriser, wanted in EXAMINED.items():
+    for rasteriser, expected in EXAMINED.items():
         present = (device.name for device in rasterisers.get(rasteriser).devices())
         gpus = (name for name in present if name.startswith("gpu"))
-        findings += [examine_device(rasteriser, name) for name in dict.fromkeys((*wanted, *gpus))]
+        names = dict.fromkeys((*expected, *gpus))
+        findings += [examine_device(rasteriser, name) for name in names]
     return findings
 
 
@@ -92,9 +93,9 @@ def examine_device(rasteriser: str, name: str) -> Finding:
         return Finding(title, absent, str(error), _remedy(kind, name))
     if differs:
         detail += f"; differs from the reference: {differs[0]}"
-        fix = "none: the driver rounds edges differently; its counts are its own"
+        fix = "none: the driver rounds edges differently; compare counts of this device only"
         return Finding(title, "warning", detail, fix)
-    agrees = "counts equal the reference's" if kind.counters else "it draws, but cannot count"
+    agrees = "counts equal the reference's" if kind.counters else "draws, but cannot count"
     return Finding(title, "ok", f"{detail}; {agrees}")
 
 
@@ -104,12 +105,12 @@ def _remedy(kind: Any, name: str) -> str:
     if name.startswith("gpu") and NVIDIA_NODE.exists():
         remedy = NVIDIA_REMEDY
     if hiding := [variable for variable in HIDING_VARIABLES if os.environ.get(variable)]:
-        return f"unset {', '.join(hiding)}, which may hide an installed driver; else {remedy}"
+        return f"unset {', '.join(hiding)}, which may hide an installed driver; otherwise {remedy}"
     return remedy
 
 
 def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
-    """In the worker: open a device, count random triangles, test the timer."""
+    """Open a device in the worker, count random triangles, test the timer."""
     opened = rasterisers.get(rasteriser)(device)
     half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half

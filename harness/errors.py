@@ -33,7 +33,7 @@ class UsageError(HarnessError):
 
 
 class InputError(HarnessError):
-    """An input file is missing, invalid, truncated or unsupported, or holds nothing usable."""
+    """An input file is missing, invalid, truncated, unsupported, or without usable content."""
 
 
 class StorageError(HarnessError):
@@ -51,7 +51,7 @@ class NoRasteriserError(HarnessError):
 
 
 class NothingMeasuredError(HarnessError):
-    """Nothing was measured, or nothing can be compared."""
+    """No case was measured, or no cases can be compared."""
 
     exit_code = NOTHING_MEASURED
 
@@ -64,8 +64,8 @@ class InconclusiveError(HarnessError):
 
 def format_os_error(error: OSError) -> str:
     """Return one line about an error of the operating system, with a remedy."""
-    where = f"{error.filename}: " if error.filename else ""
-    reason = f"{where}{error.strerror or error or type(error).__name__}"
+    path = f"{error.filename}: " if error.filename else ""
+    reason = f"{path}{error.strerror or error or type(error).__name__}"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"{reason}; free some space, and try again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
@@ -73,19 +73,19 @@ def format_os_error(error: OSError) -> str:
     return reason
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
-    """Return the error for an unknown name, e.g. of a "device", that suggests names of `known`."""
-    return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(known), cutoff=0.4)}")
+def unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
+    """Return the error for an unknown name, e.g. of a "device", which suggests names of `names`."""
+    return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(names), cutoff=0.4)}")
 
 
 def raise_if_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
     """Raise `InconclusiveError` if polygons failed.
 
-    counts : (kind, reason) to polygons dropped, repaired or failed
+    counts : numbers of dropped, repaired or failed polygons by (kind, reason)
     """
     failed = sum(count for (kind, _), count in counts.items() if kind == "failed")
     if failed:
         raise InconclusiveError(
-            f"{failed:,} {'polygons' if failed > 1 else 'polygon'} failed; the rest is in "
+            f"{failed:,} {'polygons' if failed > 1 else 'polygon'} failed; the others are in "
             f"{os.path.relpath(out)}"
         )

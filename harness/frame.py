@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import InputError, UsageError, unknown
+from harness.errors import InputError, UsageError, unknown_name_error
 from harness.grid import SUBPIXEL, snap_polygons, to_grid
 from harness.settings import FITS, RESOLUTIONS, Fit
 from harness.viewing import Viewing, viewing_of
@@ -20,30 +20,33 @@ from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
 MARGIN_PX = 1.0
-"""Kept free at each side: geometry that is clipped has its seam quads counted twice."""
+"""Empty margin on each side, as seam quads of clipped geometry are counted twice."""
 
 MARGIN_STEP_PX = 64
-"""Of the margin round a tile, so that quads, blocks and bins lie as if the viewport began there."""
+"""Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""
 
 OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
-"""Fits of scenes that bring their view along, and what these are of."""
+"""Fits of scenes that define the view, with a noun for the scene."""
 
-ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --sizes, --resolution, --rotation, --fit out"
+ITS_OWN_VIEW = (
+    "--sizes, --resolution, --rotation and --fit are unsupported for {}; set the resolution by "
+    "pixels="
+)
 
 UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
-"""The window of a frame that nothing cuts."""
+"""Window of a frame without scissor rectangle."""
 
 
 @dataclass(frozen=True, order=True)
 class View:
-    """How a scene is laid on the viewport.
+    """Mapping of a scene to the viewport.
 
     resolution : width and height of the viewport in pixels
     rotation : degrees, counter-clockwise, about the scene's centre
-    fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with its
-        enclosing circle, so that the scale is the same at every rotation; "tile" is that of map
-        tiles, whose polygons are in pixels already: `resolution` is then a tile's side; "view" that
-        of a model in space, of which each view is a picture of that side
+    fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with the
+        enclosing circle, so that the scale is the same at every rotation; "tile" is for map tiles,
+        whose polygons are in pixels already, of the side `resolution`; "view" is for images of the
+        side `resolution` of a model in space
     """
 
     resolution: int = 1024
@@ -51,33 +54,34 @@ class View:
     fit: Fit = "box"
 
     def __post_init__(self) -> None:
-        least, most = RESOLUTIONS
-        if not least <= self.resolution <= most:
-            raise UsageError(f"resolution {self.resolution} is outside {least}..{most} pixels")
+        low, high = RESOLUTIONS
+        if not low <= self.resolution <= high:
+            raise UsageError(f"resolution {self.resolution}: out of range ({low} to {high} pixels)")
         if self.fit not in FITS:
-            raise unknown("fit", self.fit, FITS)
+            raise unknown_name_error("fit", self.fit, FITS)
         if not math.isfinite(self.rotation):
-            raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
+            raise UsageError(f"rotation {self.rotation}: not a finite number of degrees")
         if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):
             raise UsageError(
-                f"a {self.fit} is drawn upright, and its side is an even number of pixels"
+                f"fit {self.fit}: requires rotation 0 and an even resolution (rotation "
+                f"{self.rotation:g}, resolution {self.resolution})"
             )
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Polygons in pixels, ready to be triangulated and drawn: arrays alone, cheap to send.
+    """Polygons in pixels, ready to triangulate and draw: only arrays, cheap to send.
 
     width, height : pixels
     scale : pixels per scene unit
-    source : (p,) int64, for each polygon its number in the scene
+    source : (p,) int64 number of each polygon in the scene
     grid : the p polygons, int32 coordinates in 1/256 px
-    dropped, repaired : (polygon number in the scene, reason) of what snapping broke
-    scissor : left, bottom, width, height in pixels, all even, of what is drawn; None for all
-    tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, over those of
-        other tiles or views; None where one call draws all
-    flat, viewing : of a frame that shows a model in space: the frame of its faces, each in its own
-        plane, where they are triangulated, and how they are seen
+    dropped, repaired : (polygon number in the scene, reason) of polygons that snapping broke
+    scissor : left, bottom, width, height of the drawn rectangle in pixels, all even, or None
+    tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, at the same
+        position as other tiles or views; None if one call draws all
+    flat, viewing : for a model in space, the frame of its faces, in the plane of each face, in
+        which they are triangulated, and the views
     """
 
     width: int
@@ -95,12 +99,12 @@ class Frame:
 
     @property
     def points(self) -> NDArray[np.int32]:
-        """(n, 2) int32, all polygons' vertices one after another, in 1/256 px."""
+        """Vertices (n, 2) int32 of all polygons, in 1/256 px."""
         return self.grid.coords
 
     @property
     def window(self) -> NDArray[np.int64]:
-        """First column and row, last column and row of the pixels that are drawn."""
+        """First column and row, last column and row of the drawn pixels."""
         if self.scissor is None:
             return UNBOUNDED
         left, bottom, width, height = self.scissor
@@ -108,16 +112,16 @@ class Frame:
 
     @property
     def depths(self) -> NDArray[np.int32] | None:
-        """(n,) depths of the points, 0 to 2**24, or None without a depth test."""
+        """Depths (n,) of the points, 0 to 2**24, or None without a depth test."""
         return None if self.viewing is None else self.viewing.depths
 
     @cached_property
     def polygons(self) -> PolygonArray:
-        """The p polygons in px; coordinates are multiples of 1/256 px inside the viewport."""
+        """Polygons (p) in px; coordinates are multiples of 1/256 px inside the viewport."""
         return replace(self.grid, coords=self.grid.coords / SUBPIXEL)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest, and is slow to send to another process."""
+        """Omit the cached polygons, which are slow to send to another process."""
         return {name: value for name, value in vars(self).items() if name != "polygons"}
 
     def with_points(self, points: NDArray[np.int32]) -> "Frame":
@@ -125,22 +129,19 @@ class Frame:
         return replace(self, grid=replace(self.grid, coords=points))
 
     def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return the (m,) number of the polygon each row of `triangles` (m, 3) belongs to."""
+        """Return the polygon number (m,) of each row of `triangles` (m, 3)."""
         first = np.searchsorted(self.grid.vertex_offsets, triangles[:, 0], side="right")
         return (first - 1).astype(np.int32)
 
     def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
-        """Return the rows of `triangles` (m, 3), in the tiles' order, that each call draws."""
+        """Return the rows of `triangles` (m, 3), in the order of tiles, for each draw call."""
         if self.tiles is None:
             return [slice(0, len(triangles))]
         bounds = np.searchsorted(self.owner(triangles), self.tiles)
         return [slice(*pair) for pair in pairwise(bounds.tolist())]
 
     def join(self, triangulations: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int32]:
-        """Concatenate one (m_k, 3) triangulation a polygon into one over `points`.
-
-        None leaves the polygon out.
-        """
+        """Return triangles (m, 3) over `points` from triangles (m_k, 3) or None per polygon."""
         starts = self.grid.vertex_offsets[:-1]
         parts = [
             part + np.int32(start)
@@ -153,16 +154,16 @@ class Frame:
 
 
 def bare_frame(resolution: int, points: NDArray[np.int32], vertices: int | None = None) -> Frame:
-    """Return a frame of `points` (n, 2) in 1/256 px: polygons without holes of so many vertices.
+    """Return a frame of polygons without holes, whose vertices are `points` (n, 2) in 1/256 px.
 
-    vertices : of each polygon; None for one polygon of all points
+    vertices : number of vertices of each polygon, or None for one polygon of all points
     """
     grid = PolygonArray.of_single_rings(points, vertices or len(points))
     return frame_of_grid(resolution, grid)
 
 
 def frame_of_grid(resolution: int, grid: PolygonArray) -> Frame:
-    """Return a frame of polygons that are in the viewport and on the grid already."""
+    """Return a frame of polygons that are in the viewport, on the grid."""
     source = np.arange(len(grid), dtype=np.int64)
     return Frame(resolution, resolution, 1.0, View(resolution), source, grid)
 
@@ -173,11 +174,11 @@ def frame_of(scene: Scene, view: View) -> Frame:
     Raises
     ------
     UsageError
-        if the view is not the scene's: tiles and models have their own
+        if map tiles or a model define another view
     """
-    own = view_of(scene).fit
-    if view.fit != own and own in OWN_VIEWS:
-        raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[own])}")
+    fit = view_of(scene).fit
+    if view.fit != fit and fit in OWN_VIEWS:
+        raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[fit])}")
     if scene.tiling is not None:
         return _frame_of_tiles(scene, scene.tiling, view)
     viewing = viewing_of(scene)
@@ -187,7 +188,7 @@ def frame_of(scene: Scene, view: View) -> Frame:
 
 
 def view_of(scene: Scene) -> View:
-    """Return the default view of a scene: its own for tiles and models."""
+    """Return the default view of a scene, which tiles and models define."""
     if scene.tiling is not None:
         return View(scene.tiling.pixels, fit="tile")
     viewing = viewing_of(scene)
@@ -195,7 +196,7 @@ def view_of(scene: Scene) -> View:
 
 
 def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
-    """Lay all views of a model on each other."""
+    """Return a frame with all views of a model at the same position."""
     frame = frame_of_grid(viewing.pixels, viewing.pieces)
     flat = frame_of_grid(RESOLUTIONS[1], to_grid(scene.polygons))
     source, tiles = viewing.source, viewing.piece_offsets
@@ -203,7 +204,7 @@ def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
 
 
 def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
-    """Lay all tiles on each other in a viewport that holds their buffers, too."""
+    """Return a frame with all tiles at the same position; the viewport includes buffers."""
     polygons = np.array(scene.polygons, dtype=object)
     bounds = shapely.total_bounds(polygons)
     reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
@@ -220,29 +221,29 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     Raises
     ------
     InputError
-        if there is no polygon, or they have no extent
+        if there is no polygon, or the polygons have no extent
     """
     if not polygons:
         raise InputError("the scene has no polygon to draw")
     return _snap_to_frame(*_fit_to_view(polygons, view), view, view.resolution)
 
 
-def _snap_to_frame(placed: NDArray[Any], scale: float, view: View, side: int) -> Frame:
+def _snap_to_frame(polygons: NDArray[Any], scale: float, view: View, side: int) -> Frame:
     """Snap polygons in pixels of a viewport of `side` px."""
-    pieces, source, dropped, repaired = snap_polygons(placed)
+    pieces, source, dropped, repaired = snap_polygons(polygons)
     grid = to_grid(pieces)
     return Frame(side, side, scale, view, source, grid, dropped=dropped, repaired=repaired)
 
 
 def _fit_to_view(polygons: Sequence[Polygon], view: View) -> tuple[NDArray[Any], float]:
-    """Rotate, scale and centre; returns the polygons in px and the scale in px per unit."""
+    """Rotate, scale and centre polygons; return these in px, and the scale in px per unit."""
     west, south, east, north = shapely.total_bounds(np.array(polygons, dtype=object))
     centre = np.array([(west + east) / 2, (south + north) / 2])
     angle = math.radians(view.rotation)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    matrix = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     if view.rotation % 90 == 0:
-        turn = np.rint(turn)
-    moved = shapely.transform(np.array(polygons, dtype=object), lambda xy: (xy - centre) @ turn.T)
+        matrix = np.rint(matrix)
+    moved = shapely.transform(np.array(polygons, dtype=object), lambda xy: (xy - centre) @ matrix.T)
     low_x, low_y, high_x, high_y = shapely.total_bounds(moved)
     if view.fit == "circle":
         coordinates = shapely.get_coordinates(moved)

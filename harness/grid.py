@@ -1,8 +1,8 @@
-"""The grid of 1/256 px: how polygons in pixels are snapped to it.
+"""Snapping of polygons in pixels to the grid of 1/256 px.
 
-GPUs and software rasterisers alike snap window coordinates to a sub-pixel grid, usually of
-1/256 px. Snapping before anything is triangulated makes the geometry that the criteria see the
-geometry that is rasterised, and makes every orientation test on it exact.
+GPUs and software rasterisers snap window coordinates to a sub-pixel grid, usually of 1/256 px. By
+snapping before the triangulation, criteria evaluate the rasterised geometry, and all orientation
+tests are exact.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ SUBPIXEL = 256
 class Snapped(NamedTuple):
     """Polygons on the grid.
 
-    pieces : (q,) shapely polygons in px, valid and oriented; source : (q,) the polygon of each
-    dropped, repaired : (polygon, reason) of what snapping broke
+    pieces : (q,) shapely polygons in px, valid and oriented; source : (q,) polygon numbers
+    dropped, repaired : (polygon number, reason) of polygons that snapping broke
     """
 
     pieces: NDArray[np.object_]
@@ -34,9 +34,9 @@ class Snapped(NamedTuple):
 
 
 def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
-    """Snap polygons in px to the grid; those that it breaks are repaired, or dropped.
+    """Snap polygons in px to the grid; repair or drop polygons that snapping breaks.
 
-    Polygons that stay valid and keep their vertices, nearly all, are rounded together.
+    Most polygons stay valid and keep their vertices; these are rounded together.
     """
     before = np.asarray(polygons, dtype=object)
     rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
@@ -53,23 +53,23 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
         (repaired if parts else dropped).append((number, reason))
         pieces += parts
         source += [number] * len(parts)
-    whole = shapely.orient_polygons(rounded[sound])
-    snapped = np.concatenate([whole, np.array(pieces, dtype=object)])
+    oriented = shapely.orient_polygons(rounded[sound])
+    snapped = np.concatenate([oriented, np.array(pieces, dtype=object)])
     numbers = np.concatenate([np.flatnonzero(sound), np.array(source, dtype=np.int64)])
     order = np.argsort(numbers, kind="stable")
     return Snapped(snapped[order], numbers[order], tuple(dropped), tuple(repaired))
 
 
 def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
-    """Round one polygon in px to the grid; repair it where that breaks it.
+    """Round one polygon in px to the grid, and repair it if rounding breaks it.
 
-    Returns its pieces, and what was done to get them, or why there are none; "" if it is intact.
+    Returns the pieces, and a note about changes or the reason of an empty result; "" if intact.
     """
     rounded, lost = _round_rings(polygon)
     if rounded is not None and rounded.is_valid and rounded.area > 0:
         reason = f"{lost} vertices coincide on the 1/256 px grid" if lost else ""
         return [shapely.orient_polygons(rounded)], reason
-    # Rounding made edges cross or touch: let GEOS node it on the same grid.
+    # Rounding made edges cross or touch; GEOS nodes the polygon on the same grid.
     fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
     pieces = [
         shapely.orient_polygons(part)
@@ -83,9 +83,9 @@ def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
 
 
 def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
-    """Round the rings and merge neighbours that coincide.
+    """Round the rings and merge coincident neighbours.
 
-    Returns the polygon, or None if its exterior collapses, and the number of vertices lost.
+    Returns the polygon, or None if the exterior collapses, and the number of lost vertices.
     """
     before = shapely.get_num_coordinates(polygon)
     rings = []
@@ -107,5 +107,5 @@ def to_grid(polygons: Sequence[Polygon] | NDArray[Any]) -> PolygonArray:
 
 
 def coarsen(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
-    """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
+    """Round points (n, 2) in 1/256 px to the nearest multiples of `step`."""
     return ((points + step // 2) // step * step).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Progress of a command: bars on a terminal, lines elsewhere, nothing with --quiet."""
+"""Progress of a command: bars on a terminal, lines elsewhere, no output with --quiet."""
 
 import os
 import re
@@ -27,7 +27,7 @@ UNKNOWN_WIDTH = 120
 
 
 class Screen(Console):
-    """Console for tables; in a file or a pipe, lines are not cut at 80 or padded with spaces."""
+    """Console for tables that does not cut or pad lines in files and pipes."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(emoji=False, **options)
@@ -49,13 +49,13 @@ def detach_terminal() -> None:
 
 
 MIN_INTERVAL_S, MAX_INTERVAL_S = 3.0, 10.0
-"""Interval between two lines about one stage, without a terminal."""
+"""Bounds of the interval between two lines about one stage, without a terminal."""
 
 
 class Stage:
     """One stage of a command: a bar on a terminal; otherwise lines for `say`.
 
-    unit : unit of its steps, if the rate is shown
+    unit : unit of the steps, to show the rate, or ""
     """
 
     def __init__(self, bars: Progress, task: Task, unit: str, say: Callable[[str], None]) -> None:
@@ -63,7 +63,7 @@ class Stage:
         self._task = task
         self._unit = unit
         self._say = say
-        self._said_s = 0.0
+        self._printed_s = 0.0
 
     def complete(self, steps: float) -> None:
         """Set the number of finished steps."""
@@ -72,16 +72,16 @@ class Stage:
         rate = ""
         if self._unit and (speed := task.speed):
             rate = f", {f'{speed:,.0f}' if speed >= 10 else f'{speed:.2g}'} {self._unit}/s"
-        self._bars.update(task.id, completed=steps, said=share + rate)
+        self._bars.update(task.id, completed=steps, status=share + rate)
         elapsed = task.elapsed or 0.0
         # The interval grows with the duration.
         interval_s = min(MAX_INTERVAL_S, max(MIN_INTERVAL_S, elapsed / 20))
-        due = elapsed - self._said_s >= interval_s
-        if due and self._bars.disable and not task.finished:
-            self._said_s = elapsed
-            left = task.time_remaining
-            rest = "" if left is None else f", about {timedelta(seconds=left)} left"
-            self._say(f"{task.description}: {share} after {elapsed:.0f} s{rate}{rest}")
+        is_due = elapsed - self._printed_s >= interval_s
+        if is_due and self._bars.disable and not task.finished:
+            self._printed_s = elapsed
+            seconds = task.time_remaining
+            remaining = "" if seconds is None else f", about {timedelta(seconds=seconds)} left"
+            self._say(f"{task.description}: {share} after {elapsed:.0f} s{rate}{remaining}")
 
     def wait(self, _waited: float) -> None:
         """Refresh the progress during a long step (heartbeat)."""
@@ -95,12 +95,10 @@ class Stage:
 class Reporter:
     """Prints progress, details and warnings to standard error.
 
-    Parameters
-    ----------
-    quiet : print warnings only
-    verbose : print details as well, even if quiet
+    quiet : True to print warnings only
+    verbose : True to print details as well, even if quiet
     console : standard error by default
-    clock : seconds; replaced by tests
+    clock : function that returns seconds
     """
 
     def __init__(
@@ -124,12 +122,12 @@ class Reporter:
             self.console.print(message, markup=False, soft_wrap=True)
 
     def detail(self, message: str) -> None:
-        """Print lines in verbose mode only."""
+        """Print lines, in verbose mode only."""
         if self._verbose and message:
             self.console.print(message.rstrip(), markup=False, style="dim", soft_wrap=True)
 
     def once(self, message: str, *, warn: bool = False) -> None:
-        """Print a line or a warning, unless it was printed before."""
+        """Print a line or a warning, unless printed before."""
         if message not in self._shown:
             self._shown.add(message)
             (self.warn if warn else self.say)(message)
@@ -142,14 +140,14 @@ class Reporter:
     def stage(self, title: str, total: float | None = None, unit: str = "") -> Iterator[Stage]:
         """Begin a stage of `total` steps, or None if unknown; `unit` as in `Stage`.
 
-        The remaining time is estimated from the rate since the first step; work before it, such as
+        The remaining time is estimated from the rate since the first step; preceding work, such as
         compiling, does not count.
         """
         columns = (
             SpinnerColumn(),
             TextColumn("{task.description:<34}"),
             BarColumn(bar_width=20),
-            TextColumn("{task.fields[said]}"),
+            TextColumn("{task.fields[status]}"),
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
@@ -159,7 +157,7 @@ class Reporter:
         if not self._bars:
             self.say(f"{title} ...")
         with bars:
-            bars.add_task(title, total=total, said="")
+            bars.add_task(title, total=total, status="")
             (task,) = bars.tasks
             stage = Stage(bars, task, unit, self.say)
             yield stage

@@ -1,7 +1,7 @@
 """Style of plots, tables and reports: colours, symbols, number formats, files.
 
-A triangulator has the same colour and symbol everywhere. The common ones have fixed looks; others
-get the remaining looks in the order in which they appear.
+A triangulator has the same colour and symbol everywhere. Common triangulators have fixed looks;
+others get the remaining looks in order of appearance.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SYMBOLS = (
     "path://M2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5L0,2Z",
     "path://M5,0L6.2,3.6H10L6.9,5.8L8.1,9.5L5,7.2L1.9,9.5L3.1,5.8L0,3.6H3.8Z",
 )
-"""Symbols of the report's charts, in the order of `MARKERS`, those of the plots."""
+"""Symbols of the report's charts, in the order of `MARKERS`, the symbols of plots."""
 
 COMMON_TRIANGULATORS = (
     "optimal:half-perimeter",
@@ -76,7 +76,7 @@ ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
 """Widths in inches of one and of two columns of a paper."""
 
 MAX_VECTOR_MARKS = 20_000
-"""Upper bound of vector marks of a panel; more become a bitmap inside the SVG."""
+"""Maximum number of vector marks of a panel; more marks become a bitmap inside the SVG."""
 
 
 @dataclass(frozen=True)
@@ -89,32 +89,34 @@ class Look:
     symbol: str
 
 
-def look_of(index: int) -> Look:
+def get_look(index: int) -> Look:
     """Return the look of series `index` of a plot; looks repeat after 64."""
     colour = index % len(COLOURS)
     symbol = (index + index // len(COLOURS)) % len(MARKERS)
     return Look(COLOURS[colour], DARK_COLOURS[colour], MARKERS[symbol], SYMBOLS[symbol])
 
 
-def looks(triangulators: Sequence[str]) -> dict[str, Look]:
+def choose_looks(triangulators: Sequence[str]) -> dict[str, Look]:
     """Return the look of each triangulator, in the given order.
 
-    A family in `COMMON_TRIANGULATORS` has a fixed look; each other family gets the next.
+    A family in `COMMON_TRIANGULATORS` has a fixed look; each other family gets the next look.
     """
-    families = dict.fromkeys([*COMMON_TRIANGULATORS, *map(family_of, triangulators)])
-    place = {family: look_of(index) for index, family in enumerate(families)}
-    return {name: place[family_of(name)] for name in triangulators}
+    families = dict.fromkeys([*COMMON_TRIANGULATORS, *map(get_family, triangulators)])
+    looks = {family: get_look(index) for index, family in enumerate(families)}
+    return {name: looks[get_family(name)] for name in triangulators}
 
 
-def family_of(triangulator: str) -> str:
-    """Return a name without its number: random#1 and random#2 are one family."""
+def get_family(triangulator: str) -> str:
+    """Return a name without number: random#1 and random#2 are one family."""
     return triangulator.partition("#")[0]
 
 
-def scatter(panel: Axes, x: ArrayLike, y: ArrayLike, of: Look, label: str, **how: Any) -> None:
-    """Draw one triangulator's marks; `how` are options of Matplotlib's `scatter`."""
-    how = {"s": 7, "alpha": 0.5, "linewidths": 0, **how}
-    panel.scatter(x, y, color=of.colour, marker=of.marker, label=label, **how)
+def draw_scatter(
+    panel: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str, **options: Any
+) -> None:
+    """Draw one triangulator's marks; `options` are those of Matplotlib's `scatter`."""
+    options = {"s": 7, "alpha": 0.5, "linewidths": 0, **options}
+    panel.scatter(x, y, color=look.colour, marker=look.marker, label=label, **options)
 
 
 def scatter_over_medians(
@@ -127,53 +129,53 @@ def scatter_over_medians(
     of_polygon = table.groupby(list(by))
     across = table[x] / of_polygon[x].transform("median")
     up = table[y] / of_polygon[y].transform("median")
-    families = table["triangulator"].map(family_of)
-    shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
-    many = len(table) > MAX_VECTOR_MARKS
-    for name in reversed(shown):
-        own = (families == name) & (across > 0) & (up > 0)
-        scatter(panel, across[own], up[own], shown[name], name, alpha=0.6, rasterized=many)
+    families = table["triangulator"].map(get_family)
+    names = [*(name for name in dict.fromkeys(families) if name != "random"), "random"]
+    is_large = len(table) > MAX_VECTOR_MARKS
+    for name, look in reversed(choose_looks(names).items()):
+        rows = (families == name) & (across > 0) & (up > 0)
+        draw_scatter(panel, across[rows], up[rows], look, name, alpha=0.6, rasterized=is_large)
     return across.to_numpy(float), up.to_numpy(float)
 
 
-def panels(
+def make_panels(
     count: int, size: tuple[float, float], title: str, across: int = 9, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title and `count` panels, at most `across` of them in a row.
+    """Return a figure with a title and `format_count` panels, at most `across` in a row.
 
     size : of a panel, in inches; shared : options of Matplotlib's `subplots`
     """
     wide = min(across, count)
     high = -(-count // wide)
     inches = (max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6)
-    figure, places = grid(inches, high, wide, **shared)
-    for panel in places[count:]:
+    figure, cells = grid(inches, high, wide, **shared)
+    for panel in cells[count:]:
         panel.set_visible(False)
     figure.suptitle(title, fontsize=9)
-    return figure, places[:count]
+    return figure, cells[:count]
 
 
 def grid(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of a size in inches, and its panels, row by row; shared: as above."""
+    """Return a figure of a size in inches, and the panels row by row; see `make_panels`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size)
     return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel().tolist()
 
 
-def legend_below(figure: Figure, places: Sequence[Axes], columns: int) -> None:
+def legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
     """Draw one legend of all panels below a figure."""
-    entries = (panel.get_legend_handles_labels() for panel in places)
-    handles = {text: each for pair in entries for each, text in zip(*pair, strict=True)}
+    entries = (panel.get_legend_handles_labels() for panel in panels)
+    handles = {text: handle for pair in entries for handle, text in zip(*pair, strict=True)}
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
 def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
     """Return an empty table for the terminal, without lines; options: of rich's `Table`.
 
-    columns : headings; ">" at the beginning aligns a column of numbers to the right
+    columns : headings; a leading ">" aligns the column to the right, for numbers
     """
     from rich.table import Table
 
@@ -186,13 +188,13 @@ def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
     return table
 
 
-def draw(
+def draw_figure(
     folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
 ) -> list[Path]:
     """Draw a figure in the common style, and write it as PNG and SVG; return the files.
 
-    name : any text; the files' names are its `file_stem` with their endings
-    make : returns the figure, or None if there is nothing to draw
+    name : any text, whose `file_stem` names the files
+    make : returns the figure, or None without data
     """
     import matplotlib
 
@@ -208,37 +210,37 @@ def draw(
     return files
 
 
-def count(number: int, noun: str, several: str = "") -> str:
-    """Write `1 case`, `2 cases`."""
-    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
+def format_count(number: int, noun: str, plural: str = "") -> str:
+    """Return a number and a noun: `1 case`, `2 cases`."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 
-def percent(change: float) -> str:
-    """Write a relative change with a sign and as many digits as matter: `+12.3 %`."""
+def format_percent(change: float) -> str:
+    """Return a relative change with sign and significant digits: `+12.3 %`."""
     size = abs(change) * 100
     digits = 0 if size >= 100 else 1 if size >= 0.1 else 3
     return f"{change * 100:+,.{digits}f} %"
 
 
-def figure(value: float) -> str:
-    """Write a number with as many digits as matter."""
-    whole = float(value).is_integer() or abs(value) >= 1000
-    return f"{value:,.0f}" if whole else f"{value:,.4g}"
+def format_number(value: float) -> str:
+    """Return a number with four significant digits; integers and numbers from 1000 as integers."""
+    is_integer = float(value).is_integer() or abs(value) >= 1000
+    return f"{value:,.0f}" if is_integer else f"{value:,.4g}"
 
 
-def step(before: float, after: float) -> str:
-    """Write `99,275 → 111,496 (+12.3 %)`."""
-    growth = f" ({percent(after / before - 1)})" if before else ""
-    return f"{figure(before)} → {figure(after)}{growth}"
+def format_step(before: float, after: float) -> str:
+    """Return a change as `99,275 → 111,496 (+12.3 %)`."""
+    growth = f" ({format_percent(after / before - 1)})" if before else ""
+    return f"{format_number(before)} → {format_number(after)}{growth}"
 
 
-def flat(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:
-    """Return nested values with joined names: {"timing": {"precision": 1}} as timing.precision."""
+def flatten(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:
+    """Flatten nested values: {"timing": {"precision": 1}} becomes {"timing.precision": 1}."""
     flattened: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping) and value:
-            inner = flat(value, between).items()
-            flattened |= {f"{name}{between}{deeper}": each for deeper, each in inner}
+            inner = flatten(value, between).items()
+            flattened |= {f"{name}{between}{key}": item for key, item in inner}
         else:
             flattened[name] = value
     return flattened

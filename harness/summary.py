@@ -1,4 +1,4 @@
-"""The table of a run, for a terminal and as CSV."""
+"""The summary table of a run, for a terminal and as CSV."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -25,16 +25,16 @@ from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import plain_table
 
 MAX_COLUMNS = 4
-"""Metrics in the table if no counter has a heading; metrics with headings fit 80 characters."""
+"""Number of metrics if no counter has a heading; metrics with headings fit 80 characters."""
 
 MIN_WIDE = 96
-"""Width of the terminal from which the table also has the metrics `WIDE`."""
+"""Minimum width of the terminal for the metrics `WIDE`."""
 
 WIDE = ("regret",)
-"""Metrics that a narrow table omits: regret only rescales helper lanes."""
+"""Metrics that a narrow table omits; regret is a multiple of helper lanes."""
 
 NAME_WIDTH = 24
-"""Characters of a name that are not wrapped."""
+"""Minimum width of the column of names."""
 
 VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
@@ -70,7 +70,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
         table.add_column(metric.heading or metric.label, justify="right", no_wrap=True)
     base = decision.base
     table.add_column(f"vs {base.name}", no_wrap=True)
-    # Without any break-even, the verdict stands next to the ratio.
+    # Without any break-even, the verdict is next to the ratio.
     has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
         table.add_column("break-even")
@@ -91,18 +91,18 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
 
 def _format_title(decision: Decision) -> str:
     group, count = decision.group.id, decision.standings[0].record.all_polygons
-    where = f"{group.rasteriser} on {group.device_name}"
-    return f"{group.scene}, {count:,} polygons, {group.condition}: {where}"
+    backend = f"{group.rasteriser} on {group.device_name}"
+    return f"{group.scene}, {count:,} polygons, {group.condition}: {backend}"
 
 
 def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
-    """Return the metrics of the table: those with a heading that any record has.
+    """Return the metrics of the table: metrics with a heading, if any record has a value.
 
     If no counter of a rasteriser has a heading, its first counters are used.
     """
     available = find_metrics(records)
-    shown = [m for m in available.values() if m.heading and (wide or m.name not in WIDE)]
-    metrics = [metric for metric in shown if any(map(metric, records))]
+    headed = [m for m in available.values() if m.heading and (wide or m.name not in WIDE)]
+    metrics = [metric for metric in headed if any(map(metric, records))]
     if not any(metric.kind == "counter" for metric in metrics):
         room = MAX_COLUMNS - len(metrics)
         metrics = [available[name] for name in list_costs(available)[:room]] + metrics
@@ -110,23 +110,23 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
 
 
 def _describe_proofs(records: Sequence[Record]) -> list[str]:
-    """Return lines: optima that are proven for every polygon, and the gaps of the others."""
+    """Return lines about optima proven for all polygons, and about other gaps."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []
     for record in optima:
         if record.proven != record.polygons:
-            # Costs are not negative, so a gap of 100 % is no bound.
+            # A gap of 100 % is the trivial bound, as costs are not negative.
             gap = record.largest_gap
-            unbounded = gap is None or round(gap, 4) >= 1.0
-            others = "some others have no bound" if unbounded else f"the others within {gap:.2%}"
+            is_unbounded = gap is None or round(gap, 4) >= 1.0
+            bound = "some others have no bound" if is_unbounded else f"the others within {gap:.2%}"
             count = f"{record.proven:,} of {record.polygons:,} polygons"
-            lines.append(f"proven optimal, {count}: {record.name}; {others}")
+            lines.append(f"proven optimal, {count}: {record.name}; {bound}")
     return lines
 
 
 def _describe_regret(records: Sequence[Record]) -> list[str]:
-    """Return a line with the number of polygons that regret covers, if some are missing."""
+    """Return a line with the number of polygons that regret covers, unless all."""
     covered = max((record.least.polygons for record in records if record.least), default=0)
     drawn = max((record.polygons for record in records), default=0)
     if not 0 < covered < drawn:
@@ -137,7 +137,7 @@ def _describe_regret(records: Sequence[Record]) -> list[str]:
 def _compare_cells(
     standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
 ) -> list[Text]:
-    """Return the ratio with its interval, and the break-even or the verdict."""
+    """Return the ratio with interval, and the break-even or the verdict."""
     drawn, ratio, colour, note = standing.record.polygons, standing.ratio, "", ""
     if drawn != complete:
         cell = f"{drawn} of {complete} done"
@@ -162,18 +162,18 @@ def _format_number(value: float | None, form: str) -> str:
 
 
 def write_csv(decided: Iterable[Decided], file: Path) -> None:
-    """Write `file` with one row per case: identity, counters and all metrics."""
+    """Write a row per case to `file`: identity, counters and all metrics."""
     import pandas as pd
 
-    atomic.write(file, pd.DataFrame(rows_of(decided)).to_csv(index=False).encode())
+    atomic.write(file, pd.DataFrame(list_rows(decided)).to_csv(index=False).encode())
 
 
-def rows_of(decided: Iterable[Decided]) -> list[dict[str, Any]]:
-    """Return `row_of` for each record, group by group."""
-    return [row_of(record, decision) for group, decision in decided for record in group.records]
+def list_rows(decided: Iterable[Decided]) -> list[dict[str, Any]]:
+    """Return `make_row` for each record, group by group."""
+    return [make_row(record, decision) for group, decision in decided for record in group.records]
 
 
-def row_of(record: Record, decision: Decision | None) -> dict[str, Any]:
+def make_row(record: Record, decision: Decision | None) -> dict[str, Any]:
     """Return a case's identity, counters, metrics, and time relative to the base, by column."""
     case, time = record.id, record.time
     row: dict[str, Any] = {

@@ -1,7 +1,7 @@
 """Viewport sizes at which the choice of a triangulator matters: counted, not timed.
 
 A scene is triangulated and counted at each size as in a run, by the exact CPU reference. A device's
-profile converts the counts to milliseconds; triangulating is timed.
+profile converts the counts to milliseconds; the triangulation is timed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from harness.metrics.decision import MIN_PIXELS, MIN_SAVED_SHARE
 from harness.profile.counted import TERMS, count_triangles, design_of
 from harness.profile.law import Law
 from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
-from harness.style import ONE_COLUMN, STYLE, count, grid, looks, plain_table
+from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, grid, plain_table
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 MAIN_PART = 0.8
-"""Part of the largest saving that the recommended triangulator has at least."""
+"""Minimum part of the largest saving that the recommended triangulator reaches."""
 
 MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
-"""If triangulating takes less in all, it is timed in several rounds, and the minimum counts."""
+"""Shorter triangulations are timed in several rounds, of which the minimum counts."""
 
 CONTRIBUTED = Path(__file__).parents[1] / "results" / "reference" / "profiles"
 """Contributed profiles; an installed wheel has none."""
@@ -51,7 +51,7 @@ class DeviceCosts:
     costs : seconds for each of `counted.TERMS`, (t,)
     law : the law with its covariance, or None if the profile stores no times
     origin : the device and processor on which the profile was measured
-    is_here : whether this machine has these
+    is_here : True if this machine has the device and processor
     """
 
     name: str
@@ -84,8 +84,8 @@ class Size:
 
     resolution : side of the viewport in px, which the scene fills
     polygons : number of polygons that all triangulators triangulate
-    skipped : polygons that vanish on the grid, or that some triangulator does not triangulate
-    polygon_px : median of the longer sides of their bounding boxes
+    skipped : number of polygons that vanish on the grid, or on which a triangulator fails
+    polygon_px : median of the longer sides of the polygons' bounding boxes
     costs : by triangulator, the base first
     """
 
@@ -102,14 +102,14 @@ class Size:
 
     @property
     def saved(self) -> dict[str, float]:
-        """Share of the base's draw time, or of its lanes without a device, that each saves."""
+        """Saved share, by triangulator, of the base's draw time, or of its lanes without device."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
         base = next(iter(spent.values()))
         return {name: 1.0 - cost / base if base else 0.0 for name, cost in spent.items()}
 
     @property
     def matters(self) -> bool:
-        """Whether savings reach `MIN_SAVED_SHARE`, over enough pixels for a conclusion."""
+        """True if savings reach `MIN_SAVED_SHARE`, over enough pixels for a conclusion."""
         return max(self.saved.values()) >= MIN_SAVED_SHARE and self.covered >= MIN_PIXELS
 
 
@@ -118,7 +118,7 @@ class Sizes:
     """Costs of a scene at several sizes, the smallest first.
 
     device : the device whose draw times are modelled, or None
-    source : the scene or file as the user named it
+    source : the user's name of the scene or file
     """
 
     scene: str
@@ -163,7 +163,7 @@ class Sizes:
 
 
 def read_costs(name: str, *folders: Path) -> DeviceCosts:
-    """Return the costs of a profile: a file, or the name of one in `folders` or contributed.
+    """Return the costs of a profile: a file, or the name of a profile in `folders` or contributed.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def read_costs(name: str, *folders: Path) -> DeviceCosts:
         hint = suggest(
             name, sorted(profiles), cutoff=0.4, fallback="raster-harness profile makes one"
         )
-        raise UsageError(f"no profile {name}: neither a file nor a known name; {hint}")
+        raise UsageError(f"--profile {name}: neither a file nor a known name; {hint}")
     return read_profile(profiles.get(name, Path(name)), _costs_of)
 
 
@@ -200,14 +200,14 @@ def count_size(
     Raises
     ------
     UsageError
-        if the scene defines its view, or no polygon can be drawn at this size
+        if the scene defines the view, or no polygon can be drawn at this size
     """
     frame = frame_of(scene, view)
     results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
-    done = np.all([result.drawn for result in results.values()], axis=0)
-    if not done.any():
+    drawn = np.all([result.drawn for result in results.values()], axis=0)
+    if not drawn.any():
         raise UsageError(
-            f"{scene.name}: no polygon that all triangulators can do at {view.resolution} px; "
+            f"{scene.name}: no polygon triangulated by all triangulators at {view.resolution} px; "
             "give a larger size, or fewer triangulators"
         )
     seconds = [result.seconds for result in results.values()]
@@ -216,19 +216,19 @@ def count_size(
         seconds = [min(samples) for samples in rounds]
     counters = []
     for result in results.values():
-        parts = [part if ok else None for part, ok in zip(result.parts, done, strict=True)]
+        parts = [part if ok else None for part, ok in zip(result.parts, drawn, strict=True)]
         counters.append(count_triangles(frame, frame.join(parts)))
     costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
-    polygon_px = float(np.median((high - low)[done].max(axis=1)))
-    polygons = int(done.sum())
+    polygon_px = float(np.median((high - low)[drawn].max(axis=1)))
+    polygons = int(drawn.sum())
     return Size(view.resolution, polygons, len(scene.polygons) - polygons, polygon_px, costs)
 
 
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return the cost of each triangulator from its counters, the base's first."""
+    """Return the cost of each triangulator from counters and seconds, the base first."""
     costs: list[Cost] = [
         {name: counts[name] for name in COUNTED}
         | {"triangulate_s": cpu_s, "draw": None, "saved_95": None}
@@ -244,7 +244,7 @@ def _list_costs(
 
 
 def summarise(sizes: Sizes) -> str:
-    """Return a sentence: whether the triangulator matters, at which sizes, and where most."""
+    """Return a sentence: the sizes at which the triangulator matters, and the largest saving."""
     base = next(iter(sizes.sizes[0].costs))
     covered = max(size.covered for size in sizes.sizes)
     if covered < MIN_PIXELS:
@@ -268,19 +268,19 @@ def summarise(sizes: Sizes) -> str:
         cost, base_cost = (largest.costs[name] for name in (best, base))
         more = cost["triangulate_s"] - base_cost["triangulate_s"]
         draws = math.ceil(more / (base_cost["draw"] - cost["draw"]))
-        text += f"; break-even after {count(draws, 'draw')}" if draws > 0 else ""
+        text += f"; break-even after {format_count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
 
 
 def _format_saving(size: Size, name: str) -> str:
-    """Format the saved share of the base's cost, with its interval if known."""
+    """Format the saved share of the base's cost, with the interval if known."""
     interval = size.costs[name].get("saved_95")
     text = f"{size.saved[name]:.1%}"
     return f"{text} (95 % CI {100 * interval[0]:.1f} to {interval[1]:.1%})" if interval else text
 
 
 def format_next_step(sizes: Sizes) -> str:
-    """Return the recommended triangulator, with the command and the call that use it."""
+    """Return the recommended triangulator, with a command and a Python call."""
     name, size = sizes.recommended, sizes.largest
     if size is None:
         return f"Next: keep {name}."
@@ -293,12 +293,12 @@ def format_next_step(sizes: Sizes) -> str:
 
 
 def _pixels(side: float, digits: int) -> str:
-    """Format a side with a number of digits, never as 1e+02."""
+    """Format a side with significant digits, without exponent."""
     return f"{side:,.0f} px" if side >= 10 ** (digits - 1) else f"{side:.{digits}g} px"
 
 
 def make_tables(sizes: Sizes) -> Iterator[Table]:
-    """Yield a table for each quantity: the base's, and the others relative to it."""
+    """Yield a table for each quantity: the base's value, and other triangulators relative to it."""
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),
@@ -307,8 +307,8 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
     ]
     if sizes.device:
         kinds.append(("draw", f"ms of a draw on {sizes.device.name}", 1e3, ".4g"))
-    base, *others = sizes.sizes[0].costs
-    heads = [f">{name}" for name in ("size", "per polygon", base, *others)]
+    base = next(iter(sizes.sizes[0].costs))
+    heads = [f">{name}" for name in ("size", "per polygon", *sizes.sizes[0].costs)]
     for name, quantity, unit, form in kinds:
         table = plain_table(f"{sizes.scene}: {quantity}; others relative to {base}", *heads)
         for size in sizes.sizes:
@@ -327,7 +327,7 @@ def draw_chart(sizes: Sizes, file: Path) -> None:
     at = [size.resolution for size in sizes.sizes]
     with matplotlib.rc_context(STYLE):
         figure, (panel,) = grid((ONE_COLUMN, 2.3))
-        for name, look in looks(list(sizes.sizes[0].costs)).items():
+        for name, look in choose_looks(list(sizes.sizes[0].costs)).items():
             saved = [100 * size.saved[name] for size in sizes.sizes]
             panel.plot(at, saved, label=name, color=look.colour, marker=look.marker, markersize=4)
         panel.set_xscale("log", base=2)

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 
-def static(package: str, name: str) -> str:
+def read_static(package: str, name: str) -> str:
     """Return the text of a file in a package's folder static/."""
     return (resources.files(package) / "static" / name).read_text(encoding="utf-8")
 
 
-def packed(content: Mapping[str, Any]) -> str:
+def pack_json(content: Mapping[str, Any]) -> str:
     """Return the content as base64 of compressed JSON, which is safe inside HTML."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
 
 
-def encoded(values: NDArray[Any]) -> str:
+def encode_array(values: NDArray[Any]) -> str:
     """Return base64 of an array's bytes."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
@@ -55,7 +55,7 @@ def write_atomically(file: Path, text: str) -> None:
 
 
 @cache
-def template(package: str, name: str) -> Template:
+def load_template(package: str, name: str) -> Template:
     """Return a template of `package`; values are escaped, undefined names are errors."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # slow to import
 

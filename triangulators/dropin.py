@@ -103,9 +103,9 @@ def triangulate_int32(
     ndarray
         (3 m,) uint32, as `triangulate_float64` returns.
     """
-    vertices = np.asarray(vertices).astype(np.int32, copy=False)
-    raw = clip_ears(vertices, ring_end_indices)
-    return _improve(raw, vertices, ring_end_indices, method)
+    return triangulate_float64(
+        np.asarray(vertices).astype(np.int32, copy=False), ring_end_indices, method
+    )
 
 
 def triangulate_int64(

@@ -59,11 +59,11 @@ def history(
     from harness import atomic
     from harness.history import filter_series, find_runs, plot_history, read_series, select_series
     from harness.metrics.processors import find_mixed_processors, format_processors
-    from harness.style import count
+    from harness.style import format_count
 
     runs, studies = find_runs(folders, studies=everything)
     if studies:
-        typer.echo(f"skipped: {count(studies, 'study', 'studies')}; see --all")
+        typer.echo(f"skipped: {format_count(studies, 'study', 'studies')}; see --all")
     if not runs:
         raise NothingMeasuredError("all runs are studies, which measure each case once; see --all")
     filters = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
@@ -87,20 +87,20 @@ def history(
         hidden
     )
     destination = str(out) if shown_series else "no case was measured by two runs"
-    typer.echo(f"{count(len(runs), 'run')}, {len(shown_series)} series: {destination}{hint}")
+    typer.echo(f"{format_count(len(runs), 'run')}, {len(shown_series)} series: {destination}{hint}")
 
 
 def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return a line for each change: the run, the metric and case, and both levels."""
     from harness.history import run_label
-    from harness.style import step
+    from harness.style import format_step
 
     lines = []
     for entry in series:
         subject = f"{entry.metric} of {entry.id.name}, {entry.id.group}"
         for position, (before, after) in zip(entry.changes, entry.steps, strict=True):
             label = run_label(runs[position]).replace("\n", ", ")
-            lines.append(f"{label}: {subject}: {step(before, after)}")
+            lines.append(f"{label}: {subject}: {format_step(before, after)}")
     return lines or ["nothing changed"]
 
 

@@ -19,7 +19,7 @@ from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, file_stem, read_run, translate_errors
 from harness.stats.run_quality import get_run_state
-from harness.summary import print_summary, rows_of, write_csv
+from harness.summary import list_rows, print_summary, write_csv
 from scenes import Scene
 from scenes.spec import format_label
 
@@ -117,7 +117,7 @@ def format_json(outcome: RunResult) -> dict[str, Any]:
     return {
         "results": os.path.relpath(outcome.path),
         "interrupted": outcome.interrupted,
-        "cases": rows_of(outcome.decided),
+        "cases": list_rows(outcome.decided),
     }
 
 

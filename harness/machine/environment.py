@@ -21,8 +21,9 @@ import psutil
 
 from harness import __version__
 from harness.machine.git import describe_project, git_state
+from triangulators.compute import compiled_files
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = compiled_files.SOURCES
 
 PACKAGES = (
     "glcontext",
@@ -99,7 +100,7 @@ def list_warnings(facts: dict[str, Any]) -> list[str]:
 
 def code_version() -> str:
     """Return a hash, 16 hexadecimal digits, of the source files of the three packages."""
-    return source_hash(*(ROOT / package for package in ("harness", "scenes", "triangulators")))
+    return source_hash(*(ROOT / package for package in sorted(compiled_files.PACKAGES)))
 
 
 def source_hash(*packages: Path) -> str:

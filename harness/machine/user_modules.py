@@ -1,7 +1,7 @@
-"""The user's modules: the current folder on `sys.path`, last, and only when one is named.
+"""The user's modules: the current folder at the end of `sys.path`, only if a module is named.
 
-A folder of data may hold a stranger's `typer.py` or `numpy.py`, so nothing is imported from the
-current folder unless the user gives a function there as `module:function`.
+A data folder may contain a foreign `typer.py` or `numpy.py`, so the current folder is not searched
+unless the user gives a function there as `module:function`.
 """
 
 import os
@@ -14,19 +14,17 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from harness.errors import UsageError
+from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
-PACKAGES = ("harness", "scenes", "triangulators")
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 """A function of a module, perhaps followed by parameters."""
-
-SOURCES = Path(__file__).resolve().parents[2]
 
 
 @contextmanager
 def hidden_working_folder() -> Iterator[None]:
-    """Have Python processes that are started inside import nothing from the current folder.
+    """Prevent Python processes started in the block from importing from the current folder.
 
-    `python -c`, by which multiprocessing starts its helpers, searches it first.
+    `python -c`, by which multiprocessing starts helpers, searches that folder first.
     """
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -40,9 +38,9 @@ def hidden_working_folder() -> Iterator[None]:
 
 
 def allow_user_module(reference: str) -> None:
-    """Append the current folder to `sys.path` if it holds the module of "module:function".
+    """Append the current folder to `sys.path` if it contains the module of "module:function".
 
-    Names of another form, and modules elsewhere, change nothing.
+    Names of another form, and modules elsewhere, are ignored.
 
     Raises
     ------
@@ -54,7 +52,7 @@ def allow_user_module(reference: str) -> None:
     name = reference.partition(":")[0].partition(".")[0]
     try:
         folder = Path.cwd()
-    except FileNotFoundError:  # it was removed
+    except FileNotFoundError:  # the folder was removed
         return
     files = [folder / f"{name}.py", folder / name / "__init__.py"]
     file = next((file for file in files if file.is_file()), None)
@@ -63,12 +61,11 @@ def allow_user_module(reference: str) -> None:
     if name in PACKAGES and file is not None and not file.is_relative_to(SOURCES / name):
         raise UsageError(
             f"{reference}: {file.relative_to(folder)} has the name of a package of raster-harness; "
-            "rename it"
+            "rename the file"
         )
     if not {str(folder), "", os.curdir} & set(sys.path):
-        for package in PACKAGES:  # before a file of the user's can take their names
+        for package in PACKAGES:  # before a user's file can take a name
             import_module(package)
-
         sys.path += [str(SOURCES), str(folder)]
     try:
         spec = find_spec(name)
@@ -77,5 +74,5 @@ def allow_user_module(reference: str) -> None:
     if file is not None and spec is not None and spec.origin and not file.samefile(spec.origin):
         raise UsageError(
             f"{reference}: {file.relative_to(folder)} is hidden by the module {spec.origin}; "
-            "rename it, or set PYTHONPATH=. to import from this folder first"
+            "rename the file, or set PYTHONPATH=. to import from this folder first"
         )

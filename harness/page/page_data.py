@@ -34,8 +34,8 @@ from harness.results.drawings import Geometry
 from harness.results.parsing import record_to_json
 from harness.results.record import Record
 from harness.results.run_folder import Run
-from harness.style import looks
-from harness.webpages import encoded, packed, static, template, write_atomically
+from harness.style import choose_looks
+from harness.webpages import encode_array, load_template, pack_json, read_static, write_atomically
 
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
@@ -135,14 +135,16 @@ def write_page(content: PageContent | ProfileContent, file: Path) -> None:
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
     styles = ("page.css", *["profile.css"] * profiling)
     scripts = PROFILING if profiling else SCRIPTS
-    shared = [static(REPORT, ELEMENTS), static(REPORT, SPANS)]
-    text = template(PACKAGE, "profile.html" if profiling else "page.html").render(
+    shared = [read_static(REPORT, ELEMENTS), read_static(REPORT, SPANS)]
+    text = load_template(PACKAGE, "profile.html" if profiling else "page.html").render(
         version=__version__,
         scene=content.get("scene"),
-        charts="" if profiling else static(REPORT, CHARTS),
-        style="".join([static(REPORT, STYLE), *(static(PACKAGE, name) for name in styles)]),
-        script="\n".join([*shared, *(static(PACKAGE, name) for name in scripts)]),
-        data=packed({**content, "shaders": shaders}),
+        charts="" if profiling else read_static(REPORT, CHARTS),
+        style="".join(
+            [read_static(REPORT, STYLE), *(read_static(PACKAGE, name) for name in styles)]
+        ),
+        script="\n".join([*shared, *(read_static(PACKAGE, name) for name in scripts)]),
+        data=pack_json({**content, "shaders": shaders}),
     )
     write_atomically(file, text)
 
@@ -171,7 +173,7 @@ def make_page_content(run: Run) -> PageContent:
         "created": str(run.facts.get("created") or ""),
         "scene": str(views[0]["scene"]),
         "base": DEFAULT_BASE if DEFAULT_BASE in names else names[0],
-        "looks": {name: asdict(look) for name, look in looks(names).items()},
+        "looks": {name: asdict(look) for name, look in choose_looks(names).items()},
         "criteria": {name: list_predictions()[name].title for name in SUMMARISED},
         "views": views,
     }
@@ -197,7 +199,7 @@ def _views(run: Run) -> Iterator[ViewContent]:
             "rotation": view.rotation,
             "fit": view.fit,
             "scene": records[drawn[0]].id.scene,
-            "points": encoded(geometry.points.astype("<i4")),
+            "points": encode_array(geometry.points.astype("<i4")),
             "sizes": geometry.grid.vertex_counts.tolist(),
             "cases": {name: _make_case(records[name], geometry) for name in drawn},
         }
@@ -208,10 +210,10 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial, covering = (
-        encoded(counts.astype("<u4")) for counts in count_exactly(geometry, rows)
+        encode_array(counts.astype("<u4")) for counts in count_exactly(geometry, rows)
     )
     return {
-        "rows": encoded(rows.astype("<u4")),
+        "rows": encode_array(rows.astype("<u4")),
         "fragments": fragments,
         "quads": quads,
         "partial_quads": partial,

@@ -13,7 +13,7 @@ from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
 from harness.profile.profile import origin_of
-from harness.style import COLOURS, draw, legend_below, panels, plain_table
+from harness.style import COLOURS, draw_figure, legend_below, make_panels, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -162,14 +162,14 @@ def _format_cost(term: Mapping[str, Any]) -> str:
 
 def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
     """Draw the chart next to a profile's file, as PNG and SVG; return the PNG."""
-    return draw(file.parent, file.stem, _figure, profile)[0]
+    return draw_figure(file.parent, file.stem, _figure, profile)[0]
 
 
 def _figure(profile: Mapping[str, Any]) -> Figure:
     areas, device = profile["aspects"], profile["device"]
     title = f"Are thin triangles slow on {device_model(device['name'], device.get('details', {}))}?"
     heading = f"{title} Equal area, mean of four angles"
-    figure, axes = panels(len(areas), (2.6, 2.3), heading, sharey=True)
+    figure, axes = make_panels(len(areas), (2.6, 2.3), heading, sharey=True)
     for panel, area in zip(axes, areas, strict=True):
         x, y = (np.array(area[name]) for name in ("aspects", "ratios"))
         error = np.abs(np.array([area["low"], area["high"]]) - y)

@@ -43,9 +43,9 @@ from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.stats.run_quality import get_run_state
 from harness.study.subjects import MEASURES
-from harness.style import flat, looks
-from harness.summary import row_of
-from harness.webpages import encoded
+from harness.style import choose_looks, flatten
+from harness.summary import make_row
+from harness.webpages import encode_array
 from triangulators.polygon_arrays import ranges
 
 MAX_MARKS = 6_000
@@ -167,7 +167,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         "estimates": {name: estimate.measure for name, estimate in ESTIMATES.items()},
         "measures": list_costs(metrics, of_order=True),
         "triangulators": names,
-        "looks": {name: asdict(look) for name, look in looks(names).items()},
+        "looks": {name: asdict(look) for name, look in choose_looks(names).items()},
         "groups": groups,
         "cases": cases,
         "views": polygons.views,
@@ -304,7 +304,7 @@ def _make_case(
     decision: Decision | None,
     polygons: _Polygons,
 ) -> CaseContent:
-    row = row_of(record, decision) | {"polygons": record.polygons}
+    row = make_row(record, decision) | {"polygons": record.polygons}
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
     columns = polygons.read(record)
@@ -362,7 +362,7 @@ def pack(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
     vertices = ranges(starts, sizes)
     packed: Drawing = {
-        "points": encoded(geometry.points[vertices].astype("<i4")),
+        "points": encode_array(geometry.points[vertices].astype("<i4")),
         "sizes": sizes.tolist(),
         "source": geometry.source[numbers].tolist(),
         "triangles": {},
@@ -374,7 +374,7 @@ def pack(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
         rows = triangles[ranges(first, counts)] - np.repeat(starts, counts)[:, None]
         packed["triangles"][name] = {
             "counts": counts.tolist(),
-            "rows": encoded(rows.astype("<u4")),
+            "rows": encode_array(rows.astype("<u4")),
         }
     return packed
 
@@ -392,7 +392,7 @@ def list_facts(run: Run) -> list[Row]:
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
         if isinstance(values, dict):
-            rows += [(section, name, _text(v)) for name, v in flat(values, ": ").items()]
+            rows += [(section, name, _text(v)) for name, v in flatten(values, ": ").items()]
     return rows
 
 

@@ -8,7 +8,7 @@ from harness.errors import InputError
 from harness.metrics.decision import Decided
 from harness.report.content import make_content
 from harness.results.run_folder import Run
-from harness.webpages import packed, static, template, write_atomically
+from harness.webpages import load_template, pack_json, read_static, write_atomically
 
 PACKAGE = "harness.report"
 ELEMENTS, SPANS = "elements.js", "spans.js"
@@ -51,17 +51,17 @@ def write_report(
         raise InputError(f"{run.path}: neither a case nor a study{detail}; run or --resume first")
     target = file or run.folder / FILE
     first = content["groups"][0] if content["groups"] else None
-    text = template(PACKAGE, "report.html").render(
+    text = load_template(PACKAGE, "report.html").render(
         content=content,
         answer=content["study"] or (first["answer"] if first else "The study has no correlation."),
         failed=sum(case["row"]["status"] == "failed" for case in content["cases"]),
         key_facts=content["key_facts"],
         created=run.facts.get("created", ""),
         version=__version__,
-        style=static(PACKAGE, STYLE),
-        charts=static(PACKAGE, CHARTS),
-        script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
-        data=packed(content),
+        style=read_static(PACKAGE, STYLE),
+        charts=read_static(PACKAGE, CHARTS),
+        script="\n".join(read_static(PACKAGE, name) for name in SCRIPTS),
+        data=pack_json(content),
     )
     write_atomically(target, text)
     return target

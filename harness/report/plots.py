@@ -26,11 +26,11 @@ from harness.style import (
     COLOURS,
     MAX_VECTOR_MARKS,
     TWO_COLUMNS,
-    draw,
+    choose_looks,
+    draw_figure,
+    draw_scatter,
     grid,
     legend_below,
-    looks,
-    scatter,
 )
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def plot_run(run: Run) -> list[Path]:
         names = (case.rasteriser, case.device_name, case.view.resolution)
         view = "-".join(map(str, (*names, f"{case.view.rotation:g}")))
         stem = f"{NAME}-{view}" if number else NAME
-        files += draw(run.path / "plots", stem, draw_predictions, run, group)
+        files += draw_figure(run.path / "plots", stem, draw_predictions, run, group)
     return files
 
 
@@ -122,13 +122,13 @@ def _format_fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
 def _draw_scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> None:
-    styles = looks(list(columns))
+    styles = choose_looks(list(columns))
     for name in (name for name in columns if name != base):
         x = compute_ratios(columns[name], columns[base], PREDICTED + criterion)
         y = compute_ratios(columns[name], columns[base], measure)
         finite = np.isfinite(x) & np.isfinite(y)
         is_large = (len(columns) - 1) * len(x) > MAX_VECTOR_MARKS
-        scatter(panel, x[finite], y[finite], styles[name], name, rasterized=is_large)
+        draw_scatter(panel, x[finite], y[finite], styles[name], name, rasterized=is_large)
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

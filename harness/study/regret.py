@@ -28,7 +28,7 @@ from harness.results.record import Record, Time
 from harness.stats.intervals import MIN_VALUES, UNKNOWN, mean_interval, split_rounds
 from harness.study.correlations import TIME, get_label, make_criterion_table, to_column
 from harness.study.subjects import MIN_QUADS
-from harness.style import family_of
+from harness.style import get_family
 
 OF_QUADS = ("quads", "helper_lanes")
 
@@ -125,7 +125,7 @@ def _list_choices(records: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
         if indices and min(values) < max(values):  # otherwise it has no preference
             yield "criterion", criterion.replace("_", "-"), indices[int(np.argmin(values))]
     for index, record in enumerate(records):
-        family = family_of(record.name)
+        family = get_family(record.name)
         if family.partition(":")[0] not in NOT_CHOSEN:
             yield "triangulator", family, index
 

@@ -89,7 +89,7 @@ def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harnes
     code, said, err = harness("triangulate", source, *out, "--triangulator", "fan")
     assert code == 5
     assert "2 polygons, " in said
-    assert f"error: 1 polygon failed; the rest is in {out[1]}" in err
+    assert f"error: 1 polygon failed; the others are in {out[1]}" in err
     assert "failed 1: " in err
     assert Path(out[1]).exists()
     given = ("triangulate", source, *out, "--triangulator", "strip")

@@ -100,7 +100,7 @@ def test_a_polygon_that_snapping_pinches_is_split_and_named():
 
 @pytest.mark.parametrize("resolution", [0, 7, 1 << 20])
 def test_silly_resolutions_are_refused(resolution):
-    with pytest.raises(UsageError, match=f"resolution {resolution} is outside"):
+    with pytest.raises(UsageError, match=f"resolution {resolution}: out of range"):
         View(resolution)
 
 

@@ -51,8 +51,8 @@ def test_strangers_modules_are_not_imported(folder):
 @pytest.mark.parametrize(
     ("reference", "parts"),
     [
-        ("triangulators:cut", ("triangulators.py", "package of raster-harness", "rename it")),
-        ("numpy:cut", ("numpy.py is hidden by", "rename it", "PYTHONPATH=.")),
+        ("triangulators:cut", ("triangulators.py", "package of raster-harness", "rename the file")),
+        ("numpy:cut", ("numpy.py is hidden by", "rename the file", "PYTHONPATH=.")),
         ("nowhere:cut", ("no module 'nowhere'",)),
     ],
 )

@@ -145,7 +145,7 @@ def test_a_contributed_profile_is_known_by_its_name(harness):
     assert not list(Path().glob("l-sizes*"))  # a chart is written only to --out
     assert_refused(
         harness(*given, "--profile", "opengl-lvmpipe"),
-        "no profile opengl-lvmpipe",
+        "--profile opengl-lvmpipe",
         "did you mean 'opengl-llvmpipe'?",
     )
     Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')

@@ -137,7 +137,7 @@ def test_depth_ties_are_reported():
 
 
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
-    with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
+    with pytest.raises(UsageError, match="unsupported for a model's views; set the resolution"):
         measure(plan(model, views=(View(512),)), tmp_path / "other")
     for scene, noun in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
         for option in ("--resolution=512", "--rotation=30", "--fit=box"):
@@ -169,7 +169,7 @@ def test_unknown_view_options_are_reported_in_one_line(model, harness):
         assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)
     assert_refused(
         harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
-        "pixels= is the resolution of a model's views: leave --sizes",
+        "unsupported for a model's views; set the resolution by pixels=",
     )
     out, _ = require_ok(harness("inspect", f"{model}:views=4", "--out", "a.png"))
     assert "picture: a.png" in out
@@ -266,7 +266,9 @@ def test_minimum_quads_exclude_polygons_cut_by_a_tiles_edge(scene):
 
 def test_a_tile_is_upright_and_of_even_pixels():
     for wrong in ((511, 0.0), (512, 30.0)):
-        with pytest.raises(UsageError, match="a tile is drawn upright, and its side is an even"):
+        with pytest.raises(
+            UsageError, match="fit tile: requires rotation 0 and an even resolution"
+        ):
             View(*wrong, fit="tile")
 
 

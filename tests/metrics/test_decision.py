@@ -15,7 +15,7 @@ from harness.metrics.decision import decide_all, format_advice
 from harness.metrics.groups import compute_time_ratio
 from harness.report.content import make_content
 from harness.stats.intervals import RUN_SCATTER
-from harness.summary import VERDICTS, print_summary, rows_of
+from harness.summary import VERDICTS, list_rows, print_summary
 from tests.harness.test_summary import SAMPLES, printed, record
 from tests.records import make_group, make_record, make_run
 
@@ -405,6 +405,6 @@ def test_each_pair_of_records_is_compared_at_most_once(monkeypatch):
     run = make_run([base(), *(made(name, "faster") for name in names)])
     decided = decide_all(run)
     print_summary(decided, Console(file=io.StringIO()))
-    assert len(rows_of(decided)) == 1 + len(names)
+    assert len(list_rows(decided)) == 1 + len(names)
     make_content(run, decided)
     assert len(pairs) == len(set(pairs)) >= 2 * len(names)

@@ -28,7 +28,7 @@ def said(records: list[dict]) -> list[str]:
 
 def row_of(record: dict, base: dict) -> dict:
     group = make_group([base, record])
-    return summary.row_of(group.records[1], decision.decide(group))
+    return summary.make_row(group.records[1], decision.decide(group))
 
 
 def record(name: str, lanes: list[int], **more: object) -> dict:

@@ -31,7 +31,7 @@ from harness.results.parsing import record_to_json
 from harness.results.run_folder import read_run
 from harness.settings import DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS
 from harness.study import correlations
-from harness.style import looks
+from harness.style import choose_looks
 from harness.summary import print_summary, write_csv
 from tests.harness.test_summary import record
 from tests.records import make_record, make_run
@@ -202,13 +202,13 @@ def test_find_metrics_lists_metrics_of_the_records():
 
 
 def test_a_triangulator_looks_the_same_in_every_company():
-    alone = looks(["delaunay"])["delaunay"]
-    assert looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == alone
-    many = looks([f"random#{k}" for k in range(30)] + ["a:b", "c:d"])
+    alone = choose_looks(["delaunay"])["delaunay"]
+    assert choose_looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == alone
+    many = choose_looks([f"random#{k}" for k in range(30)] + ["a:b", "c:d"])
     assert len({(look.colour, look.marker) for look in many.values()}) == 3
     for defaults in (DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS):
-        assert len({look.colour for look in looks(defaults).values()}) == len(defaults)
-    fixed = looks(list(registry_names()))
+        assert len({look.colour for look in choose_looks(defaults).values()}) == len(defaults)
+    fixed = choose_looks(list(registry_names()))
     assert len({(look.colour, look.marker) for look in fixed.values()}) == len(fixed)
 
 

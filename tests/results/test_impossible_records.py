@@ -8,7 +8,7 @@ import pytest
 from tests.conftest import require_ok
 
 IMPOSSIBLE = {
-    "resolution": (4, "view: resolution 4 is outside 8..16384 pixels"),
+    "resolution": (4, "view: resolution 4: out of range (8 to 16384 pixels)"),
     "options": ({"order": "foo"}, "options: unknown order 'foo'"),
 }
 MOCK = ("--rasterisers", "tests.mock:MockRasteriser", "--triangulators", "fan,delaunay")

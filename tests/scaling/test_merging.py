@@ -222,7 +222,7 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     assert harness(*command)[0] == 0
     assert len(lines_of(read_run(Path("merged")))) == 8
     assert not left.parent.exists()
-    assert_refused(harness(*command), "merged already exists")
+    assert_refused(harness(*command), "merged: already exists")
 
 
 def test_a_run_without_records_adds_none(runs, tmp_path):

@@ -644,7 +644,9 @@ def test_archive_without_tile_options_is_read_as_a_map():
     heap = load(str(FILE))
     assert heap.tiling is None
     assert heap.units == "m"
-    with pytest.raises(UsageError, match="pixels= is the resolution of map tiles: leave --sizes"):
+    with pytest.raises(
+        UsageError, match="unsupported for map tiles; set the resolution by pixels="
+    ):
         frame_of(load("helsinki-tiles:tiles=1"), View(512))
 
 
