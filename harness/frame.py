@@ -41,12 +41,17 @@ UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 class View:
     """Mapping of a scene to the viewport.
 
-    resolution : width and height of the viewport in pixels
-    rotation : degrees, counter-clockwise, about the scene's centre
-    fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with the
-        enclosing circle, so that the scale is the same at every rotation; "tile" is for map tiles,
-        whose polygons are in pixels already, of the side `resolution`; "view" is for images of the
-        side `resolution` of a model in space
+    Parameters
+    ----------
+    resolution : int
+        Width and height of the viewport in pixels, 8 to 16384.
+    rotation : float
+        Degrees, counter-clockwise, about the scene's centre.
+    fit : {"box", "circle", "tile", "view"}
+        "box" fills the viewport with the rotated scene's bounding box; "circle" with the enclosing
+        circle, so that the scale is the same at every rotation; "tile" is for map tiles, whose
+        polygons are in pixels already, of the side `resolution`; "view" is for images of the side
+        `resolution` of a model in space.
     """
 
     resolution: int = 1024
@@ -72,16 +77,29 @@ class View:
 class Frame:
     """Polygons in pixels, ready to triangulate and draw: only arrays, cheap to send.
 
-    width, height : pixels
-    scale : pixels per scene unit
-    source : (p,) int64 number of each polygon in the scene
-    grid : the p polygons, int32 coordinates in 1/256 px
-    dropped, repaired : (polygon number in the scene, reason) of polygons that snapping broke
-    scissor : left, bottom, width, height of the drawn rectangle in pixels, all even, or None
-    tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, at the same
-        position as other tiles or views; None if one call draws all
-    flat, viewing : for a model in space, the frame of its faces, in the plane of each face, in
-        which they are triangulated, and the views
+    Parameters
+    ----------
+    width, height : int
+        Size of the viewport in pixels.
+    scale : float
+        Pixels per scene unit.
+    view : View
+        Mapping of the scene to the viewport.
+    source : ndarray of int64, (p,)
+        Number of each polygon in the scene.
+    grid : PolygonArray
+        The p polygons, int32 coordinates in 1/256 px.
+    dropped, repaired : tuple of (int, str)
+        Numbers in the scene of polygons that snapping broke, with reasons.
+    scissor : tuple of int, optional
+        Left, bottom, width, height of the drawn rectangle in pixels, all even.
+    tiles : ndarray of int64, (t + 1,), optional
+        Polygons tiles[k]:tiles[k + 1] are drawn by one call, at the same position as other tiles or
+        views. By default one call draws all polygons.
+    flat : Frame, optional
+        For a model in space, the faces, in the plane of each face, in which they are triangulated.
+    viewing : Viewing, optional
+        For a model in space, the views.
     """
 
     width: int
@@ -216,12 +234,23 @@ def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
 
 
 def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
-    """Map polygons (scene units, y up) to the viewport of `view` and snap them.
+    """Map polygons to the viewport of `view` and snap them.
+
+    Parameters
+    ----------
+    polygons : sequence of shapely.Polygon
+        Polygons in scene units, y up.
+    view : View
+        Mapping to the viewport.
+
+    Returns
+    -------
+    Frame
 
     Raises
     ------
     InputError
-        if there is no polygon, or the polygons have no extent
+        If there is no polygon, or the polygons have no extent.
     """
     if not polygons:
         raise InputError("the scene has no polygon to draw")

@@ -1,1 +1,1 @@
-"""The commands of `python -m harness`, one file each; each adds itself to the typer app."""
+"""The commands of `raster-harness`, one file per command; `index.py` lists them."""

@@ -1,4 +1,4 @@
-"""`harness compare`: what changed between two runs."""
+"""`harness compare`: changes between two runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`harness history`: metrics over many runs, and where they changed."""
+"""`harness history`: metrics over many runs, with changes."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def history(
             "--metric",
             parser=several(),
             metavar="NAME,...",
-            help="Metrics: time, and those of: raster-harness list metrics. By default time and "
-            "the counters that stand for the cost.",
+            help="Metrics: time, or a name of: raster-harness list metrics. By default time and "
+            "the counters that represent the cost.",
         ),
     ] = Several(HISTORY_METRICS),
     scene: Annotated[Several | None, _only("scenes")] = None,

@@ -25,7 +25,7 @@ from scenes.spec import format_label
 
 
 def folder_for(scene: str, out: Path | None, resume: Path | None = None, before: str = "") -> Path:
-    """Return the folder of --out or --resume, or a new one under results/.
+    """Return the folder of --out or --resume, or a new folder under results/.
 
     before : prefix of the new folder's name, which the scene's name follows
 
@@ -68,16 +68,13 @@ def require_finished(outcome: RunResult, resume_hint: str, *, quiet: bool = Fals
 def measure_study(
     plan: Plan,
     split: Callable[[str, Scene], list[Part]],
-    kind: str,
+    folder: Path,
     reporter: Reporter,
     *,
-    out: Path | None,
-    resume: Path | None,
+    resume: bool,
     force: bool,
 ) -> Run:
     """Measure or resume the parts of a split scene; return the run.
-
-    kind : name of the study, the prefix of its default folder
 
     Raises
     ------
@@ -86,9 +83,7 @@ def measure_study(
     NothingMeasuredError
         if no case was measured
     """
-    folder = folder_for(plan.scene, out, resume, before=f"{kind}-")
-    run_options = RunOptions(resume=resume is not None, force=force, split=split)
-    outcome = carry_out(plan, folder, reporter, run_options)
+    outcome = carry_out(plan, folder, reporter, RunOptions(resume, force, split))
     require_finished(outcome, f"continue with the same command and --resume {folder}")
     return read_run(folder)
 

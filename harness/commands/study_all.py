@@ -156,13 +156,9 @@ def _validate(scene: str, folder: Path, settings: _Settings) -> None:
         budget_s=study_validate.QUICK_S if settings.quick else study_validate.BUDGET_S,
     )
     size = study_validate.QUICK if settings.quick else StudySize(polygons=settings.polygons)
-    is_begun = (folder / "run.json").is_file()
+    reporter = Reporter(quiet=True, verbose=settings.verbose)
     validation = study_validate.measure_validation(
-        plan,
-        size,
-        Reporter(quiet=True, verbose=settings.verbose),
-        out=None if is_begun else folder,
-        resume=folder if is_begun else None,
+        plan, size, folder, reporter, resume=(folder / "run.json").is_file()
     )
     require_all(validation.run)
 
@@ -204,8 +200,7 @@ def _measure_gains(
         timing=run.QUICK if settings.quick else TimingSettings(),
         timeout_s=QUICK_TIMEOUT_S if settings.quick else TIMEOUT_S,
     )
-    is_begun = (folder / "run.json").is_file()
-    run_options = RunOptions(resume=is_begun, database=database_path())
+    run_options = RunOptions((folder / "run.json").is_file(), database=database_path())
     reporter = Reporter(quiet=True, verbose=settings.verbose)
     result = carry_out(plan, folder, reporter, run_options)
     incomplete = None

@@ -41,7 +41,7 @@ def study_pareto(
     """
     import pandas as pd
 
-    from harness.commands.outcome import finish_study, measure_study
+    from harness.commands.outcome import finish_study, folder_for, measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.report.page import write_report
@@ -67,7 +67,8 @@ def study_pareto(
         fronts.update(part_fronts)
         return parts
 
-    run = measure_study(plan, split_scene, "pareto", reporter, out=out, resume=resume, force=force)
+    target = folder_for(scene, out, resume, before="pareto-")
+    run = measure_study(plan, split_scene, target, reporter, resume=resume is not None, force=force)
     table = pareto.pareto_table(run, fronts)
     with reporter.stage("writing", 1):
         with atomic.create_folder(run.path, merge=True) as folder:

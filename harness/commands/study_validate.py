@@ -55,7 +55,7 @@ def study_validate(
     good if it ranks the triangulations of a polygon as the measured cost does, and if its best
     triangulation costs little more than the cheapest one measured (regret).
     """
-    from harness.commands.outcome import finish_study
+    from harness.commands.outcome import finish_study, folder_for
     from harness.report import matrix
     from harness.study import correlations, regret
 
@@ -70,9 +70,9 @@ def study_validate(
             budget_s=QUICK_S if quick else budget,
         ),
         QUICK if quick else StudySize(polygons=polygons, random=random),
+        folder_for(scene, out, resume, before="validate-"),
         Reporter(quiet=quiet, verbose=verbose),
-        out=out,
-        resume=resume,
+        resume=resume is not None,
         force=force,
     )
     correlations.print_matrix(validation.ranks, Screen())
@@ -123,10 +123,10 @@ def plan_validation(
 def measure_validation(
     plan: Plan,
     size: StudySize,
+    target: Path,
     reporter: Reporter,
     *,
-    out: Path | None,
-    resume: Path | None,
+    resume: bool,
     force: bool = False,
 ) -> Validation:
     """Measure many triangulations of single polygons; write tables, plots and the report."""
@@ -142,9 +142,7 @@ def measure_validation(
             for number, part in choose_polygons(full_scene, size)
         ]
 
-    run = measure_study(
-        plan, split_scene, "validate", reporter, out=out, resume=resume, force=force
-    )
+    run = measure_study(plan, split_scene, target, reporter, resume=resume, force=force)
     with reporter.stage("correlating", 1):
         table = correlations.make_measure_table(run.records)
         with atomic.create_folder(run.path, merge=True) as folder:

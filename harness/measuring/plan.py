@@ -16,8 +16,24 @@ from harness.triangulating.recipes import Recipe, parse_all
 class Plan:
     """The experiment of a run; two runs of equal plans are comparable.
 
-    devices : () for the best device of each rasteriser
-    timeout_s : time limit of a triangulation, count or timing task
+    Parameters
+    ----------
+    scene : str
+        Name of a scene, or a file, with parameters.
+    seed : int
+        Seed of the scene, of random triangulators and of the order of timing.
+    triangulators : tuple of Recipe
+        Triangulators, see `harness.triangulating.recipes.parse_all`.
+    rasterisers, devices : tuple of str
+        Names; without devices, the best device of each rasteriser.
+    views : tuple of View
+        Mappings of the scene to the viewport.
+    options : tuple of Options
+        Options of drawing.
+    timing : TimingSettings
+        Precision and limits of timing.
+    timeout_s : float
+        Time limit of a triangulation, count or timing task.
     """
 
     scene: str

@@ -133,12 +133,27 @@ def run(
 ) -> RunResult:
     """Measure all cases of `plan` and store the run in the folder `out`.
 
-    open_worker : creates worker processes; tests run tasks in the current process
+    Parameters
+    ----------
+    plan : Plan
+        Cases to measure, and how.
+    out : Path
+        Folder of the run.
+    reporter : Reporter
+        Receives progress and warnings.
+    options : RunOptions, optional
+        Options that are not part of the plan.
+    open_worker : callable
+        Creates worker processes; tests run tasks in the current process.
+
+    Returns
+    -------
+    RunResult
 
     Raises
     ------
     HarnessError
-        if no case can be measured, all polygons are triangles, or the folder cannot be written
+        If no case can be measured, all polygons are triangles, or the folder cannot be written.
     """
     start = time.perf_counter()
     options = options or RunOptions()

@@ -107,9 +107,9 @@ class GltfEditor(GltfFile):
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
-    def _append(self, indices: NDArray[np.int64], like: dict[str, Any]) -> int:
-        """Append indices of `like`'s component type to the first buffer; return the accessor."""
-        packed = indices.astype(component_type(like)).tobytes()
+    def _append(self, indices: NDArray[np.int64], source: dict[str, Any]) -> int:
+        """Append indices to the first buffer; return an accessor of `source`'s component type."""
+        packed = indices.astype(component_type(source)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]
         accessors = self.json["accessors"]
         buffer += b"\0" * (-len(buffer) % 4)
@@ -123,7 +123,7 @@ class GltfEditor(GltfFile):
         )
         buffer += packed
         self.json["buffers"][0]["byteLength"] = len(buffer)
-        accessor = {"bufferView": len(views) - 1, "componentType": like["componentType"]}
+        accessor = {"bufferView": len(views) - 1, "componentType": source["componentType"]}
         accessors.append(accessor | {"count": len(indices), "type": "SCALAR"})
         self._changed.add(0)
         self._grown.add(0)

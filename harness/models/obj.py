@@ -46,10 +46,10 @@ class ObjModel:
         self._path = path
         self.unchanged: Counter[str] = Counter()
         self._data = path.read_bytes()
-        self._pieces: list[tuple[int, int, bytes]] = []  # (first, last, new text) of replaced words
+        self._pieces: list[tuple[int, int, bytes]] = []  # (first, last, new text)
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
         self._parts = [_Part()]
-        self._continued: list[bytes] = []  # words of a line that the next line continues
+        self._continued: list[bytes] = []  # tokens of a line that the next line continues
         self._largest = [0, 0, 0]
         self._smooth: list[int] = []  # positions of smoothly shaded vertices without normals
         offset = 0
@@ -70,29 +70,29 @@ class ObjModel:
     def _read(self, line: bytes, offset: int) -> None:
         text = line.partition(b"#")[0]
         is_single_line = not self._continued
-        words, self._continued = self._continued, []
-        words += text.split()  # in place, as a line may continue over a million lines
-        kind = words[0] if words else b""
-        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):
-            words += words.pop()[:-1].split()
-            self._continued = words
+        tokens, self._continued = self._continued, []
+        tokens += text.split()  # in place, as a line may continue over a million lines
+        kind = tokens[0] if tokens else b""
+        if kind in (*self._lines, b"f") and tokens[-1].endswith(b"\\"):
+            tokens += tokens.pop()[:-1].split()
+            self._continued = tokens
         elif kind in self._lines:
-            self._lines[kind].append(words[1:])
+            self._lines[kind].append(tokens[1:])
         elif kind in _NEW_PART:
             smooth = self._parts[-1].smooth
             if kind == b"s":
-                smooth = words[1:2] not in ([], [b"off"], [b"0"])
+                smooth = tokens[1:2] not in ([], [b"off"], [b"0"])
             self._parts.append(_Part(smooth))
         elif kind == b"f":
-            self._read_face(words[1:], text if is_single_line else b"", offset)
+            self._read_face(tokens[1:], text if is_single_line else b"", offset)
 
-    def _read_face(self, words: list[bytes], text: bytes, offset: int) -> None:
+    def _read_face(self, tokens: list[bytes], text: bytes, offset: int) -> None:
         """Read a face; text : the line at byte `offset`, or b"" if the face has several lines."""
         part = self._parts[-1]
-        triples = [self._triple(word) for word in words]
+        triples = [self._triple(word) for word in tokens]
         if part.smooth:
             self._smooth += [position for position, _, normal in triples if not normal]
-        if len(words) == 3 and text:
+        if len(tokens) == 3 and text:
             spans = [match.span() for match in _WORD.finditer(text)]
             part.triples.append(triples)
             part.spans.append([(offset + first, offset + last) for first, last in spans[1:]])
@@ -139,8 +139,8 @@ class ObjModel:
             part_uses = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
             triangles = number.reshape(-1, 3)
             mesh = ModelMesh(positions, triangles, np.hstack(affine), fixed, tolerance, part_uses)
-            words = [_word(vertex) for vertex in vertices.tolist()]
-            parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), words)))
+            tokens = [_word(vertex) for vertex in vertices.tolist()]
+            parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), tokens)))
         yield parts
 
     def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:
@@ -161,10 +161,10 @@ class ObjModel:
 
     def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles (m, 3) of a part."""
-        spans, words = part.source
+        spans, tokens = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
             for span, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
-                self._pieces.append((*span, words[vertex]))
+                self._pieces.append((*span, tokens[vertex]))
 
     def write(self, out: Path) -> list[Path]:
         """Write the model; return the files."""
@@ -187,9 +187,9 @@ def _word(vertex: list[int]) -> bytes:
     return position + b"/" + texture if texture else position
 
 
-def _step(words: Iterable[bytes]) -> float:
+def _step(tokens: Iterable[bytes]) -> float:
     """Return the unit of the last decimal place of numbers in a text."""
-    return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in words), default=0)
+    return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in tokens), default=0)
 
 
 def _tolerance(positions: NDArray[np.float64], step: float) -> float:

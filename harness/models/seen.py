@@ -315,9 +315,9 @@ def _pieces_of_view(
     for placed_part in placed_parts:
         flat = placed_part.flat
         local = (placed_part.points - sphere.middle) / sphere.radius
-        position, away = project(local, direction, distance)
+        position, distances = project(local, direction, distance)
         grid = np.nan_to_num(np.rint(position * (pixels * SUBPIXEL))).astype(np.int32)
-        deep = far * (away - near) / (away * (far - near)) * DEEPEST
+        deep = far * (distances - near) / (distances * (far - near)) * DEEPEST
         deep = np.nan_to_num(np.rint(deep)).astype(np.int32)
         to_eye = eye - placed_part.corners[:, 0]
         front_triangles = (to_eye * placed_part.triangle_fronts).sum(axis=1) > 0.0

@@ -140,10 +140,10 @@ def project(
     level = float(np.sqrt(x * x + y * y))
     right = np.array([-y / level, x / level, 0.0])
     up = np.array([-z * right[1], z * right[0], x * right[1] - y * right[0]])
-    away = distance - _dot(local, direction)
+    distances = distance - _dot(local, direction)
     widest = 1.0 / np.sqrt(distance**2 - 1.0)  # the tangent of the sphere's half angle
-    sides = [_dot(local, axis) / (away * widest) for axis in (right, up)]
-    return (np.stack(sides, axis=1) + 1.0) / 2, away
+    sides = [_dot(local, axis) / (distances * widest) for axis in (right, up)]
+    return (np.stack(sides, axis=1) + 1.0) / 2, distances
 
 
 def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:

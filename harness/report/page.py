@@ -35,15 +35,26 @@ CHARTS = "echarts.common.min.js"
 def write_report(
     run: Run, file: Path | None = None, decided: Sequence[Decided] | None = None
 ) -> Path:
-    """Write the report of `run` as one HTML file and return its path.
+    """Write the report of a run as one HTML file.
 
-    file : by default `report.html` in the run's folder
-    decided : result of `decide_all` for the run, computed if None
+    Parameters
+    ----------
+    run : Run
+        Run or study, see `harness.results.run_folder.read_run`.
+    file : Path, optional
+        File to write, by default `report.html` in the run's folder.
+    decided : sequence of Decided, optional
+        Result of `decide_all` for the run, computed by default.
+
+    Returns
+    -------
+    Path
+        The file.
 
     Raises
     ------
     InputError
-        if the run has no case and no study
+        If the run has no case and no study.
     """
     content = make_content(run, decided)
     if not content["cases"] and not content["matrices"]:
