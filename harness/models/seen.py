@@ -180,8 +180,8 @@ def read(
             placed_parts, sphere, direction, distance, pixels, len(polygons)
         ):
             end += len(pieces.outlines)
-            numbered = enumerate(pieces.other_triangles, end - len(pieces.other_triangles))
-            other_triangles |= numbered
+            first_other = end - len(pieces.other_triangles)
+            other_triangles |= enumerate(pieces.other_triangles, first_other)
             vertices += len(pieces.depths)
             visible.append(pieces)
         piece_offsets.append(end)

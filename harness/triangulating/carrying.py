@@ -60,11 +60,9 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
     def triangles(piece: int, source: int) -> Rows | None:
         if source in replaced:
             return replaced[source]
-        return (
-            viewing.other_triangles[piece]
-            if piece in viewing.other_triangles
-            else flat.parts[source]
-        )
+        if piece in viewing.other_triangles:
+            return viewing.other_triangles[piece]
+        return flat.parts[source]
 
     parts = [triangles(piece, source) for piece, source in enumerate(sources)]
     skipped, failed = dict(flat.skipped), dict(flat.failed)
