@@ -209,7 +209,7 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
     figures = {}
     monkeypatch.setattr(
-        "harness.study.gains.draw",
+        "harness.study.gains.draw_figure",
         lambda _, name, make, *given: [figures.setdefault(name, make(*given))],
     )
     assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0

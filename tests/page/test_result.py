@@ -91,7 +91,7 @@ def test_run_of_another_scene_is_refused(harness, saved, small_run):
         (b"[" * 100_000, "not a file saved by a measuring page"),
         (b"[]", "not a file saved by a measuring page"),
         (b'{"format": "raster-harness device result", "version": 2}', "another version"),
-        (b'{"format": "raster-harness device result", "version": 1}', "damaged"),
+        (b'{"format": "raster-harness device result", "version": 1}', "modified after saving"),
         (
             b'{"format": "raster-harness device result", "version": 1, "result": "\\ud800"}',
             "not a file saved by a measuring page",
@@ -220,7 +220,7 @@ def add_partial_quad_without_helper(result):
 
 IMPOSSIBLE = [
     (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "counters of 19"),
-    (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
+    (lambda r: r["views"][0]["epochs"].append(1), "different numbers of rounds"),
     (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
     (lambda r: r["views"][0].update(resolution=256), "belongs to a different case"),
     (lambda r: r.update(views=[]), "views"),
@@ -273,7 +273,7 @@ def test_contradictions_to_the_run_are_refused(saved, small_run, tmp_path, chang
         counters["covering_triangles"] = [min(q, max(c, 1)) for q, c in pairs]
 
     result = read_result(saved(make_consistent))
-    with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|do not differ"):
+    with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|counters differ from"):
         import_result(result, tmp_path / "run", "phone", small_run)
     assert not (tmp_path / "run").exists()
 

@@ -81,7 +81,7 @@ def test_record_round_trips_through_json():
 @pytest.mark.parametrize(
     ("fields", "problem"),
     [
-        ({"resolution": 4}, r"view: resolution 4 is outside"),
+        ({"resolution": 4}, r"view: resolution 4: out of range"),
         ({"resolution": 64.5}, r"resolution: is not an integer"),
         ({"fit": "cover"}, r"view: unknown fit 'cover'"),
         ({"options": {"order": "foo"}}, r"options: unknown order 'foo'"),
