@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes, one clear line, no traceback."""
+"""The command line: exit codes, one-line errors, no traceback."""
 
 import json
 from importlib import import_module
@@ -37,12 +37,12 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
     assert {"run.json", "cases.jsonl", "summary.csv"} <= files
     assert "report.html" in files
-    assert not Path("results/plots").exists()  # a quick run's are drawn when they are asked for
+    assert not Path("results/plots").exists()  # plots of a quick run are drawn on demand
     assert harness("report", "results")[0] == 0
     assert Path("results/plots/predicted-vs-measured.png").stat().st_size > 5000
 
 
-def test_a_run_without_report_leaves_it_to_the_command_report(harness, block):
+def test_no_report_leaves_the_report_to_a_later_command(harness, block):
     require_ok(harness("run", "--scene", str(block), "--out", "results", "--no-report", *MOCK))
     assert Path("results/summary.csv").exists()
     assert not Path("results/report.html").exists()
@@ -69,7 +69,7 @@ def test_a_run_without_report_leaves_it_to_the_command_report(harness, block):
         (["--scene", "city", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
     ],
 )
-def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
+def test_bad_usage_is_one_line_with_exit_code_2(harness, arguments, parts):
     assert_refused(harness("run", *arguments), *parts)
 
 
@@ -82,13 +82,13 @@ def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
         ("point.geojson", make_geojson([{"type": "Point", "coordinates": [1, 2]}])),
     ],
 )
-def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content):
+def test_files_without_polygons_are_one_line_with_exit_code_2(harness, name, content):
     write(name, content)
     assert_refused(harness("run", "--scene", name, *MOCK), name)
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
-def test_one_bad_polygon_among_many_is_counted_and_named(harness):
+def test_invalid_polygons_are_counted_and_named(harness):
     write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
     _, err = require_ok(harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK))
     assert "warning: mixed" in err
@@ -102,8 +102,8 @@ L_SHAPE = ((0, 0), (90, 0), (90, 40), (40, 40), (40, 90), (0, 90), (0, 0))
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
-def test_where_no_pixel_is_covered_nothing_is_measured(harness):
-    """Two houses, a thousand kilometres apart: an answer came from counters that were all 0."""
+def test_a_run_without_covered_pixels_measures_nothing(harness):
+    """Two houses, a thousand kilometres apart; all counters are 0."""
     places = (13_000, 1_013_000)
     houses = [", ".join(f"{x + dx} {x + dy}" for dx, dy in L_SHAPE) for x in places]
     write("far.wkt", "\n".join(f"POLYGON (({house}))" for house in houses))
@@ -127,24 +127,24 @@ def test_an_unknown_kind_of_list_suggests_the_nearest(harness):
     assert_refused(harness("list", "scene"), "scenes")
 
 
-def test_help_lists_every_command_with_what_its_module_says(harness):
-    shown = {
+def test_help_lists_every_command_with_its_docstring(harness):
+    listed = {
         group: " ".join(harness(*group.split(), "--help")[1].replace("│", " ").split())
         for group in ("", "study")
     }
     for name in COMMANDS:
-        group, _, own = name.rpartition(" ")
+        group, _, short_name = name.rpartition(" ")
         command = load(name)
-        assert command.name == own
-        assert f"{own} {command.help.partition(chr(10))[0]}" in shown[group]
+        assert command.name == short_name
+        assert f"{short_name} {command.help.partition(chr(10))[0]}" in listed[group]
 
 
-def test_no_command_is_left_out_of_the_table():
-    """A command is a public function of `harness.commands` whose options are Typer's."""
-    found = set()
+def test_the_table_has_every_command():
+    """A command is a public function of `harness.commands` with options of Typer."""
+    commands = set()
     for file in (ROOT / "harness" / "commands").glob("*.py"):
         module = import_module(f"harness.commands.{file.stem}")
-        found |= {
+        commands |= {
             f"{file.stem}:{name}"
             for name, member in vars(module).items()
             if isfunction(member)
@@ -153,7 +153,7 @@ def test_no_command_is_left_out_of_the_table():
             and "typer." in file.read_text()
             and "Annotated" in str(signature(member))
         }
-    assert {entry.function for entry in COMMANDS.values()} >= found
+    assert {entry.function for entry in COMMANDS.values()} >= commands
 
 
 def test_fit_has_the_choices_of_a_view():
@@ -168,7 +168,7 @@ WITHOUT_HEAVY_LIBRARIES = [
 
 
 def test_help_and_wrong_options_need_no_heavy_library():
-    """Importing any of these takes longer than everything else that such a command does."""
+    """The import of any of these takes longer than such a command."""
     program = f"""
 import contextlib, io, os, sys
 from harness.cli import main
@@ -210,7 +210,7 @@ print([name for name in heavy if name in sys.modules])
         ("study gains", "--bases", ","),
     ],
 )
-def test_a_value_that_cannot_be_is_refused_where_it_is_declared(harness, command, option, value):
+def test_invalid_values_of_options_are_refused(harness, command, option, value):
     needed = {"census": ["x", "-o", "y"], "merge": ["a"], "study gains": ["a", "--out", "b"]}
     assert_refused(
         harness(*command.split(), *needed.get(command, []), option, value),
@@ -219,7 +219,7 @@ def test_a_value_that_cannot_be_is_refused_where_it_is_declared(harness, command
     assert not list(Path().iterdir())
 
 
-def test_an_option_that_is_not_used_is_refused(harness, block):
+def test_unused_options_are_refused(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
     assert_refused(
         harness(*run, "--triangulators", "fan", "--profile", "c.json"),
@@ -229,7 +229,7 @@ def test_an_option_that_is_not_used_is_refused(harness, block):
     assert_refused(harness("inspect", str(block), "--out", "a.foo"), ".png")
 
 
-def test_help_groups_at_most_16_commands_and_cuts_no_default_off():
+def test_help_groups_commands_and_shows_full_defaults():
     assert len({name.partition(" ")[0] for name in COMMANDS}) <= 16
     for name in COMMANDS:
         command = load(name)
@@ -237,13 +237,13 @@ def test_help_groups_at_most_16_commands_and_cuts_no_default_off():
         assert "…" not in text
 
 
-def test_a_file_that_is_no_run_is_bad_input(harness):
+def test_a_file_other_than_a_run_is_bad_input(harness):
     Path("README.md").write_text("# nothing\n")
     assert_refused(harness("compare", "README.md", "README.md"), "README.md", "no record of a run")
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
-def test_a_triangulator_that_fails_is_told_by_exit_code_and_place(harness, block, monkeypatch):
+def test_failed_triangulators_are_reported_with_exit_code_5(harness, block, monkeypatch):
     write("mine.py", "def cut(polygon):\n    table = {}\n    return table['x' * 100_000]\n")
     monkeypatch.syspath_prepend(Path.cwd())
     asked = ("--triangulators", "delaunay,mine:cut", "--out", "o", "--verbose")
@@ -266,7 +266,7 @@ def test_a_triangulator_that_fails_is_told_by_exit_code_and_place(harness, block
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
-def test_earcut_is_another_name_of_ear_clipping(harness, block):
+def test_earcut_is_an_alias_of_ear_clipping(harness, block):
     run = ("run", "--scene", str(block), *MOCK, "--triangulators", "earcut", "--out", "o")
     assert harness(*run)[0] == 0
     assert '"triangulator": "ear-clipping"' in Path("o/cases.jsonl").read_text()

@@ -23,11 +23,11 @@ from tests.paths import ROOT
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
-def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
+def test_triangulate_writes_the_mesh_and_prints_a_summary(harness, block):
     out, _ = require_ok(harness("triangulate", str(block), "-o", "block.glb"))
     assert "3 polygons" in out
     mesh = trimesh.load("block.glb", force="mesh")
-    # glTF's up is y.
+    # y is up in glTF.
     assert mesh.extents == pytest.approx([36, 0, 28])
     flat, out, _ = harness("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert flat == 0
@@ -48,7 +48,7 @@ def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
         ),
     ],
 )
-def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
+def test_triangulate_refuses_unsupported_arguments(harness, arguments, parts):
     assert_refused(harness("triangulate", *arguments), *parts)
     assert not Path("x.glb").exists()
 
@@ -63,13 +63,13 @@ def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
         (["--triangulator", "optimal:mixed=1.0/.5/0"], "optimal:mixed=1/0.5/0"),
     ],
 )
-def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, arguments, full):
+def test_triangulate_resolves_names_as_other_commands_do(harness, block, arguments, full):
     assert harness("triangulate", str(block), "-o", "block.npz", "--quiet", *arguments)[0] == 0
     with np.load("block.npz") as arrays:
         assert arrays["triangulator"] == full
 
 
-def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
+def test_the_cache_is_listed_and_cleared(harness, monkeypatch, tmp_path):
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache.sqlite"))
     with ModelDatabase() as database:
         database.store("delaunay", b"key", TimedTriangles(np.zeros((1, 3), np.int32), 1.0))
@@ -82,18 +82,18 @@ def test_the_cache_can_be_looked_at_and_emptied(harness, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harness, many):
-    """The fan leaves out the courtyard: two of three footprints are in the file."""
+def test_failed_polygons_are_skipped_with_exit_code_5(block, harness, many):
+    """The fan skips the courtyard: the file has two of three footprints."""
     out = ("-o", "out") if many else ("-o", "block.npz")
     source = str(block.with_name("*.geojson")) if many else str(block)
-    code, said, err = harness("triangulate", source, *out, "--triangulator", "fan")
+    code, output, err = harness("triangulate", source, *out, "--triangulator", "fan")
     assert code == 5
-    assert "2 polygons, " in said
+    assert "2 polygons, " in output
     assert f"error: 1 polygon failed; the others are in {out[1]}" in err
     assert "failed 1: " in err
     assert Path(out[1]).exists()
-    given = ("triangulate", source, *out, "--triangulator", "strip")
-    assert not many or harness(*given)[0] == 2  # the folder is of another triangulator
+    arguments = ("triangulate", source, *out, "--triangulator", "strip")
+    assert not many or harness(*arguments)[0] == 2  # the folder belongs to another triangulator
 
 
 def test_inspect_draws_a_picture(harness, block):
@@ -102,9 +102,7 @@ def test_inspect_draws_a_picture(harness, block):
     assert_refused(harness("inspect", str(block), "--polygon", "9"), "polygons 0 to 2")
 
 
-def test_picture_of_inspect_stays_complete_if_the_next_one_cannot_be_written(
-    harness, block, monkeypatch
-):
+def test_a_picture_of_inspect_survives_a_full_disk(harness, block, monkeypatch):
     def fill_disk(frame, triangulations, out):
         out.write_bytes(b"part") if isinstance(out, Path) else out.write(b"part")
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -124,21 +122,21 @@ def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
         )
 
 
-def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
-    told = []
+def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch):
+    names = []
     monkeypatch.setattr(
         "harness.heatmaps.draw_heatmaps",
-        lambda frame, *_: told.extend(frame.source.tolist()),
+        lambda frame, *_: names.extend(frame.source.tolist()),
     )
     code, out, _ = harness("inspect", str(block), "--polygon", "2")
-    assert (code, told) == (0, [2])
+    assert (code, names) == (0, [2])
     assert "counted from 0" not in out
     Path("two.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
     _, out, _ = harness("inspect", "two.wkt", "--polygon", "0")
     assert "polygon 0 is an index, from 0, of the 1 valid polygons" in out
 
 
-def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
+def test_triangulate_reports_compilation(harness, block, monkeypatch):
     def slowly(*arguments, **options):
         time.sleep(0.2)
         return triangulate_many(*arguments, **options)
@@ -149,7 +147,7 @@ def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
     assert COMPILING in err
 
 
-def test_enumerate_refuses_what_has_too_many_triangulations(harness):
+def test_inspect_every_refuses_too_many_triangulations(harness):
     assert_refused(
         harness("inspect", "stress", "--every", "conforming", "--polygon", "0"),
         "triangulations",
@@ -157,8 +155,8 @@ def test_enumerate_refuses_what_has_too_many_triangulations(harness):
     )
 
 
-def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
-    """The mock's times go with its counters, so who is ahead is known beforehand."""
+def test_gains_compare_times_with_bases(harness, block):
+    """The mock's times follow its counters, so the fastest triangulator is known."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
     require_ok(harness("study", "gains", "run", "--out", "gains"))
@@ -174,8 +172,8 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"optimal:overdraw", "ear-clipping"}
     for base in ("optimal:overdraw", "ear-clipping"):
-        own = table[table["base"] == base]
-        beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
+        rows = table[table["base"] == base]
+        beaten = rows[rows["verdict"] == "faster"]["resolution"].nunique()
         assert f"{base}: no triangulator is significantly faster in {2 - beaten} of 2 views" in out
     assert_refused(
         harness("study", "gains", "run", "--out", "gains", "--bases", "nothing"),
@@ -183,7 +181,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     )
 
 
-def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch):
+def test_interrupted_gains_leave_existing_files(harness, block, monkeypatch):
     run = ("run", "--scene", str(block), "--resolution", "64", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay")[0] == 0
     assert harness("study", "gains", "run", "--out", "gains")[0] == 0
@@ -200,8 +198,8 @@ def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch
     assert after == before
 
 
-def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
-    """Two runs: one varies the rotation, the other, which comes first, has one alone."""
+def test_gains_are_drawn_over_varying_views(harness, block, monkeypatch):
+    """Two runs: the second varies the rotation, the first has a single rotation."""
     names = ("--triangulators", "ear-clipping,delaunay")
     still = ("run", "--scene", str(block), "--resolution", "128", "--out", "still", *MOCK)
     turned = ("run", "--scene", str(block), "--resolution", "64", "--out", "turned", *MOCK)
@@ -210,7 +208,7 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     figures = {}
     monkeypatch.setattr(
         "harness.study.gains.draw_figure",
-        lambda _, name, make, *given: [figures.setdefault(name, make(*given))],
+        lambda _, name, make, *arguments: [figures.setdefault(name, make(*arguments))],
     )
     assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0
     (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]
@@ -218,8 +216,8 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert list(line.get_xdata()) == [0, 10, 20]
 
 
-def test_gains_pair_no_times_of_different_runs(harness, block):
-    """Three runs: a view twice, with other triangulators, and once more in another fit."""
+def test_gains_do_not_pair_times_of_different_runs(harness, block):
+    """Three runs: a view twice, with other triangulators, and in another fit."""
     names = {"one": "ear-clipping,delaunay", "again": "ear-clipping,optimal", "round": "delaunay"}
     for out, triangulators in names.items():
         run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
@@ -245,7 +243,7 @@ def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):
     assert harness(*run, "--profile", "c.json", "--out", "run")[0] == 0
 
 
-def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
+def test_two_runs_within_a_second_get_separate_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
     folders = []
@@ -257,7 +255,7 @@ def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])
-def test_lists_are_json_for_other_programs(harness, kind):
+def test_lists_are_available_as_json(harness, kind):
     code, out, err = harness("list", kind, "--json")
     assert (code, err) == (0, "")
     rows = json.loads(out)
@@ -268,20 +266,20 @@ def test_lists_are_json_for_other_programs(harness, kind):
         assert all(next(iter(row.values())) in table for row in rows)
 
 
-def test_a_run_tells_its_cases_as_json_and_nothing_else(harness, no_plots):
+def test_json_of_a_run_has_its_cases(harness, no_plots):
     run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
     run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
     out, _ = require_ok(harness(*run, "--triangulators", "delaunay,greedy"))
-    told = json.loads(out)
-    assert told["results"] == "out"
-    assert not told["interrupted"]
-    cases = {case["triangulator"]: case for case in told["cases"]}
+    document = json.loads(out)
+    assert document["results"] == "out"
+    assert not document["interrupted"]
+    cases = {case["triangulator"]: case for case in document["cases"]}
     assert set(cases) == {"delaunay", "greedy"}
     assert cases["greedy"]["status"] == "ok"
     assert cases["greedy"]["time_ratio_low"] <= cases["greedy"]["time_ratio"]
 
 
-def test_proofs_that_are_written_are_accepted_and_others_refused(harness):
+def test_written_proofs_are_accepted_and_modified_ones_refused(harness):
     triangulate = ("triangulate", "paper", "-o", "paper.glb", "--certify", "--evidence")
     assert harness(*triangulate, "proofs.jsonl")[0] == 0
     code, out, err = harness("check-evidence", "proofs.jsonl")

@@ -1,4 +1,4 @@
-"""However a command ends, it is one line and the right exit code, never 1 but for a regression."""
+"""Every end of a command is one line and the right exit code; 1 only for a regression."""
 
 import errno
 import os
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    """A finished run of two triangulators on the mock."""
+    """Return a finished run of two triangulators on the mock."""
     folder = tmp_path_factory.mktemp("finished")
     scene = write_geojson(folder / "squares.geojson", [box(0, 0, 8, 8), box(9, 0, 14, 5)])
     measure(plan_for(scene, triangulators=("ear-clipping", "delaunay")), folder / "run")
@@ -36,7 +36,7 @@ def finished(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def stored(harness, finished) -> Path:
-    """The same in the folder that the command line runs in."""
+    """Copy the run into the folder in which the command line runs."""
     return Path(shutil.copytree(finished, "run"))
 
 
@@ -56,21 +56,21 @@ def system_error(number: int) -> OSError:
         (EOFError("cut off"), 70, ["internal error", "cut off"]),
     ],
 )
-def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error, code, parts):
+def test_uncaught_errors_are_one_line(harness, stored, monkeypatch, error, code, parts):
     def fail(*_: object) -> None:
         raise error
 
     monkeypatch.setattr("harness.report.page.write_report", fail)
-    found, _, err = harness("report", "run")
-    assert found == code
+    exit_code, _, err = harness("report", "run")
+    assert exit_code == code
     lines = [line for line in err.splitlines() if line.startswith("error:")]
     assert len(lines) == 1
     assert all(part in lines[0] for part in parts)
-    # Only a defect shows where it is.
+    # Only an internal error has a traceback.
     assert ("Traceback" in err) == (code == 70)
 
 
-def test_debug_prints_tracebacks_and_keeps_exit_codes(harness):
+def test_debug_prints_tracebacks_without_changing_exit_codes(harness):
     code, _, err = harness("--debug", "report", "no-such-folder")
     assert code == 2
     assert err.startswith("Traceback")
@@ -81,9 +81,9 @@ def test_debug_prints_tracebacks_and_keeps_exit_codes(harness):
 def test_the_log_has_workers_retries_and_the_exit_code(harness):
     shapes = [f"POLYGON ((0 0, {size} 0, {size} {size}, 0 {size}, 0 0))" for size in (1, 40)]
     Path("squares.wkt").write_text("\n".join(shapes))
-    given = ("triangulate", "squares.wkt", "-o", "squares.obj")
-    given += ("--triangulator", "tests.broken:crash_at_large")
-    assert harness("--log", "events.log", *given)[0] == 5
+    command = ("triangulate", "squares.wkt", "-o", "squares.obj")
+    command += ("--triangulator", "tests.broken:crash_at_large")
+    assert harness("--log", "events.log", *command)[0] == 5
     log = Path("events.log").read_text()
     stamp = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} INFO \[\d+\] harness"
     for event in (
@@ -109,7 +109,7 @@ def test_a_signal_anywhere_is_130(harness, stored, monkeypatch, number):
     assert signal.getsignal(number) is before
 
 
-def test_what_was_started_by_nohup_outlives_its_terminal(harness, stored, monkeypatch):
+def test_commands_started_by_nohup_survive_the_terminal(harness, stored, monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         monkeypatch.setattr("harness.report.page.write_report", _hang_up)
@@ -133,7 +133,7 @@ def test_without_arguments_the_help_is_shown(harness):
     assert "Usage" in out + err
 
 
-def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
+def test_a_full_disk_while_plotting_preserves_the_run(harness, block, monkeypatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -148,15 +148,15 @@ def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
 @pytest.mark.parametrize(
     "command", [["history", "run", "again"], ["study", "gains", "run"], ["report", "run"]]
 )
-@pytest.mark.parametrize("place", ["/proc/none", "file"])
-def test_a_folder_that_cannot_be_written_is_one_line(harness, stored, command, place):
+@pytest.mark.parametrize("path", ["/proc/none", "file"])
+def test_unwritable_folders_are_one_line(harness, stored, command, path):
     Path("file").write_text("")
     shutil.copytree("run", "again")
-    assert_refused(harness(*command, "--out", f"{place}/new"), place)
+    assert_refused(harness(*command, "--out", f"{path}/new"), path)
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut off", "changed"])
-def test_damaged_drawings_are_drawings_that_were_not_kept(harness, stored, damage):
+def test_damaged_drawings_are_treated_as_missing(harness, stored, damage):
     for file in stored.rglob("*.npz"):
         content = file.read_bytes()
         middle = len(content) // 2
@@ -180,7 +180,7 @@ def test_damaged_drawings_are_drawings_that_were_not_kept(harness, stored, damag
 def program(
     *arguments: str, hook: Path = ROOT, stdout: int | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start the command line; a folder may have a hook for Python, sitecustomize.py."""
+    """Start the command line; the folder `hook` may have a sitecustomize.py."""
     paths = os.pathsep.join([str(hook), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [sys.executable, "-m", "harness", *arguments],
@@ -192,7 +192,7 @@ def program(
 
 
 @pytest.mark.parametrize("arguments", [["list", "criteria"], ["--help"]])
-def test_a_reader_that_stops_reading_is_no_error(arguments):
+def test_a_closed_pipe_is_not_an_error(arguments):
     reading, writing = os.pipe()
     os.close(reading)
     process = program(*arguments, stdout=writing)
@@ -204,8 +204,8 @@ def test_a_reader_that_stops_reading_is_no_error(arguments):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["loading", "after"])
-def test_a_signal_while_the_program_is_being_loaded_or_ends(tmp_path, number, when):
-    """A hook makes loading the command line take for ever, where any library may catch errors."""
+def test_signals_during_loading_and_exit_are_handled(tmp_path, number, when):
+    """A hook makes the command line load for ever, while libraries may catch errors."""
     (tmp_path / "sitecustomize.py").write_text(
         "import sys, time\n"
         "class Slow:\n"
@@ -234,8 +234,8 @@ def test_a_signal_while_the_program_is_being_loaded_or_ends(tmp_path, number, wh
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_a_destructor_is_not_forgotten(tmp_path, number):
-    """Python only prints what is raised there, and the command goes on."""
+def test_signals_in_destructors_end_the_command(tmp_path, number):
+    """Python only prints an exception of a destructor, and the command continues."""
     (tmp_path / "sitecustomize.py").write_text(
         "import os, sys\n"
         "class Dying:\n"

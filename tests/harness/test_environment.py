@@ -1,4 +1,4 @@
-"""A run tells whose commit it is of and on which processor; times of different ones stay apart."""
+"""Runs have the user's commit and the processor; times of different processors are separate."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 def repository(folder: Path) -> str:
-    """Make a repository with a triangulator in `code`; returns its commit."""
+    """Make a repository with a triangulator in `code`; return the commit."""
     (folder / "code").mkdir(parents=True)
     (folder / "code/of_a_project.py").write_text("def cut(polygon): ...\n")
     git(folder, "init", "-q")
@@ -46,42 +46,44 @@ def repository(folder: Path) -> str:
     return git(folder, "rev-parse", "HEAD")
 
 
-def test_the_repository_of_the_current_folder_is_the_users(tmp_path, monkeypatch):
+def test_the_current_folders_repository_is_the_users(tmp_path, monkeypatch):
     commit = repository(tmp_path / "project")
     monkeypatch.chdir(tmp_path / "project/code")
     facts = {"environment": environment.collect(0)}
     assert facts["environment"]["project"] == {"name": "project", "commit": commit, "dirty": False}
     assert get_commit(facts) == commit[:12]
-    own = facts["environment"]["git"]
-    assert get_commit(facts, "git").startswith("" if own is None else own["commit"][:12])
+    harness_state = facts["environment"]["git"]
+    assert get_commit(facts, "git").startswith(
+        "" if harness_state is None else harness_state["commit"][:12]
+    )
     (tmp_path / "project/code/of_a_project.py").write_text("changed = True\n")
     assert get_commit({"environment": environment.collect(0)}).endswith(" with local changes")
 
 
-def test_else_that_of_a_triangulators_module(tmp_path, monkeypatch):
+def test_otherwise_the_repository_of_a_triangulators_module_is_used(tmp_path, monkeypatch):
     commit = repository(tmp_path / "project")
     monkeypatch.syspath_prepend(str(tmp_path / "project/code"))
-    found = describe_project(["optimal:overdraw", "nowhere:cut", "of_a_project:cut"])
-    assert found is not None
-    assert found["commit"] == commit
+    project = describe_project(["optimal:overdraw", "nowhere:cut", "of_a_project:cut"])
+    assert project is not None
+    assert project["commit"] == commit
     assert describe_project(["delaunay"]) is None
 
 
 @pytest.mark.parametrize("name", COMMITS)
-def test_without_git_the_service_tells_the_commit(monkeypatch, name):
+def test_without_git_the_ci_service_has_the_commit(monkeypatch, name):
     assert describe_project([]) is None
     monkeypatch.setenv(name, "0123456789abcdef0123456789abcdef01234567")
-    found = describe_project([])
-    assert get_commit({"environment": {"project": found, "git": None}}) == "0123456789ab"
+    project = describe_project([])
+    assert get_commit({"environment": {"project": project, "git": None}}) == "0123456789ab"
 
 
-def test_a_run_that_knows_the_harness_alone_tells_of_it():
+def test_runs_without_project_have_the_commit_of_the_harness():
     facts = {"environment": {"git": {"commit": "ab" * 20, "dirty": True}}}
     assert get_commit(facts) == "abababababab with local changes"
     assert get_commit({}) == ""
 
 
-def test_comparison_and_history_tell_the_users_commit(tmp_path):
+def test_comparison_and_history_have_the_users_commit(tmp_path):
     ours, theirs = {"commit": "a" * 40, "dirty": False}, {"commit": "b" * 40, "dirty": False}
     facts = {"environment": {"harness": "0.1.0", "git": ours, "project": theirs, **MACHINE}}
     runs = [
@@ -119,27 +121,25 @@ EPYC = "AMD EPYC 25/17, 512-bit"
         ("", "unknown processor", None),
     ],
 )
-def test_a_processor_is_named_by_what_its_code_depends_on(
-    text, label, stepping, tmp_path, monkeypatch
-):
+def test_processor_labels_have_the_vector_width(text, label, stepping, tmp_path, monkeypatch):
     file = tmp_path / "cpuinfo"
     file.write_text(text)
     monkeypatch.setattr(environment, "CPUINFO", file)
     monkeypatch.setattr("platform.processor", lambda: "")
-    found = environment.processor.__wrapped__()
-    assert (found["label"], found["stepping"]) == (label, stepping)
+    processor = environment.processor.__wrapped__()
+    assert (processor["label"], processor["stepping"]) == (label, stepping)
 
 
-def test_caches_are_told_in_bytes(tmp_path):
+def test_cache_sizes_are_in_bytes(tmp_path):
     for number, (level, kind, size) in enumerate([(1, "Data", "48K"), (2, "Unified", "2048K")]):
-        place = tmp_path / f"index{number}"
-        place.mkdir()
+        path = tmp_path / f"index{number}"
+        path.mkdir()
         for name, value in (("level", level), ("type", kind), ("size", size)):
-            (place / name).write_text(f"{value}\n")
+            (path / name).write_text(f"{value}\n")
     assert dict(environment._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
 
 
-def test_a_run_that_tells_less_is_of_the_same_processor():
+def test_missing_processor_facts_are_compatible():
     assert processors.may_be_same("AMD EPYC", EPYC)
     assert processors.may_be_same("", EPYC)
     assert not processors.may_be_same(XEON, EPYC)
@@ -150,43 +150,45 @@ def test_a_run_that_tells_less_is_of_the_same_processor():
 
 
 @pytest.fixture
-def two(tmp_path) -> list[Run]:
-    """One scene's runs on llvmpipe, of two processors."""
-    found = []
+def two_runs(tmp_path) -> list[Run]:
+    """Return two runs of one scene on llvmpipe, on two processors."""
+    runs = []
     for number, label in enumerate((EPYC, XEON)):
         run = read_run(write_run(tmp_path / str(number), seed=number))
         scene = {"hash": lines_of(run)[0]["scene_hash"]}
         facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
-        found.append(replace(run, facts=facts))
-    return found
+        runs.append(replace(run, facts=facts))
+    return runs
 
 
-def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):
+def test_merge_refuses_two_processors_without_hosts(two_runs, tmp_path):
     with pytest.raises(IncompatibleRunsError, match="keep the runs apart with --hosts") as caught:
-        merging.merge(two, tmp_path / "merged")
+        merging.merge(two_runs, tmp_path / "merged")
     assert EPYC in str(caught.value)
     assert XEON in str(caught.value)
     assert not (tmp_path / "merged").exists()
 
 
-def test_gains_and_comparisons_say_so(two, harness):
-    for run in two:
+def test_gains_and_comparisons_report_two_processors(two_runs, harness):
+    for run in two_runs:
         file = run.path / "run.json"
         file.write_text(json.dumps(run.facts))
-    folders = [str(run.path) for run in two]
+    folders = [str(run.path) for run in two_runs]
     out, _ = require_ok(harness("study", "gains", *folders, "--out", "gains"))
     assert f"several processors, compared separately: llvmpipe on {EPYC}, {XEON}" in out
     table = Path("gains/gains.csv").read_text()
     assert f'"llvmpipe ({EPYC})"' in table
     assert ",llvmpipe," not in table
-    notes = compare_runs(*two).notes
-    said = [line for line in notes if "time ratios of software devices" in line]
-    assert [f"llvmpipe on {EPYC}, {XEON}" in line for line in said] == [True]
-    assert not any("draws on the processor" in line for line in compare_runs(two[0], two[0]).notes)
+    notes = compare_runs(*two_runs).notes
+    lines = [line for line in notes if "time ratios of software devices" in line]
+    assert [f"llvmpipe on {EPYC}, {XEON}" in line for line in lines] == [True]
+    assert not any(
+        "draws on the processor" in line for line in compare_runs(two_runs[0], two_runs[0]).notes
+    )
 
 
-def test_a_history_sees_no_change_of_code_in_a_change_of_processor(tmp_path):
-    """Ten runs, the second five on another processor that draws delaunay 12 % slower."""
+def test_history_ignores_changes_of_the_processor(tmp_path):
+    """Ten runs, of which five on another processor that draws delaunay 12 % slower."""
     runs = []
     for number in range(10):
         edits = {"delaunay": slower(0.12)} if number >= 5 else {}

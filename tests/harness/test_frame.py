@@ -1,4 +1,4 @@
-"""Frames: inside the viewport, on the grid, and nothing lost silently."""
+"""Frames: inside the viewport, on the grid, with notes about lost polygons."""
 
 import pickle
 
@@ -71,7 +71,7 @@ def test_rings_are_oriented_and_owned():
     assert frame.join([None, None]).shape == (0, 3)
 
 
-def test_what_vanishes_is_named():
+def test_vanished_polygons_are_named():
     thin = box(5, 5, 5 + 1e-9, 9)
     frame = make_frame([box(0, 0, 10, 10), thin], View(64))
     assert len(frame.polygons) == 1
@@ -87,7 +87,7 @@ def test_vertices_that_coincide_are_merged_and_named():
 
 
 def test_a_polygon_that_snapping_pinches_is_split_and_named():
-    # Two squares joined by a bridge far thinner than the grid.
+    # Two squares joined by a bridge much thinner than the grid.
     e = 1e-6
     polygon = shapely.union_all([box(0, 0, 4, 5), box(4, 2, 6, 2 + e), box(6, 0, 10, 5)])
     frame = make_frame([box(0, 6, 4, 8), polygon, box(6, 6, 10, 8)], View(64))
@@ -99,12 +99,12 @@ def test_a_polygon_that_snapping_pinches_is_split_and_named():
 
 
 @pytest.mark.parametrize("resolution", [0, 7, 1 << 20])
-def test_silly_resolutions_are_refused(resolution):
+def test_resolutions_out_of_range_are_refused(resolution):
     with pytest.raises(UsageError, match=f"resolution {resolution}: out of range"):
         View(resolution)
 
 
-def test_no_polygon_and_no_extent_are_refused():
+def test_scenes_without_polygons_or_extent_are_refused():
     with pytest.raises(InputError, match="no polygon"):
         make_frame([], View())
     with pytest.raises(UsageError, match="not a finite number"):
@@ -113,19 +113,19 @@ def test_no_polygon_and_no_extent_are_refused():
 
 @st.composite
 def on_the_grid(draw: st.DrawFn) -> Polygon:
-    """A rectangle with up to four triangular holes, all of it on the 1/256 px grid."""
+    """Draw a rectangle with up to four triangular holes, on the 1/256 px grid."""
     west, south = draw(st.integers(0, 400)), draw(st.integers(0, 400))
     holes = draw(st.lists(st.booleans(), min_size=4, max_size=4))
     rings = [
         [(x, south + 8), (x + 5 / SUBPIXEL, south + 8), (x, south + 8 + draw(st.integers(1, 9)))]
-        for x, wanted in zip(range(west + 4, west + 32, 7), holes, strict=True)
-        if wanted
+        for x, has_hole in zip(range(west + 4, west + 32, 7), holes, strict=True)
+        if has_hole
     ]
     return Polygon(box(west, south, west + 40, south + 40).exterior, rings)
 
 
 @given(st.lists(on_the_grid(), min_size=1, max_size=4))
-def test_a_frame_of_arrays_holds_whole_polygons_in_a_worker_too(polygons):
+def test_frames_have_the_same_polygons_in_a_worker(polygons):
     frame = frame_of_grid(512, to_grid(polygons))
     assert list(frame.polygons) == polygons
     sent = pickle.loads(pickle.dumps(frame))
@@ -133,7 +133,7 @@ def test_a_frame_of_arrays_holds_whole_polygons_in_a_worker_too(polygons):
     assert list(sent.polygons) == polygons
 
 
-def test_a_frame_knows_where_its_rings_end():
+def test_frames_have_ring_offsets():
     frame = make_frame([L_SHAPE, COURTYARD], View(512, 30))
     assert frame.grid.ring_offsets.tolist() == [0, 6, 10, 14]
     assert frame.grid.geom_offsets.tolist() == [0, 1, 3]

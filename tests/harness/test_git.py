@@ -1,4 +1,4 @@
-"""Git is called without the caller's variables, and a repository's settings start no program."""
+"""Git runs without the caller's variables, and a repository's settings start no program."""
 
 import os
 import subprocess
@@ -18,8 +18,8 @@ def project(tmp_path, monkeypatch) -> Path:
     return tmp_path / "project"
 
 
-def test_ignores_the_variables_of_a_hook(project, tmp_path, monkeypatch):
-    """In a hook, GIT_INDEX_FILE is the index of the commit that is being made."""
+def test_git_ignores_the_variables_of_a_hook(project, tmp_path, monkeypatch):
+    """In a hook, GIT_INDEX_FILE is the index of the new commit."""
     commit, index = git(project, "rev-parse", "HEAD"), (project / ".git/index").read_bytes()
     repository(tmp_path / "other")
     git(tmp_path / "other", "commit", "-q", "--allow-empty", "-m", "other")
@@ -37,7 +37,7 @@ def test_ignores_the_variables_of_a_hook(project, tmp_path, monkeypatch):
     assert (project / ".git/index").read_bytes() == index
 
 
-def test_starts_no_program_of_the_repository(project, tmp_path):
+def test_git_starts_no_program_of_the_repository(project, tmp_path):
     marker, program = tmp_path / "started", tmp_path / "program"
     program.write_text(f"#!/bin/sh\necho $0 >> '{marker}'\ncat\n")
     program.chmod(0o700)
@@ -68,8 +68,8 @@ def test_starts_no_program_of_the_repository(project, tmp_path):
     assert git_state(project) is None
 
 
-def test_filters_of_the_user_stay_on(project, tmp_path, monkeypatch):
-    """Git LFS is one: without it each of its files would count as changed."""
+def test_git_applies_the_users_filters(project, tmp_path, monkeypatch):
+    """Such as Git LFS, without which each of its files would count as changed."""
     settings = tmp_path / "settings"
     settings.write_text('[filter "upper"]\n clean = tr a-z A-Z\n')
     monkeypatch.setenv("GIT_CONFIG_GLOBAL", str(settings))

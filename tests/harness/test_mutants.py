@@ -36,7 +36,7 @@ def test_equivalent_changes_are_matched_by_their_code():
 
 @pytest.mark.parametrize("key", EQUIVALENT_CHANGES, ids=" ".join)
 def test_equivalent_changes_match_the_current_code(key):
-    """An entry for code that has since been edited could hide a surviving change."""
+    """An entry for edited code could hide a surviving change."""
     file, _, tokens = key
     reasons = {key: EQUIVALENT_CHANGES[key]}
     tokens_in_code = set()

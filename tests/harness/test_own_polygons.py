@@ -1,4 +1,4 @@
-"""A user's own polygons on the command line: which part of a file, and what was done to it."""
+"""The user's polygons on the command line: parts of a file, and notes about reading."""
 
 import json
 from pathlib import Path
@@ -35,15 +35,24 @@ def records_of(folder: str) -> list[dict]:
 
 
 def test_a_part_of_a_file(harness, town):
-    where = "height/2 > 1 AND name IN ('house 2', 'house 3')"
-    arguments = ("--layer", "houses", "--where", where, "--limit", "1", "--triangulators", "fan")
+    condition = "height/2 > 1 AND name IN ('house 2', 'house 3')"
+    arguments = (
+        "--layer",
+        "houses",
+        "--where",
+        condition,
+        "--limit",
+        "1",
+        "--triangulators",
+        "fan",
+    )
     require_ok(harness("run", "--scene", town, *arguments, "--out", "out", *LOUD))
     scene = scene_of("out")
     assert scene["polygons"] == 1
-    assert scene["parameters"] == {"layer": "houses", "where": where, "limit": "1"}
+    assert scene["parameters"] == {"layer": "houses", "where": condition, "limit": "1"}
     (record,) = records_of("out")
     assert record["polygons"] == 1
-    assert record["scene"] == f"town.gpkg:layer=houses,where={where},limit=1"
+    assert record["scene"] == f"town.gpkg:layer=houses,where={condition},limit=1"
 
 
 def test_inspect_takes_a_part_of_a_file(harness, town):
@@ -52,7 +61,7 @@ def test_inspect_takes_a_part_of_a_file(harness, town):
     assert_refused(answer, "has polygons 0 to 1, not 9")
 
 
-def test_one_line_says_what_was_read(harness, town):
+def test_one_line_describes_the_read_file(harness, town):
     code, _, err = harness("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
     line = "town: layer houses (others: parks); coordinates in ETRS89 / TM35FIN(E,N), m"
     assert code == 0
@@ -67,7 +76,7 @@ def test_one_line_says_what_was_read(harness, town):
     assert f"{town}: {line.removeprefix('town: ')}" in err
 
 
-def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):
+def test_triangulate_accepts_text_other_than_utf8(harness, tmp_path):
     source = without_utf8(tmp_path / "old.gpkg")
     for out in ("out.geojson", "out.parquet", "out.glb"):
         _, err = require_ok(harness("triangulate", str(source), "-o", out))
@@ -77,31 +86,31 @@ def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("crs", "named"), [("EPSG:3067", True), ("EPSG:7844", True), ("EPSG:4326", False)]
+    ("crs", "expected"), [("EPSG:3067", True), ("EPSG:7844", True), ("EPSG:4326", False)]
 )
-def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, named):
+def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, expected):
     degrees = [shapely.box(25, 60, 25.001, 60.001)]
     source = write(tmp_path / "in.gpkg", HOUSES if crs == "EPSG:3067" else degrees, crs=crs)
     assert harness("triangulate", source, "-o", "out.parquet")[0] == 0
     geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
     column = geo["columns"]["geometry"]
-    assert ("crs" in column) is named
-    if named:
+    assert ("crs" in column) is expected
+    if expected:
         assert find_system(json.dumps(column["crs"])) == find_system(crs)
-    # and it is found again
+    # and the system is read again
     assert harness("triangulate", "out.parquet", "-o", "again.parquet")[0] == 0
-    again = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])
-    assert again["columns"]["geometry"].get("crs") == column.get("crs")
+    repeated = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])
+    assert repeated["columns"]["geometry"].get("crs") == column.get("crs")
 
 
-def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
+def test_geoparquet_without_reference_system(harness, tmp_path):
     (tmp_path / "a.wkt").write_text(shapely.box(0, 0, 10, 10).wkt)
     assert harness("triangulate", "a.wkt", "-o", "out.parquet")[0] == 0
     geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
     assert geo["columns"]["geometry"]["crs"] is None
 
 
-def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the_run(harness):
+def test_skipped_features_are_named_ten_on_screen_all_in_the_run(harness):
     shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6]
     Path("own.geojson").write_text(make_geojson(shapes))
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
@@ -119,8 +128,8 @@ def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the
     assert "dropped 2 more; see run.json of a run" in err
 
 
-def test_what_is_read_is_never_written_over(harness):
-    """Triangles, a chart and a model's other diagonals need a name of their own."""
+def test_the_input_is_never_overwritten(harness):
+    """Triangles, charts and models with other diagonals need another name than the input."""
     write_geojson(Path("own.geojson"), [shapely.box(0, 0, 9, 9)])
     Path("own.svg").write_text('<svg><path d="M0 0H9V9H0Z"/></svg>')
     MODELS["plain.glb"](Path("own.glb"))
@@ -134,8 +143,8 @@ def test_what_is_read_is_never_written_over(harness):
         assert Path(command[1]).read_bytes() == before
 
 
-def test_many_features_off_the_globe_are_no_degrees(harness):
-    """Metres without a reference system; one bad feature among ten leaves the others degrees."""
+def test_many_features_off_the_globe_are_not_degrees(harness):
+    """Metres without a reference system; one bad feature of ten does not change degrees."""
     metres = [shapely.box(40 * n, 40 * n, 40 * n + 9, 40 * n + 9) for n in range(6)]
     Path("metres.geojson").write_text(make_geojson(metres))
     err = harness("inspect", "metres.geojson", "--out", "a.png")[2]
@@ -149,7 +158,7 @@ def test_many_features_off_the_globe_are_no_degrees(harness):
     assert "no reference system; coordinates used unchanged" in " ".join(err.split())
 
 
-def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
+def test_a_shapefile_folder_is_read_once(harness):
     Path("folder").mkdir()
     write(Path("folder/houses.shp"), HOUSES, "houses")
     two = ("--triangulators", "ear-clipping,delaunay")
@@ -160,7 +169,7 @@ def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
     assert "no pixel is covered: choose another --units-per-pixel" in " ".join(err.split())
 
 
-def test_a_model_without_triangles_is_not_judged(harness):
+def test_models_without_triangles_are_refused(harness):
     Path("lines.obj").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
     assert_refused(harness("triangulate", "lines.obj", "--check"), "has no triangles", code=4)
 

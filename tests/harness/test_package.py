@@ -1,4 +1,4 @@
-"""The wheel holds everything the packages need, and nothing tells where it was built."""
+"""The wheel contains all files of the packages, and no path of the build machine."""
 
 import importlib
 import re
@@ -23,7 +23,7 @@ KINDS = ("", "-docs", "-test", "-data", "-setup")
 LOCKS = tuple(f"requirements{kind}.lock" for kind in KINDS)
 
 
-def test_the_wheel_holds_every_file_of_the_packages(tmp_path):
+def test_the_wheel_has_every_file_of_the_packages(tmp_path):
     source = tmp_path / "source"
     source.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
@@ -41,13 +41,13 @@ def test_the_wheel_holds_every_file_of_the_packages(tmp_path):
     (wheel,) = tmp_path.glob("raster_harness-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
-    wanted = {
+    expected = {
         str(file.relative_to(source))
         for package in PACKAGES
         for file in (source / package).rglob("*")
         if file.is_file()
     }
-    assert wanted <= held
+    assert expected <= held
     assert any(name.endswith("entry_points.txt") for name in held)
 
 
@@ -61,7 +61,7 @@ def test_the_locks_pin_every_package_with_hashes_and_name_no_address():
         assert all("--hash=sha256:" in entry for entry in pinned), name
 
 
-def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
+def test_measuring_needs_no_packages_of_tests_and_documents():
     pinned = {
         kind: set(
             re.findall(r"^([a-z0-9._-]+)==", (ROOT / f"requirements{kind}.lock").read_text(), re.M)
@@ -76,7 +76,7 @@ def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
 
 
 def test_all_files_name_one_version():
-    places = {
+    patterns = {
         "pyproject.toml": r'(?m)^version = "(.*)"',
         "CITATION.cff": r"(?m)^version: (.*)",
         "ports/javascript/package.json": r'"version": "(.*?)"',
@@ -84,8 +84,11 @@ def test_all_files_name_one_version():
         "CHANGELOG.md": r"(?m)^## (\S+)",
         **{f"{name}/__init__.py": r'(?m)^__version__ = "(.*)"' for name in PACKAGES},
     }
-    found = {file: re.findall(what, (ROOT / file).read_text())[0] for file, what in places.items()}
-    assert set(found.values()) == {__version__}, found
+    versions = {
+        file: re.findall(pattern, (ROOT / file).read_text())[0]
+        for file, pattern in patterns.items()
+    }
+    assert set(versions.values()) == {__version__}, versions
 
 
 def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
@@ -97,7 +100,7 @@ def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
         meshes.parse_ply(tmp_path / "a.ply")
 
 
-def test_every_extra_that_is_named_is_declared():
+def test_mentioned_extras_are_declared():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named = {
         extra
@@ -111,6 +114,6 @@ def test_every_extra_that_is_named_is_declared():
 @pytest.mark.parametrize(
     "file", sorted((ROOT / "tests/benchmarks").glob("*.py")), ids=lambda f: f.stem
 )
-def test_benchmarks_find_what_they_import(file):
-    """They run by hand only, so nothing else would notice a name that is gone."""
+def test_benchmarks_can_be_imported(file):
+    """Benchmarks run by hand only, so no other test would notice a missing name."""
     importlib.import_module(f"tests.benchmarks.{file.stem}")

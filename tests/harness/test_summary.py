@@ -1,4 +1,4 @@
-"""The ranking on a terminal: it fits 80 columns, and has colour only where one looks at it."""
+"""The summary table on a terminal: within 80 columns, colour only on terminals."""
 
 import io
 from pathlib import Path
@@ -48,12 +48,12 @@ RECORDS = [
 ]
 
 
-def test_the_ranking_fits_eighty_columns_and_keeps_names_whole():
+def test_the_ranking_fits_eighty_columns_with_full_names():
     text = printed(RECORDS)
     assert max(len(line) for line in text.splitlines()) <= 80
-    for each in RECORDS[:4]:
-        assert each["triangulator"] in text
-    # A longer name goes on in the next line; nothing of it is lost.
+    for fields in RECORDS[:4]:
+        assert fields["triangulator"] in text
+    # A longer name continues on the next line.
     joined = "".join(line.split()[0] for line in text.splitlines())
     assert "optimal:mixed=1.25/0.375/0.0625" in joined
     assert "…" not in text
@@ -85,24 +85,24 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
 
 def test_regret_is_shown_after_covering_triangles_if_there_is_room():
     counters = {"fragments": 9000, "quads": 4000, "helper_lanes": 7000, "covering_triangles": 3456}
-    least = {"polygons": 500, "quads": 3650, "shaded": 4000, "fragments": 9000}
+    minimum = {"polygons": 500, "quads": 3650, "shaded": 4000, "fragments": 9000}
     names = ("ear-clipping", "optimal:half-perimeter")
-    records = [record(name, counters=counters, least=least) for name in names]
+    records = [record(name, counters=counters, least=minimum) for name in names]
     wide, narrow = (printed(records, width=width) for width in (96, 95))
     assert "helpers covering regret draw ms" in wide.splitlines()[1]
     assert "7,000    3,456  25.0%" in wide
     assert max(len(line) for line in wide.splitlines()) <= 96
     assert "helpers covering draw ms" in narrow.splitlines()[1]
-    assert "covering" not in printed(RECORDS, width=120)  # a rasteriser that does not count them
+    assert "covering" not in printed(RECORDS, width=120)  # a rasteriser without this counter
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_colour_is_for_terminals_alone(terminal):
+def test_only_terminals_get_colour(terminal):
     text = printed(RECORDS, force_terminal=terminal, color_system="standard" if terminal else None)
     assert ("\x1b[" in text) is terminal
 
 
-def test_a_terminal_that_knows_ascii_alone_gets_ascii():
+def test_ascii_terminals_get_ascii():
     raw = io.BytesIO()
     output = io.TextIOWrapper(raw, encoding="ascii")
     print_summary(decide_all(make_run(RECORDS[:4])), Console(file=output, width=80))
@@ -121,7 +121,7 @@ def rounds(*samples_s: float) -> dict:
 
 
 def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
-    """Medians of disturbed samples may be in another order than the rounds that timed both."""
+    """Medians of disturbed samples may have another order than the common rounds."""
     machine = [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]
     quiet = [1.2, 1.2, 1.2, 1.2, 1.2, 1.2, 1.2]
     records = [
@@ -129,7 +129,7 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
         record("delaunay", time=rounds(*[0.09 * m for m in machine[:4]], 0.1, 0.19, 0.19)),
         record("greedy", time=rounds(*[0.1 * q for q in quiet])),
     ]
-    medians = {each["triangulator"]: each["time"]["median_s"] for each in records}
+    medians = {fields["triangulator"]: fields["time"]["median_s"] for fields in records}
     assert medians["greedy"] < medians["ear-clipping"]
     text = printed(records)
     lines = text.splitlines()[2:5]
@@ -137,20 +137,20 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
     assert "0.900 (0.500-0.950)" in lines[1]
 
 
-def test_the_base_is_chosen_or_ear_clipping_or_the_first_that_left_nothing_out():
+def test_the_base_is_chosen_or_ear_clipping_or_the_first_complete_triangulator():
     assert "vs ear-clipping" in printed(RECORDS)
     text = printed(RECORDS, "worst:half-perimeter")
     assert "vs worst:half-perimeter" in text
     assert "0.667 (0.663-0.671) faster" in text
     assert max(len(line) for line in text.splitlines()) <= 80
-    without = [each for each in RECORDS if each["triangulator"] != "ear-clipping"]
-    fan_first = sorted(without, key=lambda each: each["triangulator"] != "fan")
+    without = [fields for fields in RECORDS if fields["triangulator"] != "ear-clipping"]
+    fan_first = sorted(without, key=lambda fields: fields["triangulator"] != "fan")
     text = printed(fan_first)
     assert "vs optimal:half-perimeter" in text
     assert "1.125 (1.118-1.132) slower" in text
 
 
-def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
+def test_readers_of_a_run_use_its_base(harness, no_plots):
     run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
     run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out")
     run += ("--triangulators", "ear-clipping,delaunay")
@@ -160,9 +160,9 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     )
     out, _ = require_ok(harness(*run, "--base", "delaunay"))
     assert "vs delaunay" in out
-    found = read_run(Path("out"))
-    assert found.base == "delaunay"
-    for run, name in ((found, "delaunay"), (set_base(found, "ear-clipping"), "ear-clipping")):
+    stored = read_run(Path("out"))
+    assert stored.base == "delaunay"
+    for run, name in ((stored, "delaunay"), (set_base(stored, "ear-clipping"), "ear-clipping")):
         assert [group.base.name for group in group_run(run)] == [name]
     assert_refused(
         harness("report", "out", "--base", "ear-cliping"),
@@ -171,24 +171,24 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     assert harness("report", "out", "--base", "ear-clipping")[0] == 0
 
 
-def test_what_is_proven_is_said_below():
-    whole = {"proven": 500, "largest_gap": 0.0}
-    some = {"proven": 497, "largest_gap": 0.00123}
+def test_proven_optima_are_printed_below():
+    complete = {"proven": 500, "largest_gap": 0.0}
+    partial = {"proven": 497, "largest_gap": 0.00123}
     searched = {"proven": 0, "largest_gap": None}
     unbounded = {"proven": 499, "largest_gap": 0.99999}
     text = printed(
         [
             record("ear-clipping"),
-            record("optimal:overdraw", 0.9, **whole),
-            record("optimal:half-perimeter", 0.8, **whole),
-            record("optimal:shape", 0.95, **some),
+            record("optimal:overdraw", 0.9, **complete),
+            record("optimal:half-perimeter", 0.8, **complete),
+            record("optimal:shape", 0.95, **partial),
             record("optimal:edge-length", 0.97, **searched),
             record("optimal:expected-quads", 0.97, **unbounded),
         ]
     )
-    said = " ".join(text.split())
-    assert "every polygon: optimal:overdraw, optimal:half-perimeter" in said
-    assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in said
-    assert "0 of 500 polygons: optimal:edge-length; some others have no bound" in said
-    assert "499 of 500 polygons: optimal:expected-quads; some others have no" in said
+    joined = " ".join(text.split())
+    assert "every polygon: optimal:overdraw, optimal:half-perimeter" in joined
+    assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in joined
+    assert "0 of 500 polygons: optimal:edge-length; some others have no bound" in joined
+    assert "499 of 500 polygons: optimal:expected-quads; some others have no" in joined
     assert "proven" not in printed(RECORDS)

@@ -1,4 +1,4 @@
-"""The path of a run where EGL, GLU, OSMesa and what only POSIX has are missing."""
+"""Runs on systems without EGL, GLU, OSMesa and POSIX functions."""
 
 import json
 import os
@@ -16,7 +16,7 @@ BARE = Path(__file__).parents[1] / "bare"
 
 
 def call(*arguments: str, cwd: Path) -> str:
-    """Run the command line in a process that has none of these; returns what it printed."""
+    """Run the command line in a process without these; return the output."""
     path = os.pathsep.join([str(BARE), str(ROOT)])
     environment = {"PYTHONPATH": path, "COLUMNS": "200"}
     done = run_python("-P", "-m", "harness", *arguments, cwd=cwd, env=environment, timeout=300)
@@ -24,7 +24,7 @@ def call(*arguments: str, cwd: Path) -> str:
     return done.stdout
 
 
-def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
+def test_webgpu_is_the_default_without_egl(tmp_path, block):
     out = call("triangulate", str(block), "-o", "triangles.geojson", cwd=tmp_path)
     assert "triangles.geojson" in out
     scene = ("--scene", str(block), "--triangulators", "fan,ear-clipping,refined")
@@ -40,7 +40,7 @@ def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "expected"),
     [
         (0, "exit code 0"),
         (-11, "SIGSEGV"),
@@ -49,11 +49,11 @@ def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
         (None, "exit code None"),
     ],
 )
-def test_how_a_process_ended(code, said):
-    assert system.describe_exit(code) == said
+def test_exit_codes_of_processes_are_described(code, expected):
+    assert system.describe_exit(code) == expected
 
 
-def test_a_process_and_its_children_end_without_groups(monkeypatch):
+def test_process_trees_end_without_process_groups(monkeypatch):
     monkeypatch.delattr(os, "killpg")
     start = "import subprocess, sys; print(subprocess.Popen(['sleep', '60']).pid, flush=True)"
     parent = subprocess.Popen(

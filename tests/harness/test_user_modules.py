@@ -1,4 +1,4 @@
-"""Nothing is imported from the current folder but the functions that the user names, and last."""
+"""The current folder is imported from only for functions that the user names, and last."""
 
 import subprocess
 from pathlib import Path
@@ -8,14 +8,22 @@ import pytest
 from tests.conftest import assert_one_line
 from tests.paths import ROOT, run_python
 
-STRANGERS = ("typer", "numpy", "numba", "pyarrow", "multiprocessing", "triangulators", "scenes")
-"""Modules that a folder of data may hold, each with a name that the program imports."""
+FOREIGN_MODULES = (
+    "typer",
+    "numpy",
+    "numba",
+    "pyarrow",
+    "multiprocessing",
+    "triangulators",
+    "scenes",
+)
+"""Foreign modules in a data folder with names that the program imports."""
 
 INSTALLED = (
     "import sys; sys.path.pop(0); sys.path.append(sys.argv.pop(1))\n"
     "from harness.__main__ import main\nmain()"
 )
-"""Starts the program as its script does."""
+"""Starts the program as the script does."""
 
 CUT = """
 from triangulators import triangulate
@@ -31,16 +39,16 @@ REFERENCE = ("--rasterisers", "reference", "--quick", "--out", "out", "--no-cach
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    """Make a folder with strangers' modules, each of which leaves a trace if it is imported."""
+    """Make a folder with foreign modules that leave a trace when imported."""
     monkeypatch.chdir(tmp_path)
-    for name in STRANGERS:
+    for name in FOREIGN_MODULES:
         Path(f"{name}.py").write_text(f"open('imported-{name}', 'w').close()\n")
     Path("mine.py").write_text(CUT)
     return tmp_path
 
 
-def test_strangers_modules_are_not_imported(folder):
-    """Nor in workers, whose rasteriser and triangulator are loaded there."""
+def test_foreign_modules_are_not_imported(folder):
+    """Nor in workers, which load the rasteriser and triangulator."""
     for start in (("-m", "harness", "list", "criteria"), ("-c", INSTALLED, ROOT, *RUN, *REFERENCE)):
         done = run_python(*start, cwd=folder)
         assert done.returncode == 0, done.stderr
@@ -56,15 +64,15 @@ def test_strangers_modules_are_not_imported(folder):
         ("nowhere:cut", ("no module 'nowhere'",)),
     ],
 )
-def test_a_name_that_clashes_is_an_error(folder, harness, reference, parts):
+def test_name_clashes_are_errors(folder, harness, reference, parts):
     code, _, err = harness("run", "--scene", "paper", "--triangulators", reference)
     assert code == 2
     assert_one_line(err, f"{reference}", *parts)
     assert list(folder.glob("imported-*")) == []
 
 
-def test_dasks_workers_do_not_import_strangers_modules(folder):
-    """Python starts them by `python -c`, which searches the current folder first."""
+def test_dask_workers_do_not_import_foreign_modules(folder):
+    """Python starts Dask's workers by `python -c`, which searches the current folder first."""
     program = (
         "import sys; sys.path[:] = [sys.argv.pop(1), *sys.path[1:]]\n"
         "from harness.scaling.executors import DaskExecutor\n"
@@ -77,7 +85,7 @@ def test_dasks_workers_do_not_import_strangers_modules(folder):
     assert list(folder.glob("imported-*")) == []
 
 
-def test_the_program_of_a_checkout_works_at_a_path_of_any_letters(tmp_path):
+def test_a_checkout_works_at_any_path(tmp_path):
     root = tmp_path / 'it\'s $(touch made) "here"'
     program = root / ".venv/bin/raster-harness"
     program.parent.mkdir(parents=True)
@@ -89,7 +97,7 @@ def test_the_program_of_a_checkout_works_at_a_path_of_any_letters(tmp_path):
     function = setup[start : setup.index("\n}\n", start) + 3]
     subprocess.run(["bash", "-euc", f"{function}write_program"], cwd=root, check=True)
     done = subprocess.run([program, "list", "a b"], cwd=tmp_path, capture_output=True, text=True)
-    given = done.stdout.splitlines()
-    assert given[:2] == ["-P", "-c"]
-    assert given[3:] == [str(root), "list", "a b"]
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["-P", "-c"]
+    assert lines[3:] == [str(root), "list", "a b"]
     assert not [*tmp_path.rglob("made")]

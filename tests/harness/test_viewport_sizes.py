@@ -1,4 +1,4 @@
-"""Whether a triangulator matters for a file: the counts are a run's, and the sentence is theirs."""
+"""`inspect --sizes`: counts equal those of a run, and the sentence follows from them."""
 
 import json
 import re
@@ -22,9 +22,9 @@ NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
-def test_counts_and_sentence_are_those_of_runs(harness):
-    """A city of 40 at five sizes: every counter, and the share that the sentence names."""
-    wanted = ("--triangulators", ",".join(NAMES), "--rasterisers", "reference", "--quick")
+def test_counts_equal_those_of_runs(harness):
+    """A city of 40 at five sizes: all counters, and the share in the sentence."""
+    options = ("--triangulators", ",".join(NAMES), "--rasterisers", "reference", "--quick")
     scene = "city:buildings=40"
     run = (
         "run",
@@ -32,7 +32,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
         scene,
         "--resolution",
         "32,64,128,256,512",
-        *wanted,
+        *options,
         "--out",
         "run",
         "-q",
@@ -41,40 +41,40 @@ def test_counts_and_sentence_are_those_of_runs(harness):
     out, _ = require_ok(
         harness("inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json")
     )
-    told = json.loads(out)
-    by_size = {each["resolution"]: each["costs"] for each in told["sizes"]}
+    document = json.loads(out)
+    by_size = {size["resolution"]: size["costs"] for size in document["sizes"]}
     assert list(by_size) == [32, 64, 128, 256, 512]
     records = lines_of(read_run(Path("run")))
     assert len(records) == 15
     lanes = {}
     for record in records:
-        own = by_size[record["resolution"]][record["triangulator"]]
+        costs = by_size[record["resolution"]][record["triangulator"]]
         for name in sizes.COUNTED:
-            assert own[name] == record["counters"][name], (record["resolution"], name)
+            assert costs[name] == record["counters"][name], (record["resolution"], name)
         lanes[record["resolution"], record["triangulator"]] = 4 * record["counters"]["quads"]
     saved, size, best = max(
         (1 - lanes[size, name] / lanes[size, NAMES[0]], size, name) for size, name in lanes
     )
     assert saved > sizes.MIN_SAVED_SHARE
-    assert f"at {size} px" in told["sentence"]
-    assert f"{best} saves {saved:.1%} of ear-clipping's shaded lanes" in told["sentence"]
+    assert f"at {size} px" in document["sentence"]
+    assert f"{best} saves {saved:.1%} of ear-clipping's shaded lanes" in document["sentence"]
 
 
-def test_it_says_that_it_does_not_matter(harness):
-    """A triangle has one triangulation, and it is written in one sentence."""
+def test_the_sentence_reports_that_the_choice_does_not_matter(harness):
+    """A triangle has a single triangulation, so no triangulator saves anything."""
     write_geojson(Path("one.geojson"), [Polygon([(0, 0), (9, 0), (0, 9)])])
     out, _ = require_ok(harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png"))
     assert "It does not matter for you: at 16 to 64 px no triangulator saves 1% of" in out
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_law_makes_seconds_of_counters(city_of_12):
+def test_laws_convert_counters_to_seconds(city_of_12):
     frame, triangles = city_of_12
     names, counters = list(TERMS), [sizes.count_triangles(frame, triangles)]
     for name, count in (("triangles", len(triangles)), ("draw", 1)):
-        law = DeviceCosts("scripted", np.array([2e-9 * (each == name) for each in names]))
+        law = DeviceCosts("scripted", np.array([2e-9 * (term == name) for term in names]))
         assert sizes._list_costs(counters, [0.0], law)[0]["draw"] == pytest.approx(2e-9 * count)
-    law = DeviceCosts("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
+    law = DeviceCosts("scripted", np.array([1e-9 * (term == "helper_lanes") for term in names]))
     cost = sizes._list_costs(counters, [0.0], law)[0]
     assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
 
@@ -82,12 +82,12 @@ def test_a_law_makes_seconds_of_counters(city_of_12):
 @pytest.fixture(scope="module")
 def city_of_12():
     frame = frame_of(load("city:buildings=12"), View(128))
-    made = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
-    return frame, frame.join(made.parts)
+    result = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
+    return frame, frame.join(result.parts)
 
 
-def test_the_sentence_names_where_it_begins_and_ends_to_matter():
-    """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
+def test_the_sentence_has_the_range_of_sizes_that_matter():
+    """Sizes with savings of 0, 5, 20 and 0.5 %, and two triangulators with equal savings."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
         counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 1, 3)
@@ -103,55 +103,55 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         )
 
     shares = {16: 4000, 32: 3800, 64: 3200, 128: 3980}
-    found = sizes.Sizes("s", None, tuple(size(*each) for each in shares.items()))
-    assert sizes.summarise(found) == (
+    result = sizes.Sizes("s", None, tuple(size(*numbers) for numbers in shares.items()))
+    assert sizes.summarise(result) == (
         "It matters at 32 to 64 px, most at 64 px (32 px per polygon): b saves 20.0% of a's shaded "
         "lanes."
     )
-    assert (found.recommended, found.largest.resolution) == ("b", 64)
-    for entry in found.sizes:  # c saves nearly as much, and b takes longer
+    assert (result.recommended, result.largest.resolution) == ("b", 64)
+    for entry in result.sizes:  # c saves nearly as much, and b takes longer
         entry.costs["b"]["triangulate_s"] = 1.0
-    assert "Next: use c, the fastest triangulator with most" in sizes.format_next_step(found)
-    assert "triangulate FILE -o OUT.glb --triangulator c" in sizes.format_next_step(found)
+    assert "Next: use c, the fastest triangulator with most" in sizes.format_next_step(result)
+    assert "triangulate FILE -o OUT.glb --triangulator c" in sizes.format_next_step(result)
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
-    found = sizes.Sizes(
+    result = sizes.Sizes(
         "s", DeviceCosts("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),)
     )
-    assert sizes.summarise(found) == (
+    assert sizes.summarise(result) == (
         "It matters at 64 px, most at 64 px (32 px per polygon): b saves 25.0% of a's draw time on "
         "phone; break-even after 6 draws."
     )
 
 
-def test_what_a_triangulator_cannot_do_is_named(harness):
-    """A fan does no ring with a hole: the other polygon is counted."""
+def test_polygons_on_which_a_triangulator_fails_are_reported(harness):
+    """A fan supports no hole: only the other polygon is counted."""
     ring, plain = box(0, 0, 9, 9) - box(3, 3, 6, 6), box(10, 0, 12, 5)
     write_geojson(Path("two.geojson"), [ring, plain])
-    given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
-    _, err = require_ok(harness(*given))
+    command = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
+    _, err = require_ok(harness(*command))
     assert "polygons counted at 64 px: 1; skipped, as they vanish on the grid" in err
     assert "or a triangulator fails: 1" in err
-    told = json.loads(harness(*given, "--json")[1])
-    assert told["sizes"][0]["polygons"] == told["sizes"][0]["skipped"] == 1
+    document = json.loads(harness(*command, "--json")[1])
+    assert document["sizes"][0]["polygons"] == document["sizes"][0]["skipped"] == 1
 
 
-def test_a_contributed_profile_is_known_by_its_name(harness):
+def test_contributed_profiles_are_found_by_name(harness):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8) - box(4, 4, 9, 9)])
-    given = ("inspect", "l.geojson", "--sizes", "64")
-    out, _ = require_ok(harness(*given, "--profile", "opengl-llvmpipe"))
+    command = ("inspect", "l.geojson", "--sizes", "64")
+    out, _ = require_ok(harness(*command, "--profile", "opengl-llvmpipe"))
     assert "ms of a draw on llvmpipe" in out
     interval = r"\(95 % CI -?\d+\.\d to \d+\.\d%\) of ear-clipping's draw time on llvmpipe"
     assert re.search(interval, " ".join(out.split()))
-    assert not list(Path().glob("l-sizes*"))  # a chart is written only to --out
+    assert not list(Path().glob("l-sizes*"))  # charts are only written to --out
     assert_refused(
-        harness(*given, "--profile", "opengl-lvmpipe"),
+        harness(*command, "--profile", "opengl-lvmpipe"),
         "--profile opengl-lvmpipe",
         "did you mean 'opengl-llvmpipe'?",
     )
     Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')
-    assert_refused(harness(*given, "--profile", "none.json"), "none.json is not a profile")
+    assert_refused(harness(*command, "--profile", "none.json"), "none.json is not a profile")
     Path("none.json").write_text('{"unit": "cycles"}')
-    assert_refused(harness(*given, "--profile", "none.json"), "unsupported unit 'cycles'")
+    assert_refused(harness(*command, "--profile", "none.json"), "unsupported unit 'cycles'")
 
 
 @pytest.mark.parametrize(
@@ -167,17 +167,17 @@ def test_a_contributed_profile_is_known_by_its_name(harness):
         (["--sizes", "16", "--out", "x.pdf"], ["x.pdf", ".svg"]),
     ],
 )
-def test_what_cannot_be_meant_is_one_line(harness, arguments, parts):
+def test_invalid_arguments_are_one_line(harness, arguments, parts):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8)])
     assert_refused(harness("inspect", "l.geojson", *arguments), *parts)
 
 
-def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
-    """Seven squares of eight are smaller than the grid, and few pixels are covered."""
+def test_few_pixels_and_vanished_polygons_are_reported(harness):
+    """Seven of eight squares are smaller than the grid, and few pixels are covered."""
     squares = [box(0, 0, 1, 1), *(box(n, 0, n + 1e-4, 1e-4) for n in range(2, 9))]
     write_geojson(Path("few.geojson"), squares)
-    given = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
-    out, err = require_ok(harness(*given))
+    command = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
+    out, err = require_ok(harness(*command))
     assert "Inconclusive: at most 4 pixels are covered" in " ".join(out.split())
     assert "counted at 16 px: 1; skipped, as they vanish on the grid" in err
-    assert json.loads(harness(*given, "--json")[1])["sizes"][0]["skipped"] == 7
+    assert json.loads(harness(*command, "--json")[1])["sizes"][0]["skipped"] == 7

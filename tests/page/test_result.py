@@ -273,7 +273,9 @@ def test_contradictions_to_the_run_are_refused(saved, small_run, tmp_path, chang
         counters["covering_triangles"] = [min(q, max(c, 1)) for q, c in pairs]
 
     result = read_result(saved(make_consistent))
-    with pytest.raises((InputError, IncompatibleRunsError), match=r"contradict|counters differ from"):
+    with pytest.raises(
+        (InputError, IncompatibleRunsError), match=r"contradict|counters differ from"
+    ):
         import_result(result, tmp_path / "run", "phone", small_run)
     assert not (tmp_path / "run").exists()
 
