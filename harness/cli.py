@@ -77,7 +77,7 @@ def _options(
     ] = None,
 ) -> None:
     if version:
-        typer.echo(_versions())
+        typer.echo(_format_versions())
         raise typer.Exit
     if debug:
         os.environ[DEBUG_VARIABLE] = "1"
@@ -89,7 +89,7 @@ def _options(
     _LOG.info("%s %s: %s", PROGRAM, __version__, " ".join(sys.argv[1:]))
 
 
-def _versions() -> str:
+def _format_versions() -> str:
     from harness.rasterisers.devices import list_egl_devices
 
     lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
@@ -112,7 +112,7 @@ def main() -> None:
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
         from harness.workers import serving
 
-        serving.start()  # imports in parallel with this process
+        serving.start_server()  # imports in parallel with this process
     # A signal that was ignored at the start stays ignored.
     with system.signals_handled_by(_stop, lambda before: before != signal.SIG_IGN):
         try:
@@ -151,7 +151,7 @@ def _explain(error: BaseException) -> int | str | None:
         case HarnessError():
             return _say(f"error: {error}", error.exit_code)
         case ClickException():
-            return _say(*_misused(error))
+            return _say(*_format_misuse(error))
         case OSError():
             return _say(f"error: {format_os_error(error)}", BAD_INPUT)
         case MemoryError():
@@ -172,7 +172,7 @@ def _is_input_error(error: BaseException) -> bool:
     return isinstance(error, refusals)
 
 
-def _misused(error: ClickException) -> tuple[str, int]:
+def _format_misuse(error: ClickException) -> tuple[str, int]:
     """Return the message for wrong options of a command, and the exit code."""
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)

@@ -35,7 +35,7 @@ ROWS = (
 """Label of each row of panels, and the colours from one lane to many."""
 
 
-def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
+def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
     """Return covering lanes and helper lanes per pixel, (height, width), row 0 at the bottom.
 
     The sum is the number of shader invocations of a pixel.
@@ -62,7 +62,7 @@ def draw_heatmaps(
     window = (slice(low[1], high[1]), slice(low[0], high[0]))
     panels, captions = [], []
     for name, triangles in triangulations.items():
-        covered, helpers = lane_maps(frame, triangles)
+        covered, helpers = make_lane_maps(frame, triangles)
         panels.append(((covered + helpers)[window], helpers[window]))
         fragments, lanes = int(covered[window].sum()), int(helpers[window].sum())
         share = lanes / fragments if fragments else 0.0

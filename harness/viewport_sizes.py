@@ -181,10 +181,10 @@ def read_costs(name: str, *folders: Path) -> DeviceCosts:
             name, sorted(profiles), cutoff=0.4, fallback="raster-harness profile makes one"
         )
         raise UsageError(f"--profile {name}: neither a file nor a known name; {hint}")
-    return read_profile(profiles.get(name, Path(name)), _costs_of)
+    return read_profile(profiles.get(name, Path(name)), _make_costs)
 
 
-def _costs_of(profile: Any) -> DeviceCosts:
+def _make_costs(profile: Any) -> DeviceCosts:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     device, law = profile["device"], read_law(profile)
     seconds = np.array([costs[term] for term in TERMS])
@@ -261,7 +261,7 @@ def summarise(sizes: Sizes) -> str:
     best = max(largest.saved.items(), key=itemgetter(1))[0]
     text = (
         f"It matters at {across} px, most at {largest.resolution} px "
-        f"({_pixels(largest.polygon_px, 2)} per polygon): "
+        f"({_format_pixels(largest.polygon_px, 2)} per polygon): "
         f"{best} saves {_format_saving(largest, best)} of {base}'s {sizes.measure}"
     )
     if sizes.device:
@@ -292,7 +292,7 @@ def format_next_step(sizes: Sizes) -> str:
     )
 
 
-def _pixels(side: float, digits: int) -> str:
+def _format_pixels(side: float, digits: int) -> str:
     """Format a side with significant digits, without exponent."""
     return f"{side:,.0f} px" if side >= 10 ** (digits - 1) else f"{side:.{digits}g} px"
 
@@ -314,7 +314,7 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
         for size in sizes.sizes:
             first, *costs = (cost[name] for cost in size.costs.values())
             ratios = (f"{cost / first:.3f}" if first else "-" for cost in costs)
-            sides = str(size.resolution), _pixels(size.polygon_px, 3)
+            sides = str(size.resolution), _format_pixels(size.polygon_px, 3)
             table.add_row(*sides, format(unit * first, form), *ratios)
         yield table
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
-from harness.heatmaps import lane_maps
-from harness.measuring.lower_limits import min_quads
+from harness.heatmaps import make_lane_maps
+from harness.measuring.lower_limits import compute_min_quads
 from harness.measuring.pool import COMPILED_LATE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import count_outline_quads
@@ -62,7 +62,7 @@ def _compile_scenes(candidates: list[str], order: int = 1) -> None:
             triangulation = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(triangulation.parts))
         count_outline_quads(frame, triangulation.parts)
-        min_quads(frame, None)
+        compute_min_quads(frame, None)
 
 
 def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
@@ -71,7 +71,7 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
         if rasteriser.name == "reference":
             with rasteriser.prepare(frame, triangles, Options()) as drawing:
                 drawing.sample(1)
-    lane_maps(frame, triangles)
+    make_lane_maps(frame, triangles)
 
 
 def _compile_second_half() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from harness.errors import HarnessError
-from harness.workers.serving import failure
+from harness.workers.serving import make_failure
 
 
 class InlineWorker:
@@ -17,7 +17,7 @@ class InlineWorker:
         except (HarnessError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            raise failure(error) from error
+            raise make_failure(error) from error
 
     def close(self, *, at_once: bool = False) -> None:
         """Do nothing."""

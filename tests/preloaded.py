@@ -13,7 +13,7 @@ from shapely import box
 from harness.frame import View, make_frame
 from harness.machine import system
 from harness.measuring import preloading  # noqa: F401 - first: it prepares the server
-from harness.measuring.lower_limits import min_quads
+from harness.measuring.lower_limits import compute_min_quads
 from harness.rasterisers.reference import count_outline_quads
 from triangulators import triangulate_many
 from triangulators.compute.storing import NotCompiledError, forbid_compiling
@@ -23,6 +23,6 @@ system.stolen_s = system.other_processes_s = lambda: 0.0  # as in `tests.conftes
 with suppress(NotCompiledError), forbid_compiling():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))
     count_outline_quads(frame, triangulate_many(frame.polygons))
-    min_quads(frame, None)
+    compute_min_quads(frame, None)
 
 gc.freeze()

@@ -13,11 +13,11 @@ from harness.commands.options import (
     Dask,
     Layer,
     Quiet,
-    Several,
+    ValueList,
     Verbose,
     Where,
+    make_list_parser,
     refuse_given,
-    several,
 )
 from harness.errors import InputError, NothingMeasuredError, UsageError
 from harness.progress import Reporter, Screen
@@ -50,13 +50,13 @@ def census(
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
     triangulators: Annotated[
-        Several,
+        ValueList,
         typer.Option(
-            parser=several(),
+            parser=make_list_parser(),
             metavar="NAME,...",
             help="Two or more, comma-separated; the others are compared with the first.",
         ),
-    ] = Several(CENSUS),
+    ] = ValueList(CENSUS),
     units_per_pixel: Annotated[
         float | None,
         typer.Option(
@@ -101,7 +101,7 @@ def census(
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # A thousand units, or a hundredth of a degree: a kilometre.
         size = cell or (0.01 if has_degrees(files(file)[0]) else 1000.0)
-        _count(file, out, Census(names, scale, size, layer, where), dask, reporter)
+        _count_dataset(file, out, Census(names, scale, size, layer, where), dask, reporter)
         return
     of_files: dict[str, object] = {
         "--units-per-pixel": units_per_pixel,
@@ -111,10 +111,10 @@ def census(
     }
     refuse_given(of_files, "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512")
     name, selection = tiles
-    _count(name, out, TileCensus(names, selection), dask, reporter)
+    _count_dataset(name, out, TileCensus(names, selection), dask, reporter)
 
 
-def _count(
+def _count_dataset(
     pattern: str,
     out: Path,
     census: Census | TileCensus,

@@ -86,7 +86,7 @@ def compare(
         allow_inconclusive=allow_inconclusive or settings.allow_inconclusive,
     )
     after = read_run(head)
-    before = _baseline(base, allow_missing=allow_missing_baseline)
+    before = _read_baseline(base, allow_missing=allow_missing_baseline)
     grown: list[Grown] = []
     if before is None:
         comparison = no_baseline(str(base), after, settings)
@@ -97,7 +97,7 @@ def compare(
 
             grown = find_largest_growth(before, after, comparison)
     try:
-        typer.echo(_text(comparison, output, grown), nl=False)
+        typer.echo(_format_comparison(comparison, output, grown), nl=False)
         sys.stdout.flush()
     except BrokenPipeError:  # a closed pipe does not change the exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -110,14 +110,14 @@ def compare(
         if file is not None:
             from harness.webpages import write_atomically
 
-            write_atomically(file, _text(comparison, kind, grown))
+            write_atomically(file, _format_comparison(comparison, kind, grown))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:
-            stream.write(_text(comparison, "markdown", grown))
+            stream.write(_format_comparison(comparison, "markdown", grown))
     raise typer.Exit(comparison.exit_code)
 
 
-def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
+def _read_baseline(path: Path, *, allow_missing: bool) -> Run | None:
     """Read BASE; return None if it does not exist and may be missing."""
     from harness.results.run_folder import read_run
 
@@ -132,7 +132,7 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _text(comparison: Comparison, kind: str, grown: Sequence[Grown]) -> str:
+def _format_comparison(comparison: Comparison, kind: str, grown: Sequence[Grown]) -> str:
     from harness.compare import outputs
 
     if kind == "table":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.commands.options import Several, several
+from harness.commands.options import ValueList, make_list_parser
 from harness.errors import NothingMeasuredError
 from harness.settings import HISTORY_METRICS
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
 
 
-def _only(kind: str) -> Any:
-    return typer.Option(parser=several(), metavar="NAME,...", help=f"Only these {kind}.")
+def _filter_option(kind: str) -> Any:
+    return typer.Option(parser=make_list_parser(), metavar="NAME,...", help=f"Only these {kind}.")
 
 
 def history(
@@ -28,19 +28,19 @@ def history(
         typer.Argument(metavar="DIR...", help="Runs, or folders that contain runs."),
     ],
     metrics: Annotated[
-        Several,
+        ValueList,
         typer.Option(
             "--metrics",
             "--metric",
-            parser=several(),
+            parser=make_list_parser(),
             metavar="NAME,...",
             help="Metrics: time, or a name of: raster-harness list metrics. By default time and "
             "the counters that represent the cost.",
         ),
-    ] = Several(HISTORY_METRICS),
-    scene: Annotated[Several | None, _only("scenes")] = None,
-    triangulator: Annotated[Several | None, _only("triangulators")] = None,
-    rasteriser: Annotated[Several | None, _only("rasterisers")] = None,
+    ] = ValueList(HISTORY_METRICS),
+    scene: Annotated[ValueList | None, _filter_option("scenes")] = None,
+    triangulator: Annotated[ValueList | None, _filter_option("triangulators")] = None,
+    rasteriser: Annotated[ValueList | None, _filter_option("rasterisers")] = None,
     everything: Annotated[
         bool,
         typer.Option("--all", help="Include studies, and cases that only one run measured."),
@@ -80,7 +80,7 @@ def history(
             typer.echo(f"warning: {problem}")
     if mixed := find_mixed_processors(runs):
         typer.echo(f"several processors, compared separately: {format_processors(mixed)}")
-    for line in changes(runs, shown_series):
+    for line in format_changes(runs, shown_series):
         typer.echo(line)
     hidden = len(series) - len(shown_series)
     hint = f"; {hidden:,} more series: --all, or choose by --scene, --triangulator ..." * bool(
@@ -90,7 +90,7 @@ def history(
     typer.echo(f"{format_count(len(runs), 'run')}, {len(shown_series)} series: {destination}{hint}")
 
 
-def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
+def format_changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return a line for each change: the run, the metric and case, and both levels."""
     from harness.history import run_label
     from harness.style import format_step

@@ -148,15 +148,15 @@ class CheckedCommand(typer.core.TyperCommand):
         for parameter in self.params:
             source = ctx.get_parameter_source(parameter.name)
             value = ctx.params.get(parameter.name)
-            if getattr(source, "name", "") == "COMMANDLINE" and (wrong := _wrong(value)):
+            if getattr(source, "name", "") == "COMMANDLINE" and (wrong := _find_problem(value)):
                 raise typer.BadParameter(wrong, ctx=ctx, param=cast("Any", parameter))
         return super().invoke(ctx)
 
 
-def _wrong(value: Any) -> str:
+def _find_problem(value: Any) -> str:
     """Return why a value is invalid, or ""."""
     if isinstance(value, list):
-        return next(filter(None, map(_wrong, value)), "")
+        return next(filter(None, map(_find_problem, value)), "")
     if isinstance(value, float) and not isfinite(value):
         return f"{value} is not a finite number"
     # Path("") is ".", which the user hardly meant.

@@ -25,9 +25,9 @@ SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:hal
 """Default triangulators of the picture, and of --sizes, whose base is the first."""
 
 
-def _parse_sizes(text: str) -> options.Several:
+def _parse_sizes(text: str) -> options.ValueList:
     """Parse 16-1024 as 16, 32, ... 1024: doubling sizes, and the last size."""
-    size = options.number(int, *RESOLUTIONS, " pixels")
+    size = options.make_number_parser(int, *RESOLUTIONS, " pixels")
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
     if first > last:
@@ -35,7 +35,7 @@ def _parse_sizes(text: str) -> options.Several:
     sizes = [first]
     while 2 * sizes[-1] < last:
         sizes.append(2 * sizes[-1])
-    return options.Several(dict.fromkeys([*sizes, last]))
+    return options.ValueList(dict.fromkeys([*sizes, last]))
 
 
 def inspect(
@@ -52,9 +52,9 @@ def inspect(
     layer: options.Layer = None,
     where: options.Where = None,
     triangulator: Annotated[
-        options.Several | None,
+        options.ValueList | None,
         typer.Option(
-            parser=options.several(),
+            parser=options.make_list_parser(),
             metavar="NAME,...",
             help="Triangulators, see: raster-harness list triangulators. With --sizes the others "
             "are compared with the first.",
@@ -64,7 +64,7 @@ def inspect(
     rotation: options.Rotation = 0.0,
     seed: options.Seed = 0,
     sizes: Annotated[
-        options.Several | None,
+        options.ValueList | None,
         typer.Option(
             parser=_parse_sizes,
             metavar="PX-PX",

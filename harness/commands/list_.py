@@ -15,7 +15,7 @@ Row = dict[str, Any]
 """Values of a table row, by column heading."""
 
 
-def _scenes() -> Iterator[Row]:
+def _list_scenes() -> Iterator[Row]:
     from scenes import registry
 
     for name in registry.names():
@@ -32,7 +32,7 @@ def _scenes() -> Iterator[Row]:
         }
 
 
-def _triangulators() -> Iterator[Row]:
+def _list_triangulators() -> Iterator[Row]:
     from triangulators import registry
 
     for name in registry.names():
@@ -41,7 +41,7 @@ def _triangulators() -> Iterator[Row]:
         yield {"triangulator": name, "holes": entry.handles_holes, "description": description}
 
 
-def _rasterisers() -> Iterator[Row]:
+def _list_rasterisers() -> Iterator[Row]:
     from harness import rasterisers
 
     for name in rasterisers.names():
@@ -50,7 +50,7 @@ def _rasterisers() -> Iterator[Row]:
         yield {"rasteriser": name, "devices": devices, "counters": list(kind.counters)}
 
 
-def _criteria() -> Iterator[Row]:
+def _list_criteria() -> Iterator[Row]:
     from triangulators import criteria
 
     for name in criteria.names():
@@ -59,7 +59,7 @@ def _criteria() -> Iterator[Row]:
         yield {"criterion": name, **{field: getattr(criterion, field) for field in fields}}
 
 
-def _metrics() -> Iterator[Row]:
+def _list_metrics() -> Iterator[Row]:
     from harness.metrics.registry import list_metrics
 
     fields = ("kind", "unit", "better", "best_case", "description")
@@ -69,15 +69,15 @@ def _metrics() -> Iterator[Row]:
 
 
 KINDS: dict[str, Callable[[], Iterator[Row]]] = {
-    "scenes": _scenes,
-    "triangulators": _triangulators,
-    "rasterisers": _rasterisers,
-    "criteria": _criteria,
-    "metrics": _metrics,
+    "scenes": _list_scenes,
+    "triangulators": _list_triangulators,
+    "rasterisers": _list_rasterisers,
+    "criteria": _list_criteria,
+    "metrics": _list_metrics,
 }
 
 
-def _cell(value: object) -> str:
+def _format_cell(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -109,6 +109,6 @@ def list_(
         Screen().print(f"{name}\n" if kind is None else "", end="", style="bold")
         table = plain_table(None, *rows[0])
         for row in rows:
-            table.add_row(*map(_cell, row.values()))
+            table.add_row(*map(_format_cell, row.values()))
         Screen().print(table)
         Screen().print("\n" if kind is None else "", end="")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from harness.commands.options import Quiet, Several, several
+from harness.commands.options import Quiet, ValueList, make_list_parser
 from harness.errors import UsageError
 from harness.progress import Reporter
 
@@ -14,9 +14,9 @@ def merge(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
     hosts: Annotated[
-        Several | None,
+        ValueList | None,
         typer.Option(
-            parser=several(),
+            parser=make_list_parser(),
             metavar="NAME,...",
             help="Names of the hosts that measured the runs, in the same order. Devices are then "
             "named device@host, so that equal devices of several hosts are not merged.",

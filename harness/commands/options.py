@@ -21,7 +21,7 @@ MIN_S = 1e-9
 Read = Callable[[str], Any]
 
 
-class Several(tuple[Any, ...]):
+class ValueList(tuple[Any, ...]):
     """Comma-separated values of an option."""
 
     def __str__(self) -> str:
@@ -29,22 +29,24 @@ class Several(tuple[Any, ...]):
         return ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in self)
 
 
-def several(read: Read = str) -> Callable[[Any], Several]:
+def make_list_parser(read: Read = str) -> Callable[[Any], ValueList]:
     """Return a parser of comma-separated values, each parsed by `read`."""
 
-    def parse(value: Any) -> Several:
-        if isinstance(value, Several):  # a default
+    def parse(value: Any) -> ValueList:
+        if isinstance(value, ValueList):  # a default
             return value
         # Keep commas within a name's parameters (`name:a=1,b=2`).
         parts = [part.strip() for part in re.split(r",(?![a-z_]+=)", value) if part.strip()]
         if not parts:
             raise typer.BadParameter("give one or more values, comma-separated")
-        return Several(map(read, parts))
+        return ValueList(map(read, parts))
 
     return parse
 
 
-def number(kind: type[int] | type[float], low: float, high: float, unit: str = "") -> Read:
+def make_number_parser(
+    kind: type[int] | type[float], low: float, high: float, unit: str = ""
+) -> Read:
     """Return a parser of numbers from `low` to `high`."""
 
     def read(text: str) -> int | float:
@@ -60,7 +62,7 @@ def number(kind: type[int] | type[float], low: float, high: float, unit: str = "
     return read
 
 
-def one_of(*choices: Any) -> Read:
+def make_choice_parser(*choices: Any) -> Read:
     """Return a parser of one of the `choices`."""
 
     def read(text: str) -> Any:
@@ -126,16 +128,19 @@ Dask = Annotated[
 
 
 def _list_option(metavar: str, read: Read, text: str) -> Any:
-    return typer.Option(parser=several(read), metavar=metavar, help=f"{text}; comma-separated.")
+    return typer.Option(
+        parser=make_list_parser(read), metavar=metavar, help=f"{text}; comma-separated."
+    )
 
 
-_SIZE = number(int, *RESOLUTIONS, " pixels")
-_DEGREES = number(float, -1e6, 1e6, " degrees")
+_SIZE = make_number_parser(int, *RESOLUTIONS, " pixels")
+_DEGREES = make_number_parser(float, -1e6, 1e6, " degrees")
 Triangulators = Annotated[
-    Several, _list_option("NAME,...", str, "Triangulators, see: raster-harness list triangulators")
+    ValueList,
+    _list_option("NAME,...", str, "Triangulators, see: raster-harness list triangulators"),
 ]
 Rasterisers = Annotated[
-    Several | None,
+    ValueList | None,
     _list_option(
         "NAME,...",
         str,
@@ -143,9 +148,11 @@ Rasterisers = Annotated[
     ),
 ]
 Devices = Annotated[
-    Several | None, _list_option("NAME,...", str, "Devices; the best device by default")
+    ValueList | None, _list_option("NAME,...", str, "Devices; the best device by default")
 ]
-Resolutions = Annotated[Several, _list_option("PX,...", _SIZE, "Width and height of the viewport")]
+Resolutions = Annotated[
+    ValueList, _list_option("PX,...", _SIZE, "Width and height of the viewport")
+]
 Resolution = Annotated[
     int,
     typer.Option(
@@ -153,27 +160,35 @@ Resolution = Annotated[
     ),
 ]
 Rotations = Annotated[
-    Several,
+    ValueList,
     _list_option("DEGREES,...", _DEGREES, "Counter-clockwise rotation of the scene in degrees"),
 ]
 Rotation = Annotated[
     float,
     typer.Option(parser=_DEGREES, metavar="DEGREES", help="Counter-clockwise rotation."),
 ]
-Samples = Annotated[Several, _list_option("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
+Samples = Annotated[
+    ValueList, _list_option("1|4|8,...", make_choice_parser(*SAMPLES), "Samples per pixel")
+]
 Works = Annotated[
-    Several,
-    _list_option("N,...", number(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"),
+    ValueList,
+    _list_option(
+        "N,...", make_number_parser(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"
+    ),
 ]
 Textures = Annotated[
-    Several,
-    _list_option("N,...", number(int, 0, MAX_LOOKUPS), "Texture lookups per fragment, opengl only"),
+    ValueList,
+    _list_option(
+        "N,...",
+        make_number_parser(int, 0, MAX_LOOKUPS),
+        "Texture lookups per fragment, opengl only",
+    ),
 ]
 Orders = Annotated[
-    Several,
+    ValueList,
     _list_option(
         "ORDER,...",
-        one_of(*ORDERS),
+        make_choice_parser(*ORDERS),
         "Orders of the triangles in a draw: native (the triangulator's), walk, vertex-cache, "
         "morton, shuffled",
     ),

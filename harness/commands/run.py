@@ -37,19 +37,19 @@ def run(
     layer: options.Layer = None,
     where: options.Where = None,
     limit: options.Limit = None,
-    triangulators: options.Triangulators = options.Several(DEFAULT_TRIANGULATORS),
+    triangulators: options.Triangulators = options.ValueList(DEFAULT_TRIANGULATORS),
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,
-    resolution: options.Resolutions = options.Several((1024,)),
-    rotation: options.Rotations = options.Several((0.0,)),
+    resolution: options.Resolutions = options.ValueList((1024,)),
+    rotation: options.Rotations = options.ValueList((0.0,)),
     fit: Annotated[
         CHOSEN_FITS,
         typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
-    samples: options.Samples = options.Several((1,)),
-    work: options.Works = options.Several((0,)),
-    texture: options.Textures = options.Several((0,)),
-    order: options.Orders = options.Several(("native",)),
+    samples: options.Samples = options.ValueList((1,)),
+    work: options.Works = options.ValueList((0,)),
+    texture: options.Textures = options.ValueList((0,)),
+    order: options.Orders = options.ValueList(("native",)),
     seed: options.Seed = 0,
     precision: options.Precision = TimingSettings.precision,
     repeats: Annotated[
@@ -129,7 +129,7 @@ def run(
     else:
         run_inputs.refuse_another_view(context, scene)
         if is_model_with_views(scene) and not options.is_given(context, "triangulators"):
-            triangulators = options.Several(MODEL_TRIANGULATORS)
+            triangulators = options.ValueList(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=join_name(scene, layer=layer, where=where, limit=limit),
             seed=seed,

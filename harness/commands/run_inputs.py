@@ -10,7 +10,7 @@ import typer
 from harness.commands.options import is_given
 from harness.errors import HarnessError, InputError, UsageError
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
-from harness.measuring.other_version import OtherVersion, version
+from harness.measuring.other_version import OtherVersion, open_version
 from harness.measuring.plan import Plan
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
@@ -30,7 +30,7 @@ def open_baseline(
             raise UsageError("--draw-twice requires --beside")
         yield None
         return
-    with version(reference, [recipe.base for recipe in plan.triangulators]) as baseline:
+    with open_version(reference, [recipe.base for recipe in plan.triangulators]) as baseline:
         yield replace(baseline, twice=twice or bool(stored.get("twice")))
 
 

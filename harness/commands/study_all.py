@@ -36,7 +36,7 @@ def study_all(
     out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
     device: options.Devices = None,
     rasterisers: options.Rasterisers = None,
-    resolution: options.Resolutions = options.Several((256, 1024)),
+    resolution: options.Resolutions = options.ValueList((256, 1024)),
     polygons: Annotated[
         int, typer.Option(min=1, help="Polygons to validate with.")
     ] = StudySize.polygons,

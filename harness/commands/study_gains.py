@@ -30,11 +30,13 @@ def study_gains(
     runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
     out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
     bases: Annotated[
-        options.Several,
+        options.ValueList,
         typer.Option(
-            parser=options.several(), metavar="NAME,...", help="Triangulators to compare with."
+            parser=options.make_list_parser(),
+            metavar="NAME,...",
+            help="Triangulators to compare with.",
         ),
-    ] = options.Several(BASES),
+    ] = options.ValueList(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases' in all views; print the faster ones."""
     from harness.metrics.processors import find_mixed_processors, format_processors

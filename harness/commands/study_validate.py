@@ -34,8 +34,8 @@ def study_validate(
     scene: options.SceneName = "city",
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,
-    resolution: options.Resolutions = options.Several((128,)),
-    work: options.Works = options.Several((0, 8)),
+    resolution: options.Resolutions = options.ValueList((128,)),
+    work: options.Works = options.ValueList((0, 8)),
     polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = StudySize.polygons,
     random: Annotated[
         int, typer.Option(min=0, help="Random triangulations of each polygon.")

@@ -102,7 +102,7 @@ def triangulate(
         "--device": device,
         "--evidence": evidence,
     }
-    if _stays_model(source, out, check):
+    if _is_model_output(source, out, check):
         polygon_options: dict[str, object] = {
             "--triangulator": triangulator,
             "--layer": layer,
@@ -114,7 +114,7 @@ def triangulate(
             single_file_options | polygon_options,
             "is for polygons; for a 3D model give only --criterion",
         )
-        _in_place(source, out, criterion, Reporter(quiet=quiet, verbose=verbose))
+        _retriangulate_model(source, out, criterion, Reporter(quiet=quiet, verbose=verbose))
         return
     assert out is not None
     if evidence is not None and not certify:
@@ -125,12 +125,12 @@ def triangulate(
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
     name = full_triangulator_name(triangulator, criterion)
-    if dask or _many(file, out):
+    if dask or _is_many_files(file, out):
         refuse_given(single_file_options, "is for one file, without --dask")
-        from harness.export.geo import parquet_module
+        from harness.export.geo import import_parquet
         from harness.scaling.triangulated import Triangulating
 
-        parquet_module()
+        import_parquet()
         work = Triangulating(name, layer, where, certify)
         triangulate_many_files(file, out, work, dask, reporter)
         return
@@ -165,7 +165,7 @@ def triangulate(
     raise_if_failed(report.counts, out)
 
 
-def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
+def _is_model_output(source: Path, out: Path | None, check: bool) -> bool:
     """Return whether a 3D model is written as a model, or only checked."""
     from scenes.readers.reader import is_model
 
@@ -180,7 +180,7 @@ def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
     return out.suffix.lower() in FORMATS
 
 
-def _in_place(
+def _retriangulate_model(
     source: Path,
     out: Path | None,
     criterion: str | None,
@@ -227,7 +227,7 @@ def _in_place(
         )
 
 
-def _many(file: str, out: Path) -> bool:
+def _is_many_files(file: str, out: Path) -> bool:
     """Return whether a name means many files: a folder, or a pattern that is no file's name."""
     pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
     return pattern or (Path(file).is_dir() and not out.suffix)

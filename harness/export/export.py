@@ -21,7 +21,7 @@ from harness.export.writers import (
     GltfWriter,
     NpzWriter,
     ObjWriter,
-    mesh_of,
+    make_mesh,
     remove_polygons,
 )
 from harness.machine.user_modules import allow_user_module
@@ -362,7 +362,7 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
     report.triangulate_s += time.perf_counter() - start
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)
-    mesh = mesh_of(polygons, result, chunk.attributes)
+    mesh = make_mesh(polygons, result, chunk.attributes)
     if parse(options.name).entry.name == "optimal":
         # Exact algorithms: compiled code, and the dynamic program over one ring.
         is_single_ring = polygons.ring_counts == 1

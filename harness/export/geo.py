@@ -42,7 +42,7 @@ class GeoJsonWriter:
 
     def add(self, mesh: ExportMesh) -> None:
         """Write a batch."""
-        closed = _closed_rings(mesh, self._about)
+        closed = _close_rings(mesh, self._about)
         starts = mesh.triangle_offsets.tolist()
         columns = [str(name) for name in mesh.attributes]
         rows = mesh.attributes.itertuples(index=False, name=None)
@@ -62,7 +62,7 @@ class GeoJsonWriter:
         self._stream.write("\n]}\n")
 
 
-def parquet_module() -> Any:
+def import_parquet() -> Any:
     """Return pyarrow's module for Parquet; raise UsageError if pyarrow is not installed."""
     try:
         from pyarrow import parquet
@@ -80,7 +80,7 @@ class GeoParquetWriter:
     """
 
     def __init__(self, output: Output, about: ExportMetadata) -> None:
-        self._parquet = parquet_module()
+        self._parquet = import_parquet()
         self._path = output.path()
         self._about = about
         self._writer: Any = None
@@ -97,7 +97,7 @@ class GeoParquetWriter:
             if pa.types.is_null(kind):  # all values of this batch are missing
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
-        geometry = pa.array(_wkb(mesh, self._about), pa.binary())
+        geometry = pa.array(_encode_wkb(mesh, self._about), pa.binary())
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
@@ -145,19 +145,19 @@ class GeoParquetWriter:
 _POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
 
 
-def _closed_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]:
+def _close_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]:
     """Return triangles as closed rings (m, 4, 2) in the source's coordinates."""
     corners = about.to_source(mesh.vertices)[mesh.triangles]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _wkb(mesh: ExportMesh, about: ExportMetadata) -> list[bytes]:
+def _encode_wkb(mesh: ExportMesh, about: ExportMetadata) -> list[bytes]:
     """Return each polygon's triangles as a little-endian WKB multi-polygon.
 
     NumPy records are written, as shapely's objects, one per triangle, take five times as long: a
     third of an export.
     """
-    rings = _closed_rings(mesh, about)
+    rings = _close_rings(mesh, about)
     head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]
     triangles = np.empty(len(rings), [*head, ("ring", "<f8", (4, 2))])
     triangles["order"], triangles["type"] = 1, _POLYGON

@@ -48,7 +48,7 @@ class ExportMesh:
         return np.repeat(np.arange(self.polygons), np.diff(self.vertex_offsets))
 
 
-def mesh_of(
+def make_mesh(
     polygons: PolygonArray, triangulations: Triangulations, attributes: pd.DataFrame | None
 ) -> ExportMesh:
     """Return the mesh of a batch of polygons; failed ones have vertices but no triangles."""

@@ -19,7 +19,7 @@ from harness.metrics.registry import LEAST, OUTLINE
 from harness.rasterisers.reference import count_outline_quads, count_quads
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
-from harness.workers.pool import result_of
+from harness.workers.pool import wait_for_result
 from harness.workers.worker import TaskError
 
 EXACT_QUADS = parse("optimal:exact-quads")
@@ -39,22 +39,26 @@ Pending = dict[str, Future[NDArray[np.int64]]]
 """Quads (p,) by bound, computed in another process."""
 
 
-def start(frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool) -> Pending:
+def start_bounds(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool
+) -> Pending:
     """Start computing both bounds; `parts` is any triangulation (m, 3) of each polygon."""
-    outline = pool.compute(outline_limits, frame, parts)
-    return {OUTLINE: outline, LEAST: pool.compute(min_quads, frame, pool.database)}
+    outline = pool.compute(compute_outline_bounds, frame, parts)
+    return {OUTLINE: outline, LEAST: pool.compute(compute_min_quads, frame, pool.database)}
 
 
-def collect(pending: Pending) -> dict[str, NDArray[np.int64]]:
+def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
     """Return the computed bounds, -1 for polygons without a bound."""
     bounds = {}
     for name, future in pending.items():
         with suppress(TaskError):  # measurements do not depend on the bounds
-            bounds[name] = result_of(future)
+            bounds[name] = wait_for_result(future)
     return bounds
 
 
-def outline_limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+def compute_outline_bounds(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None]
+) -> NDArray[np.int64]:
     """Return the quads that each polygon's outline covers, (p,), or -1 without a bound.
 
     The loose triangles of a view have no outline; the quads of these triangles are used. With a
@@ -86,7 +90,7 @@ def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
     return np.where(inside.all(axis=1), seconds, np.inf)
 
 
-def min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
+def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     """Return the proven minimum quads of each polygon, or -1; uses compiled code.
 
     Polygons are solved in order of their estimated time, up to `MAX_SEARCH_S`. Views of a model are

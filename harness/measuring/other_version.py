@@ -30,7 +30,7 @@ from harness.machine.environment import source_hash
 from harness.machine.git import checked_out, find_commit, project_folder
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
-from harness.triangulating.triangulate import small_polygons
+from harness.triangulating.triangulate import make_small_polygons
 from harness.workers.serving import TaskError
 from triangulators.errors import truncate
 
@@ -71,7 +71,7 @@ class OtherVersion:
         return file is not None and source_hash(Path(file).parent) == head_hash
 
 
-def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
+def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of BASE's `run.json`, given HEAD's."""
     beside = facts["beside"]
     environment = dict(facts["environment"])
@@ -81,7 +81,7 @@ def facts_of_base(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
+def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
     """Yield another version of the user's code.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
@@ -154,7 +154,7 @@ def triangulate_elsewhere(
             "triangulator": recipe.base,
             "parameters": recipe.parameters,
             "polygons": shapely.to_wkb(list(polygons)).tolist(),
-            "warm_up": shapely.to_wkb(list(small_polygons())).tolist(),
+            "warm_up": shapely.to_wkb(list(make_small_polygons())).tolist(),
         },
     )
     _refuse_head_code(other, recipe.base, answer["file"])

@@ -17,16 +17,16 @@ def main(question_file: str, answer_file: str) -> None:
     """Read a pickled question, and write the pickled answer."""
     question = pickle.loads(Path(question_file).read_bytes())
     try:
-        answer = _answer(question)
+        answer = _make_answer(question)
     except (Exception, SystemExit) as error:  # reported by the process that reads the answer
         answer = {"error": f"{type(error).__name__}: {error}"}
     Path(answer_file).write_bytes(pickle.dumps(answer))
 
 
-def _answer(question: dict[str, Any]) -> dict[str, Any]:
+def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
     name = question["triangulator"]
     if name is None:
-        return {"file": _module_file("triangulators")}
+        return {"file": _find_module_file("triangulators")}
     function, file = _load_function(name, question["parameters"])
     import shapely
 
@@ -56,9 +56,9 @@ def _load_function(
     try:
         import triangulators
     except ImportError:  # the environment has only the user's code
-        return getattr(importlib.import_module(module), attribute), _module_file(module)
+        return getattr(importlib.import_module(module), attribute), _find_module_file(module)
     builtin = module in triangulators.names()
-    file = _module_file("triangulators" if builtin or not colon else module)
+    file = _find_module_file("triangulators" if builtin or not colon else module)
     terms = parameters.pop("calibration", None)
     if terms is not None:
         name = module  # the criterion is passed separately
@@ -66,7 +66,7 @@ def _load_function(
     return lambda polygon: triangulators.triangulate(polygon, name, **parameters), file
 
 
-def _module_file(module: str) -> str | None:
+def _find_module_file(module: str) -> str | None:
     try:
         return getattr(importlib.import_module(module), "__file__", None)
     except ImportError:

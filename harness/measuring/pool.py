@@ -21,7 +21,7 @@ from harness.settings import TimingSettings
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
-from harness.workers.pool import WorkerPool, WorkerSpec, third_party_limits
+from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_cached
 from triangulators.devices import cores
@@ -61,7 +61,7 @@ def worker_of_recipe(recipe: Recipe) -> WorkerSpec:
     """Return the worker in which a recipe's triangulator runs."""
     if recipe.builtin:
         return TRIANGULATORS
-    return WorkerSpec(f"triangulator {recipe}", limits=third_party_limits())
+    return WorkerSpec(f"triangulator {recipe}", limits=get_third_party_limits())
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class MeasuringPool(WorkerPool):
     ) -> T:
         """Run a function in a recipe's worker; `message` reports a built-in one's timeout."""
         try:
-            with self.clocked(stage):
+            with self.time_stage(stage):
                 return self.run(worker_of_recipe(recipe), function, recipe, *arguments, **options)
         except TaskTimeoutError as error:
             if recipe.builtin:
@@ -203,7 +203,7 @@ class MeasuringPool(WorkerPool):
         for group in filter(None, groups):
             arguments = (group, polygons, rounds, seed)
             timeout_s = self.timeout_s + 10 * budget_s * len(group)
-            with self.clocked("triangulate"), suppress(TaskError):
+            with self.time_stage("triangulate"), suppress(TaskError):
                 worker = worker_of_recipe(group[0])
                 samples = self.run(worker, time_in_rounds, *arguments, timeout_s=timeout_s)
                 seconds |= dict(zip(group, samples, strict=True))
@@ -223,7 +223,7 @@ class MeasuringPool(WorkerPool):
             if the device cannot be opened
         """
         if backend.label not in self._opened:
-            with self.clocked("open"):
+            with self.time_stage("open"):
                 arguments = (backend.rasteriser, backend.device)
                 self._opened[backend.label] = self.run(
                     backend.worker, tasks.open_device, *arguments
@@ -240,7 +240,7 @@ class MeasuringPool(WorkerPool):
         HarnessError
             if the device does not support the options, or fails
         """
-        with self.clocked("count"):
+        with self.time_stage("count"):
             arguments = (backend.rasteriser, backend.device, frame, triangles, options)
             return self.run(backend.worker, tasks.count, *arguments)
 
@@ -265,7 +265,7 @@ class MeasuringPool(WorkerPool):
         report: Callable[[float], None] = tick or (lambda _: None)
         start = time.perf_counter()
         try:
-            with self.clocked("time"):
+            with self.time_stage("time"):
                 for number in range(settings.processes):
                     elapsed = time.perf_counter() - start
                     share = settings.of_process(number, elapsed)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from harness.measuring.other_version import facts_of_base
+from harness.measuring.other_version import make_base_facts
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.registry import LEAST, OUTLINE
 from harness.progress import Reporter
@@ -67,7 +67,7 @@ class RunWriter:
         head, *base_stores = self._stores
         head.write_facts(facts)
         for store in base_stores:
-            store.write_facts(facts_of_base(facts))
+            store.write_facts(make_base_facts(facts))
 
     def add_frame(self, frame: Frame) -> None:
         """Note the scale of a frame, and polygons changed by snapping."""
@@ -151,7 +151,7 @@ def make_counted(
     return Record(
         case,
         "ok",
-        incomplete(triangulation),
+        describe_missing(triangulation),
         polygons=len(parts),
         polygons_skipped=len(triangulation.skipped),
         polygons_failed=len(triangulation.failed),
@@ -160,16 +160,16 @@ def make_counted(
         predicted={name: float(values.sum()) for name, values in triangulation.predicted.items()},
         counters={name: int(values.sum()) for name, values in counters.items()},
         triangulate_s=triangulation.seconds,
-        triangulate_samples_s=_rounded(triangulation.samples_s),
+        triangulate_samples_s=_round_seconds(triangulation.samples_s),
         polygons_cached=triangulation.cached,
         conforming=triangulation.conforming,
         t_junctions=sum(triangulation.t_junctions),
         proven=proven,
         largest_gap=gap,
-        coverage_error=_coverage_error(triangulation, counters, covered),
-        outline_quads=_outline_quads(triangulation.drawn, limits.get(OUTLINE)),
-        least=_least_quads(triangulation.drawn, counters, limits.get(LEAST)),
-        views=_view_counters(frame, counters),
+        coverage_error=_compute_coverage_error(triangulation, counters, covered),
+        outline_quads=_sum_outline_quads(triangulation.drawn, limits.get(OUTLINE)),
+        least=_sum_least_quads(triangulation.drawn, counters, limits.get(LEAST)),
+        views=_sum_views(frame, counters),
     )
 
 
@@ -184,7 +184,7 @@ def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
     return sum(gap == 0.0 for gap in gaps), largest if math.isfinite(largest) else None
 
 
-def _coverage_error(
+def _compute_coverage_error(
     triangulation: FrameTriangulation, counters: Counters, covered: NDArray[np.int64] | None
 ) -> int | None:
     """Return the number of pixels covered too often or not at all; None if unknown everywhere."""
@@ -196,7 +196,7 @@ def _coverage_error(
     return int(np.abs(counters["fragments"] - covered)[compared].sum())
 
 
-def _view_counters(frame: Frame, counters: Counters) -> ViewCounters | None:
+def _sum_views(frame: Frame, counters: Counters) -> ViewCounters | None:
     """Return the sums of each counter over each tile or view, or None without these."""
     if frame.tiles is None:
         return None
@@ -208,14 +208,14 @@ def _view_counters(frame: Frame, counters: Counters) -> ViewCounters | None:
     return ViewCounters(sums, () if frame.viewing is None else tuple(frame.viewing.names))
 
 
-def _outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
+def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
     """Return the quads of the outlines of drawn polygons, or None unless all are known."""
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
 
 
-def _least_quads(
+def _sum_least_quads(
     drawn: NDArray[np.bool_], counters: Counters, least: NDArray[np.int64] | None
 ) -> LeastQuads | None:
     """Return the minimum quads and the drawn quads, over drawn polygons with a minimum."""
@@ -227,7 +227,7 @@ def _least_quads(
     return LeastQuads(int(has_minimum.sum()), *sums)
 
 
-def incomplete(triangulation: FrameTriangulation) -> str | None:
+def describe_missing(triangulation: FrameTriangulation) -> str | None:
     """Return a line about skipped and failed polygons, or None if all have triangles."""
     notes = []
     for verb, entries in (("skipped", triangulation.skipped), ("failed", triangulation.failed)):
@@ -246,7 +246,7 @@ def make_time(
     Sample r of every record of the group, and of its `empty_s` and `reference_s`, comes from the
     same round, so records can be compared in pairs.
     """
-    times, reference = group[key], _rounded(group[REFERENCE].samples_s)
+    times, reference = group[key], _round_seconds(group[REFERENCE].samples_s)
     return replace(
         make_samples(times, test.timer),
         median_s=times.median_s,
@@ -255,22 +255,22 @@ def make_time(
         epochs=tuple(times.epochs),
         precision=settings.precision,
         precision_reached=times.precision_reached,
-        empty_s=_rounded(group[EMPTY].samples_s),
+        empty_s=_round_seconds(group[EMPTY].samples_s),
         reference_s=reference,
         round_group=identify_rounds(reference),
-        warnings=tuple(time_warnings(times)),
+        warnings=tuple(list_time_warnings(times)),
     )
 
 
 def make_samples(times: Times, timer: str) -> Time:
     """Return the samples and, for CPU time, wall time, waiting time and load by other programs."""
-    samples, processes = _rounded(times.samples_s), tuple(times.processes or ())
+    samples, processes = _round_seconds(times.samples_s), tuple(times.processes or ())
     if not times.wall_s:
         return Time(timer, samples, processes=processes)
     time = Time(
         timer,
         samples,
-        wall_s=_rounded(times.wall_s),
+        wall_s=_round_seconds(times.wall_s),
         stolen_s=times.stolen_s,
         others_s=times.others_s,
         timing_s=times.timing_s,
@@ -278,16 +278,16 @@ def make_samples(times: Times, timer: str) -> Time:
     )
     if len(times.waited_s) != len(samples):
         return time
-    time = replace(time, waited_s=_rounded(times.waited_s))
+    time = replace(time, waited_s=_round_seconds(times.waited_s))
     return replace(time, disturbed=int((~find_undisturbed(time)).sum()))
 
 
-def _rounded(seconds: Sequence[float]) -> tuple[float, ...]:
+def _round_seconds(seconds: Sequence[float]) -> tuple[float, ...]:
     """Round to six digits, which exceed any timer's resolution and halve the size on disk."""
     return tuple(float(f"{value:.6g}") for value in seconds)
 
 
-def time_warnings(times: Times) -> list[str]:
+def list_time_warnings(times: Times) -> list[str]:
     """Return warnings about the samples, a line each."""
     warnings = []
     median = times.median_s

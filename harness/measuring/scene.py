@@ -17,7 +17,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options, order_submission
 from harness.rasterisers.vertex_batches import count_vertices
 from harness.results.record import CaseId, Record, Status
-from harness.triangulating.carrying import carry_over, carry_to_views, original_triangulation
+from harness.triangulating.carrying import carry_over, carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.result import FrameTriangulation
 from harness.workers.worker import TaskError, TaskTimeoutError
@@ -170,7 +170,7 @@ class SceneRun:
                     current.triangulations[recipe] = result
                     current.triangles[recipe] = current.frame.join(result.parts)
                     if recipe == BASELINE:
-                        limits = lower_limits.start(current.frame, result.parts, self.pool)
+                        limits = lower_limits.start_bounds(current.frame, result.parts, self.pool)
                 else:
                     for group in groups:
                         if recipe in group.cases:
@@ -178,7 +178,7 @@ class SceneRun:
                 stage.advance()
         message = "computing minimum quad counts (for regret) ..."
         with self.reporter.if_long(message, MESSAGE_AFTER_S):
-            current.limits = lower_limits.collect(limits)
+            current.limits = lower_limits.collect_bounds(limits)
 
     def _prepare_one(
         self, current: _View, recipe: Recipe, tick: Callable[[float], None]
@@ -219,7 +219,7 @@ class SceneRun:
             status: Status = "failed" if result.failed else "skipped"
             return (
                 status,
-                records.incomplete(result)
+                records.describe_missing(result)
                 or "all polygons vanish on the grid of 1/256 px; increase --resolution",
             )
         return result
@@ -231,7 +231,7 @@ class SceneRun:
         plain_recipe = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
-                return original_triangulation(frame)
+                return make_original_triangulation(frame)
             faces = frame.flat.polygons
             flat = self.pool.triangulate(plain_recipe, faces, tick)
             return carry_to_views(frame, flat, recipe)

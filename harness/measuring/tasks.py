@@ -18,7 +18,7 @@ from harness.measuring.timing import (
     REFERENCE,
     TimerTest,
     Times,
-    self_test,
+    select_timer,
     time_together,
 )
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
@@ -135,5 +135,5 @@ def choose_timer(rasteriser: Rasteriser) -> TimerTest:
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
             drawing.sample(1)  # the first draw compiles and allocates
             if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
-                return self_test(drawing, software=rasteriser.device.software)
+                return select_timer(drawing, software=rasteriser.device.software)
         layers *= 4

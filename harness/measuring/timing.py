@@ -104,7 +104,7 @@ class Times:
 
     def add(self, sample: Sample, timer: Timer) -> None:
         """Add the seconds per draw of a batch."""
-        self.samples_s.append(_seconds(sample, timer) / self.repeats)
+        self.samples_s.append(_get_seconds(sample, timer) / self.repeats)
         if timer == "cpu":
             self.wall_s.append(sample.wall / self.repeats)
             if sample.waited is not None:
@@ -150,7 +150,7 @@ class Times:
         return (high - low) / 2 <= precision * self.median_s
 
 
-def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
+def select_timer(big_draw: Drawing, *, software: bool = False) -> TimerTest:
     """Select the timer of a device by timing a large draw.
 
     `software` rasterisers are timed by the CPU time of all threads of the process, as the wall
@@ -162,11 +162,11 @@ def self_test(big_draw: Drawing, *, software: bool = False) -> TimerTest:
         repeats *= 2
     samples = [big_draw.sample(repeats) for _ in range(5)]
     wall = statistics.median(sample.wall for sample in samples) / repeats
-    resolution = _clock_resolution(time.perf_counter)
+    resolution = _measure_resolution(time.perf_counter)
     cpu_samples = [sample.cpu for sample in samples if sample.cpu is not None]
     if software and len(cpu_samples) == len(samples):
         cpu = statistics.median(cpu_samples) / repeats
-        step = _clock_resolution(time.process_time)
+        step = _measure_resolution(time.process_time)
         detail = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
         if step > MAX_CPU_CLOCK_STEP_S:
             reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
@@ -250,7 +250,7 @@ def time_together(
             # Intervals are computed at growing steps, as their cost grows with the rounds.
             check_at = rounds + max(1, rounds // 8)
             # The empty draw is pure noise, so its precision is not required.
-            precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
+            precise = {EMPTY, *_find_precise(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or entry.is_precise(settings.precision)
             if (
@@ -311,7 +311,7 @@ class _Epochs:
         return len(self.rounds) < self.min_epochs or self.rounds[-1] < self.min_rounds
 
 
-def _compared_precisely(
+def _find_precise(
     times: Mapping[str, Times],
     compared: Sequence[str],
     settings: TimingSettings,
@@ -340,15 +340,15 @@ def _warm_up(
     """Draw until times are stable; return draws per batch of `batch_s`, and seconds per draw."""
     deadline = clock() + limit_s
     repeats = 1
-    while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
+    while (seconds := _get_seconds(drawing.sample(repeats), timer)) < batch_s:
         # Aim at 1.2 batches, and extrapolate one short sample at most eightfold.
         factor = 1.2 * batch_s / seconds if seconds > 0 else math.inf
         repeats = max(repeats + 1, int(repeats * min(factor, 8.0)))
         if repeats > 1 << 20:
             break
-    recent = [_seconds(drawing.sample(repeats), timer) for _ in range(3)]
+    recent = [_get_seconds(drawing.sample(repeats), timer) for _ in range(3)]
     while clock() < deadline:
-        newer = [_seconds(drawing.sample(repeats), timer) for _ in range(3)]
+        newer = [_get_seconds(drawing.sample(repeats), timer) for _ in range(3)]
         before, after = statistics.median(recent), statistics.median(newer)
         if abs(after - before) <= 0.02 * before:
             break
@@ -356,7 +356,7 @@ def _warm_up(
     return repeats, statistics.median(recent) / repeats
 
 
-def _seconds(sample: Sample, timer: Timer) -> float:
+def _get_seconds(sample: Sample, timer: Timer) -> float:
     if timer == "gpu" and sample.gpu is not None:
         return sample.gpu
     if timer == "cpu" and sample.cpu is not None:
@@ -364,7 +364,7 @@ def _seconds(sample: Sample, timer: Timer) -> float:
     return sample.wall
 
 
-def _clock_resolution(clock: Callable[[], float]) -> float:
+def _measure_resolution(clock: Callable[[], float]) -> float:
     """Measure a clock's smallest visible step in seconds."""
     steps = []
     for _ in range(20):

@@ -160,7 +160,7 @@ def make_page_content(run: Run) -> PageContent:
     for fit, name in OWN_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
             raise InputError(f"{run.path}: pages do not support {name}; give another run")
-    if not (views := list(_views(run))):
+    if not (views := list(_make_views(run))):
         raise InputError(
             f"{run.path}: no stored frame with two or more triangulations; measure again with "
             "this version and several --triangulators"
@@ -179,7 +179,7 @@ def make_page_content(run: Run) -> PageContent:
     }
 
 
-def _views(run: Run) -> Iterator[ViewContent]:
+def _make_views(run: Run) -> Iterator[ViewContent]:
     """Yield views with two or more drawable triangulations.
 
     Cases have one sample per pixel and native order, on any device; the first record of a
@@ -244,8 +244,8 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
         "grids": {step: make_grid([snap(draw, step) for draw in draws]) for step in GRID_STEPS},
-        "fitted": _groups(draws, fitted),
-        "plain": _groups(draws, plain),
+        "fitted": _make_groups(draws, fitted),
+        "plain": _make_groups(draws, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
         "sums": {
             name: {"weights": [parts.get(term, 0) for term in TERMS], "words": SUM_SENTENCES[name]}
@@ -274,7 +274,7 @@ def make_grid(draws: Sequence[Draw]) -> GridContent:
     }
 
 
-def _groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
+def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
     """Return the groups and folds of the draws at `positions`."""
     labels = np.unique([draws[position].group for position in positions], return_inverse=True)[1]
     folds = law.assign_folds(labels, SEED).tolist()

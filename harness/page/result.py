@@ -193,16 +193,16 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
             _raise_if_contradicting(run, case, exact_grid=result.device.step == 1)
     remedy = f"remove {folder} and run the same command again"
     with RunFolder.create(folder, remedy) as writer:
-        writer.write_facts(_facts(result, device))
+        writer.write_facts(_make_facts(result, device))
         for view in result.views:
-            for record, counters in _records(view, device, result):
+            for record, counters in _make_records(view, device, result):
                 if run is not None:
                     _add_polygons(writer, run, record, counters)
                 writer.append(record)
     return folder
 
 
-def _facts(result: Result, device: str) -> RunFacts:
+def _make_facts(result: Result, device: str) -> RunFacts:
     cases = [case for view in result.views for case in view.cases.values()]
     names = dict.fromkeys(case.record.triangulator for case in cases)
     differing = sum(case.differing for case in cases)
@@ -236,7 +236,7 @@ def _facts(result: Result, device: str) -> RunFacts:
     }
 
 
-def _records(
+def _make_records(
     view: _View, device: str, result: Result
 ) -> Iterator[tuple[Record, Mapping[str, np.ndarray]]]:
     """Yield the record of each case of a view, with counters per polygon."""
@@ -258,10 +258,10 @@ def _records(
             "coverage_error": error,
         }
         record = parse_record(values_of_record)
-        yield replace(record, key=record.id.key, time=_time(view, name, result)), counters
+        yield replace(record, key=record.id.key, time=_make_time(view, name, result)), counters
 
 
-def _time(view: _View, name: str, result: Result) -> Time | None:
+def _make_time(view: _View, name: str, result: Result) -> Time | None:
     """Return a record's `time`, or None if the case was timed in fewer than two rounds."""
     times = view.times or {}
     rounds = sum(view.epochs)

@@ -142,7 +142,7 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
         raise InputError(f"{file}: {field}: {problem}") from error
 
 
-def device_name(result: Measured) -> str:
+def make_device_name(result: Measured) -> str:
     """Return a name for the device, such as apple-metal-3-safari."""
     device = result.device
     text = device.description or " ".join(filter(None, [device.vendor, device.architecture]))

@@ -68,7 +68,7 @@ class PackedTriangles(TypedDict):
 
 
 class Drawing(TypedDict):
-    """Polygons and their triangulations, see `pack`."""
+    """Polygons and their triangulations, see `pack_drawing`."""
 
     points: str
     sizes: list[int]
@@ -151,7 +151,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     cases: list[CaseContent] = []
     for number, (group, decision) in enumerate(decided):
         groups.append(_make_group(group, decision, polygons))
-        ranks = {id(s.record): rank for rank, s in enumerate(_standings(decision), start=1)}
+        ranks = {id(s.record): rank for rank, s in enumerate(_list_standings(decision), start=1)}
         cases += [
             _make_case(number, record, ranks.get(id(record)), decision, polygons)
             for record in group.records
@@ -183,7 +183,7 @@ def _first_position(group: RecordGroup, position: Mapping[int, int]) -> int:
     return min(position.get(id(record), 0) for record in group.records)
 
 
-def _standings(decision: Decision | None) -> Sequence[Standing]:
+def _list_standings(decision: Decision | None) -> Sequence[Standing]:
     return decision.standings if decision else ()
 
 
@@ -240,7 +240,7 @@ class _Polygons:
             share = len(sample) / max(1, polygons)
             triangles = sum(len(rows) for rows in geometry.triangles.values())
             if triangles * share <= MAX_TRIANGLES / (1 + len(self.views)):
-                view["drawing"] = pack(geometry, sample)
+                view["drawing"] = pack_drawing(geometry, sample)
         self.views[name] = view
 
     def sample_counters(self, record: Record, columns: Columns) -> dict[str, list[int]]:
@@ -308,7 +308,7 @@ def _make_case(
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
     columns = polygons.read(record)
-    complete = any(s.complete for s in _standings(decision) if s.record is record)
+    complete = any(s.complete for s in _list_standings(decision) if s.record is record)
     return {
         "group": number,
         "row": {name: _round(value) for name, value in (row | predicted).items()},
@@ -351,7 +351,7 @@ def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
     return np.sort(sample).astype(np.int64)
 
 
-def pack(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
+def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     """Return points and triangles of the polygons `numbers`, JSON-ready.
 
     points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; sizes : vertex counts
@@ -386,13 +386,13 @@ def list_facts(run: Run) -> list[Row]:
     """Return all facts of `run.json` as (section, name, value), flattened."""
     facts: Mapping[str, Any] = {**run.facts}
     names = ("created", "schema_version", "interrupted", "resumed")
-    rows = [("run", name, _text(facts[name])) for name in names if name in facts]
+    rows = [("run", name, _format_value(facts[name])) for name in names if name in facts]
     for section in ("scene", "environment", "cpu", "state", "plan", "devices", "frames", "seconds"):
         values = facts.get(section)
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
         if isinstance(values, dict):
-            rows += [(section, name, _text(v)) for name, v in flatten(values, ": ").items()]
+            rows += [(section, name, _format_value(v)) for name, v in flatten(values, ": ").items()]
     return rows
 
 
@@ -418,6 +418,6 @@ def list_key_facts(run: Run) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in rows if value]
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a text unchanged, and other values as JSON."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -246,9 +246,9 @@ def _run_pickled(task: bytes) -> bytes:
 
 
 def _process() -> Worker:
-    from harness.workers.worker import shared_worker  # not needed without Dask
+    from harness.workers.worker import get_shared_worker  # not needed without Dask
 
     # Dask starts workers as daemons, which may not start processes. No public setting lets them
     # start processes that end with the worker.
     multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
-    return shared_worker("the part's process")
+    return get_shared_worker("the part's process")

@@ -140,7 +140,7 @@ def _renumber(
     return triangles, offsets_of([len(part) for part in rows])
 
 
-def original_triangulation(frame: Frame) -> FrameTriangulation:
+def make_original_triangulation(frame: Frame) -> FrameTriangulation:
     """Return the triangulation in a model's file, for all its views."""
     assert frame.viewing is not None
     originals: list[Rows | None] = list(frame.viewing.polygon_triangles)

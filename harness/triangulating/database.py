@@ -245,7 +245,7 @@ def make_key(
 
     coords (n, 2), ring_offsets (h + 2,): the polygon's rings, as of `PolygonArray.rings_of`
     """
-    facts = [SCHEMA, triangulator, sorted(parameters.items()), triangulators_version()]
+    facts = [SCHEMA, triangulator, sorted(parameters.items()), get_triangulators_version()]
     digest = hashlib.blake2b(json.dumps(facts).encode(), digest_size=20)
     digest.update(np.asarray(ring_offsets, dtype="<i8")[1:].tobytes())
     digest.update(np.ascontiguousarray(coords, dtype="<f8").tobytes())
@@ -253,7 +253,7 @@ def make_key(
 
 
 @cache
-def triangulators_version() -> str:
+def get_triangulators_version() -> str:
     """Return a hash of the triangulators' source and of the versions of their libraries."""
     code_hash = source_hash(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)

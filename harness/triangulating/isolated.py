@@ -49,10 +49,10 @@ def triangulate_many(
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
         return _verify(arrays, triangulators.triangulate_many(polygons, name, **more))
     # Most commands need no worker process, so the modules are loaded here.
-    from harness.workers.pool import third_party_limits
-    from harness.workers.worker import shared_worker
+    from harness.workers.pool import get_third_party_limits
+    from harness.workers.worker import get_shared_worker
 
-    worker = shared_worker(f"triangulator {name}", third_party_limits)
+    worker = get_shared_worker(f"triangulator {name}", get_third_party_limits)
     worker.call(recipes.parse(name).load)
     task = partial(triangulators.triangulate_many, **more)
     pieces: list[NDArray[np.int32]] = []

@@ -167,7 +167,7 @@ def warm_up(*recipes: Recipe) -> None:
     for recipe in recipes:
         if recipe.base in _warm:
             continue
-        polygons = PolygonArray.from_shapely(list(small_polygons()))
+        polygons = PolygonArray.from_shapely(list(make_small_polygons()))
         batch = run_batch(recipe, polygons, FrameTriangulation())
         find_unconfirmed(polygons, batch)
         for polygon in polygons:
@@ -181,7 +181,7 @@ _warm: set[str] = set()
 """Triangulators whose code this process has loaded."""
 
 
-def small_polygons() -> Iterator[Polygon]:
+def make_small_polygons() -> Iterator[Polygon]:
     """Yield polygons of all kinds for which triangulators may have separate code."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]

@@ -24,7 +24,7 @@ POLL_S = 0.1
 """Maximum time in which a caller that waits for a task cannot handle a signal."""
 
 
-def third_party_limits() -> Limits:
+def get_third_party_limits() -> Limits:
     """Return the limits of a process in which a third party's code triangulates."""
     return Limits(int(MEMORY_SHARE * psutil.virtual_memory().available))
 
@@ -76,7 +76,7 @@ class WorkerPool:
         self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
     ) -> T:
         """Run a function in a worker as `submit` does, and wait for the result."""
-        return result_of(self.submit(spec, function, *arguments, **options))
+        return wait_for_result(self.submit(spec, function, *arguments, **options))
 
     def is_used(self, spec: WorkerSpec) -> bool:
         """Return whether a task was submitted to the worker."""
@@ -96,7 +96,7 @@ class WorkerPool:
         self._workers.clear()
 
     @contextmanager
-    def clocked(self, stage: str) -> Iterator[None]:
+    def time_stage(self, stage: str) -> Iterator[None]:
         """Add the time spent inside to `seconds[stage]`."""
         start = time.perf_counter()
         try:
@@ -130,7 +130,7 @@ class WorkerPool:
         """Reset the caller's notes about the state of a failed worker."""
 
 
-def result_of(future: Future[T]) -> T:
+def wait_for_result(future: Future[T]) -> T:
     """Wait for a task and return its result; a signal handler may raise meanwhile."""
     while not wait([future], POLL_S).done:
         pass

@@ -39,7 +39,7 @@ PRELOADED = "harness.measuring.preloading"
 SOURCES = str(Path(__file__).resolve().parents[2])
 
 
-def wake() -> None:
+def wake_server() -> None:
     """Resume the server if it was suspended; otherwise no process could be started or ended."""
     server = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None:
@@ -47,7 +47,7 @@ def wake() -> None:
             os.kill(server, signal.SIGCONT)
 
 
-def start() -> ForkServerContext | SpawnContext:
+def start_server() -> ForkServerContext | SpawnContext:
     """Start the server unless running, without waiting; return the context of processes."""
     if sys.platform != "linux" or not hasattr(os, "fork"):
         return multiprocessing.get_context("spawn")
@@ -64,7 +64,7 @@ def start() -> ForkServerContext | SpawnContext:
     os.environ.update(variables)
     try:
         multiprocessing.set_forkserver_preload([PRELOADED])
-        wake()
+        wake_server()
         resource_tracker.ensure_running()  # it unblocks signals
         # Block Ctrl-C until the server has its own process group.
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -135,9 +135,9 @@ def serve(
         except EOFError:
             break
         except HarnessError as error:
-            answer = (False, error if limits is None else _sanitised(error))
+            answer = (False, error if limits is None else _sanitise(error))
         except BaseException as error:  # a task's sys.exit must not end the run
-            answer = (False, failure(error))
+            answer = (False, make_failure(error))
         if os.getpid() != pid:  # a fork made by the task; the parent answers
             os._exit(0)
         try:
@@ -188,13 +188,13 @@ def _wait_for_child(connection: Connection) -> None:
     os._exit(abs(code))
 
 
-def _sanitised(error: HarnessError) -> HarnessError:
+def _sanitise(error: HarnessError) -> HarnessError:
     """Return an error of third-party code, truncated, as a class of the harness."""
     kind = type(error) if type(error).__module__.startswith("harness.") else TaskError
     return kind(truncate(str(error)))
 
 
-def failure(error: BaseException) -> TaskError:
+def make_failure(error: BaseException) -> TaskError:
     """Return the failure of a task that raised `error`."""
     if isinstance(error, MemoryError):
         return TaskError("out of memory")

@@ -147,7 +147,7 @@ class Worker:
 
     def _start(self) -> None:
         with _STARTING:
-            context = serving.start()
+            context = serving.start_server()
             forked = context.get_start_method() == "forkserver"
             self._connection, child_end = context.Pipe()
             arguments = (
@@ -220,7 +220,7 @@ class Worker:
             with contextlib.suppress(OSError):
                 self._connection.send(None)
             process.join(END_TIMEOUT_S)
-        serving.wake()
+        serving.wake_server()
         # The process leads the group, unless it ended before it made the group.
         system.kill_group(process.pid)
         process.kill()
@@ -259,7 +259,7 @@ OpenWorker = Callable[[str, Mapping[str, str], Limits | None], Worker]
 _shared = threading.local()
 
 
-def shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
+def get_shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
     """Return this thread's worker of a name; start it on first use, end it at program exit.
 
     limits : returns the limits of a worker that runs third-party code

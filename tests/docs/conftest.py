@@ -65,7 +65,7 @@ class Workers:
 
 @pytest.fixture(scope="session")
 def workers() -> Iterator[Workers]:
-    serving.start()  # here, since a reader's folder goes, and its server with it
+    serving.start_server()  # here, since a reader's folder goes, and its server with it
     kept = Workers()
     yield kept
     kept.close()

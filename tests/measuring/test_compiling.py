@@ -55,7 +55,7 @@ def test_compilation_has_a_separate_budget_and_message(block, tmp_path):
     # Once each before timing: the baseline, which is not a case, and the two triangulators.
     names = [name for name, _ in log if name in ("warm_up", "triangulate_polygons")]
     assert names == ["warm_up", "triangulate_polygons"] * 3
-    assert ("min_quads", COMPILE_TIMEOUT_S) in log
+    assert ("compute_min_quads", COMPILE_TIMEOUT_S) in log
     assert output.count("compiling optimal:overdraw, once on each machine") == 1
 
 

@@ -24,7 +24,7 @@ from triangulators import triangulate
 def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
     with closing(MeasuringPool(open_worker, 60)) as pool:
-        return lower_limits.collect(lower_limits.start(frame, parts, pool))
+        return lower_limits.collect_bounds(lower_limits.start_bounds(frame, parts, pool))
 
 
 def test_minimum_quads_are_between_outline_and_triangulations():
@@ -68,7 +68,7 @@ class Failing(InlineWorker):
     """An executor in which the computation of minimum quads crashes."""
 
     def call(self, function, *arguments, **options):
-        if function is lower_limits.min_quads:
+        if function is lower_limits.compute_min_quads:
             raise TaskError("it crashed")
         return super().call(function, *arguments, **options)
 
@@ -93,10 +93,10 @@ def test_records_compare_polygons_with_a_minimum():
     drawn = np.array([True, False, True])
     min_quads = np.array([9, 8, -1])
     expected = LeastQuads(polygons=1, quads=9, shaded=10, fragments=30)
-    assert records._least_quads(drawn, counters, min_quads) == expected
-    assert records._least_quads(drawn, {"fragments": counters["fragments"]}, min_quads) is None
+    assert records._sum_least_quads(drawn, counters, min_quads) == expected
+    assert records._sum_least_quads(drawn, {"fragments": counters["fragments"]}, min_quads) is None
     totals = {name: values.sum() for name, values in counters.items()}
-    assert records._least_quads(drawn, totals, min_quads) is None
+    assert records._sum_least_quads(drawn, totals, min_quads) is None
 
 
 COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}

@@ -17,10 +17,10 @@ from harness.measuring.timing import (
     TimerTest,
     Times,
     TimingSettings,
-    _clock_resolution,
-    _compared_precisely,
+    _find_precise,
+    _measure_resolution,
     _warm_up,
-    self_test,
+    select_timer,
     time_together,
 )
 from harness.rasterisers.base import Sample
@@ -223,7 +223,7 @@ class TimedBy:
     [(1.0e-3, "gpu"), (0.8e-3, "gpu"), (7e-6, "wall"), (2e-3, "wall"), (None, "wall")],
 )
 def test_the_gpu_timer_is_used_only_if_the_wall_clock_agrees(gpu, timer):
-    test = self_test(TimedBy(gpu))
+    test = select_timer(TimedBy(gpu))
     assert test.timer == timer
     assert test.wall_s == pytest.approx(1e-3)
     assert test.gpu_s == (None if gpu is None else pytest.approx(gpu))
@@ -248,10 +248,10 @@ class Computed:
     + [(0.1, 0.3, "wall"), (None, 0.9, "wall"), (0.0, 0.9, "cpu")],
 )
 def test_the_cpu_timer_is_used_if_it_accounts_for_the_draw(cpu, waited, timer):
-    test = self_test(Computed(cpu, waited), software=True)
+    test = select_timer(Computed(cpu, waited), software=True)
     assert test.timer == timer
     assert test.cpu_s == (None if cpu is None else pytest.approx(1e-3 * cpu))
-    assert self_test(Computed(cpu, waited)).timer == "wall"
+    assert select_timer(Computed(cpu, waited)).timer == "wall"
 
 
 def test_cpu_times_include_wall_times():
@@ -278,7 +278,7 @@ def test_steal_and_other_load_are_measured_over_the_rounds(monkeypatch, others):
 @pytest.mark.parametrize(("gpu", "seconds"), [(7e-6, 1e-3), (0.9e-3, 0.9e-3)])
 def test_rejected_timers_are_not_used(gpu, seconds):
     drawings = {name: TimedBy(gpu) for name in (EMPTY, REFERENCE, "a")}
-    test = self_test(drawings["a"])
+    test = select_timer(drawings["a"])
     settings = TimingSettings(budget_s=0.001, warm_up_s=0.0)
     times = time_together(drawings, settings, test)["a"]
     assert times.samples_s == pytest.approx([seconds] * len(times.samples_s))
@@ -453,12 +453,12 @@ class ScriptedSeconds:
 def test_the_self_test_draws_for_a_fiftieth_of_a_second(seconds, tried):
     """Or on 65,536 draws, if these take no time; five times."""
     draw = ScriptedSeconds(lambda _: seconds)
-    assert self_test(draw).timer == "wall"
+    assert select_timer(draw).timer == "wall"
     assert draw.repeats == tried + [tried[-1]] * 5
 
 
 def test_gpu_timers_have_nanosecond_resolution():
-    assert self_test(TimedBy(1e-3)).resolution_s == 1e-9
+    assert select_timer(TimedBy(1e-3)).resolution_s == 1e-9
 
 
 def test_clock_resolution_is_the_smallest_step(monkeypatch):
@@ -467,7 +467,7 @@ def test_clock_resolution_is_the_smallest_step(monkeypatch):
     ticks = chain.from_iterable([end] * 3 for end in ends)
     with monkeypatch.context() as patch:
         patch.setattr("harness.measuring.timing.time.perf_counter", lambda: next(ticks))
-        assert _clock_resolution(time.perf_counter) == 1.0
+        assert _measure_resolution(time.perf_counter) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -554,7 +554,7 @@ def test_times_of_processes_are_concatenated():
 def compared_precisely(samples: dict[str, list[float]], precision: float) -> list[str]:
     times = {name: Times(1, drawing_samples) for name, drawing_samples in samples.items()}
     settings = TimingSettings(precision=precision)
-    return list(_compared_precisely(times, list(samples), settings, []))
+    return list(_find_precise(times, list(samples), settings, []))
 
 
 def test_precision_of_ratios_is_the_half_width():

@@ -9,7 +9,7 @@ import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
 from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
-from harness.measuring.lower_limits import min_quads, outline_limits
+from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
 from harness.metrics.groups import group_run
 from harness.metrics.per_view import compare_views, describe_views
@@ -21,7 +21,7 @@ from harness.rasterisers.vertex_batches import count_vertices
 from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
 from harness.settings import MODEL_TRIANGULATORS
-from harness.triangulating.carrying import original_triangulation
+from harness.triangulating.carrying import make_original_triangulation
 from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.viewing import is_model_with_views
@@ -100,9 +100,9 @@ def test_loose_triangles_count_their_own_quads_as_outline(tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
     scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
     frame = frame_of(scene, view_of(scene))
-    parts = original_triangulation(frame).parts
+    parts = make_original_triangulation(frame).parts
     assert [piece in scene.viewing.other_triangles for piece in range(len(parts))] == [True] * 3
-    assert np.array_equal(outline_limits(frame, parts), count_quads(frame, parts))
+    assert np.array_equal(compute_outline_bounds(frame, parts), count_quads(frame, parts))
     assert (count_quads(frame, parts) > count_outline_quads(frame, parts)).all()
 
 
@@ -256,7 +256,7 @@ def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypa
 
 def test_minimum_quads_exclude_polygons_cut_by_a_tiles_edge(scene):
     frame = frame_of(scene, view_of(scene))
-    quads = min_quads(frame, None)
+    quads = compute_min_quads(frame, None)
     tile = shapely.box(64, 64, 64 + 512, 64 + 512)
     inside = shapely.covers(tile, np.asarray(frame.polygons))
     assert 0 < inside.sum() < len(inside)

@@ -16,7 +16,7 @@ from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import order_submission
 from harness.rasterisers.reference import predict
-from harness.triangulating.carrying import carry_to_views, original_triangulation
+from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
@@ -49,7 +49,7 @@ def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
     drawn = [views.DrawnPart(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (counts,) = views.count_views(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
-    rows = frame.join(original_triangulation(frame).parts)
+    rows = frame.join(make_original_triangulation(frame).parts)
     counted = predict(frame.points, rows)
     assert counted["helper_lanes"].sum() == counts.before[0] > 0
     assert counted["quads"].sum() == counts.before[1]
@@ -74,7 +74,7 @@ def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
     assert bool(scene.viewing.invalid_faces) == (pieces is perforated)
     done = carry_to_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
     for parts, lanes, quads in (
-        (original_triangulation(frame).parts, *counts.before),
+        (make_original_triangulation(frame).parts, *counts.before),
         (done.parts, *counts.after),
     ):
         counted = predict(frame.points, frame.join(parts))
@@ -123,7 +123,7 @@ def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file
 def test_pieces_are_the_faces_whose_front_points_to_the_camera(plate_file):
     scene = read(plate_file, views=4, pixels=512)
     frame, viewing = framed(scene), scene.viewing
-    rows = frame.join(original_triangulation(frame).parts)
+    rows = frame.join(make_original_triangulation(frame).parts)
     a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turned >= 0).all()
@@ -187,7 +187,7 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
-    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
     for span in frame.draws(rows):
         view_rows = rows[span]
         if len(view_rows) == 0:
@@ -208,7 +208,7 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     for height in (0, 5, 2):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path)))
-    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
     seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
     assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 

@@ -12,7 +12,7 @@ from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, bounding_sphere
 from harness.rasterisers.reference import predict
-from harness.triangulating.carrying import original_triangulation
+from harness.triangulating.carrying import make_original_triangulation
 from tests.conftest import require_ok
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import solid
@@ -132,7 +132,7 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
     for path in (before, after):
         scene = read(str(path), pixels=pixels)
         frame = frame_of(scene, view_of(scene))
-        original = original_triangulation(frame)
+        original = make_original_triangulation(frame)
         totals = {name: values.sum() for name, values in original.predicted.items()}
         counted = predict(frame.points, frame.join(original.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))

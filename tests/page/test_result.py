@@ -12,7 +12,7 @@ import pytest
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
 from harness.metrics.per_polygon import read_columns
 from harness.page.result import COUNTERS, count_exactly, import_result
-from harness.page.saved import device_name
+from harness.page.saved import make_device_name
 from harness.rasterisers.reference import SHADED
 from harness.results import drawings
 from harness.results.run_folder import read_run
@@ -164,7 +164,7 @@ def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
             continue
         assert not number % 2, "damage not detected by the digest"
         assert is_allowed(path, value), (path, value)
-        import_result(parsed, tmp_path / f"run-{number}", device_name(parsed))
+        import_result(parsed, tmp_path / f"run-{number}", make_device_name(parsed))
         assert read_run(tmp_path / f"run-{number}").problems == []
     assert 600 < len(messages) < 1000
     assert all("\n" not in message and len(message) < 1000 for message in messages)

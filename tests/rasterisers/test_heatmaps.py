@@ -7,7 +7,7 @@ from shapely import Polygon
 
 from harness.frame import View, bare_frame, make_frame
 from harness.grid import SUBPIXEL
-from harness.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
+from harness.heatmaps import PANEL_PX, draw_heatmaps, make_lane_maps
 from harness.rasterisers import Options
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from triangulators import triangulate
@@ -19,7 +19,7 @@ ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
 @pytest.mark.parametrize("grid", [1, 128])
 def test_maps_add_up_to_the_counters(reference, size, grid):
     frame, triangles = random_triangles(seed=size, size=size, number=80, grid=grid)
-    covered, helpers = lane_maps(frame, triangles)
+    covered, helpers = make_lane_maps(frame, triangles)
     counters = reference.count(frame, triangles, Options())
     assert covered.shape == (size, size)
     assert covered.sum() == counters["fragments"].sum()
@@ -30,7 +30,7 @@ def test_maps_add_up_to_the_counters(reference, size, grid):
 
 def test_single_pixel_has_three_helper_lanes():
     frame, triangles = loose_triangles([[800, 800], [1000, 800], [800, 1000]], 8)
-    covered, helpers = lane_maps(frame, triangles)
+    covered, helpers = make_lane_maps(frame, triangles)
     assert np.argwhere(covered).tolist() == [[3, 3]]
     assert np.argwhere(helpers).tolist() == [[2, 2], [2, 3], [3, 2]]
 

@@ -15,7 +15,7 @@ from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, order_submission
 from harness.rasterisers.pyrender import extrude
 from harness.rasterisers.reference import Reference
-from harness.triangulating.carrying import original_triangulation
+from harness.triangulating.carrying import make_original_triangulation
 from harness.workers.worker import Worker
 from tests.models.various import solid
 from tests.rasterisers import pictures
@@ -118,7 +118,7 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
         frames[depth] = frame_of(scene, view_of(scene))
     frame = frames["file"]
     device = find_device("pyrender", "llvmpipe")
-    rows = order_submission(frame, frame.join(original_triangulation(frame).parts), Options())
+    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
             worker.call(pictures.image, "pyrender", device, frames["none"], rows, Options())

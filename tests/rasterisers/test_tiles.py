@@ -8,8 +8,8 @@ import shapely
 
 from harness.errors import UsageError
 from harness.frame import Frame
-from harness.heatmaps import lane_maps
-from harness.measuring.records import _view_counters
+from harness.heatmaps import make_lane_maps
+from harness.measuring.records import _sum_views
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import order_submission
 from harness.rasterisers.opengl import Mesh
@@ -58,7 +58,7 @@ def test_reference_counts_only_pixels_of_the_window(reference, tiles):
     counted = reference.count(frame, triangles, NATIVE)
     quads = count_outline_quads(frame, [np.array([[0, 1, 2]], np.int32)] * 160)
     for number, rows in enumerate(triangles):
-        inside, helpers = lane_maps(frame, rows[None])
+        inside, helpers = make_lane_maps(frame, rows[None])
         assert not inside[:64].any()
         assert not inside[:, 192:].any()
         assert counted["fragments"][number] == inside.sum()
@@ -149,8 +149,8 @@ def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)
-    sums = _view_counters(cut, counters).counters
+    sums = _sum_views(cut, counters).counters
     assert set(sums) == set(counters)
     for name, values in counters.items():
         assert sums[name] == (values[:100].sum(), 0, values[100:].sum())
-    assert _view_counters(replace(frame, tiles=None), counters) is None
+    assert _sum_views(replace(frame, tiles=None), counters) is None

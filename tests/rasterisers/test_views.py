@@ -14,7 +14,7 @@ from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import find_disagreements
-from harness.triangulating.carrying import carry_to_views, original_triangulation
+from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.viewing import Viewing
@@ -38,7 +38,7 @@ def read_frame(path: str, **options: Any) -> Frame:
 def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
     """Return the model's original triangulation and triangulations of its faces by name."""
     assert frame.flat is not None
-    parts = [original_triangulation(frame).parts]
+    parts = [make_original_triangulation(frame).parts]
     for name in names:
         flat = triangulate_polygons(parse(name), frame.flat.polygons)
         parts.append(carry_to_views(frame, flat, parse("original")).parts)

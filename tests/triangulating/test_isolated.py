@@ -9,7 +9,7 @@ from shapely import Polygon, box
 import triangulators
 from harness.errors import UsageError
 from harness.triangulating import isolated
-from harness.workers.worker import TaskError, shared_worker
+from harness.workers.worker import TaskError, get_shared_worker
 from tests.conftest import write_geojson
 from triangulators.polygon_arrays import PolygonArray
 
@@ -39,7 +39,7 @@ def test_only_crashing_polygons_fail(make_polygons):
 def test_after_many_crashes_a_part_fails_as_a_unit(monkeypatch):
     monkeypatch.setattr(isolated, "MAX_CRASHES", 1)
     tried = []
-    worker = shared_worker("triangulator tests.broken:crash_at_large")
+    worker = get_shared_worker("triangulator tests.broken:crash_at_large")
     call = worker.call
 
     def counted(function, *arguments, **more):
@@ -98,7 +98,7 @@ def test_triangulate_names_crashing_polygons_and_writes_the_others(harness, tmp_
 def test_invalid_triangulations_fail(in_worker, monkeypatch):
     if in_worker:
         monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
-        monkeypatch.setattr("harness.workers.worker.shared_worker", None)  # not called
+        monkeypatch.setattr("harness.workers.worker.get_shared_worker", None)  # not called
     shapes = [box(0, 0, 2, 1), l_shape()]
     result = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
     assert list(result.failed) == [1]
