@@ -101,7 +101,11 @@ def main() -> None:
         profile = json.loads(file.read_text())
         if options.refit:
             file.unlink()
-            print(profiles.keep(refit(profile), file.with_name(file.name.replace(".refused", ""))))
+            print(
+                profiles.write_profile(
+                    refit(profile), file.with_name(file.name.replace(".refused", ""))
+                )
+            )
             continue
         out = (options.out or file.parent) / f"{file.stem}-judged.csv"
         with out.open("w", newline="") as stream:
