@@ -26,10 +26,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
     forced : the file also survives a power failure
 
-    Raises
-    ------
-    OSError
-        if the file cannot be written; an existing file stays unchanged
+    Raises OSError if the file cannot be written; an existing file stays unchanged.
     """
     temporary = path.with_name(f".{path.name}{UNFINISHED}")
     file = _claim(temporary)
@@ -74,10 +71,8 @@ def _claim(path: Path) -> IO[bytes] | None:
 def read(file: Path) -> bytes:
     """Return the content of a regular file.
 
-    Raises
-    ------
-    OSError
-        if the file cannot be read, or is a device, a pipe or a socket, which might be endless
+    Raises OSError if the file cannot be read, or is a device, a pipe or a socket, which might be
+    endless.
     """
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, f"{file.name} is not a regular file")
@@ -93,11 +88,8 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
 
     name : "run.json" or "polygons/0123.npz"
 
-    Raises
-    ------
-    OSError
-        if the file is missing, a link, outside the folder, too large or not a regular file; or, for
-        writing, has several names (hard links)
+    Raises OSError if the file is missing, a link, outside the folder, too large or not a regular
+    file; or, for writing, has several names (hard links).
     """
     parts = name.split("/")
     if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
@@ -136,11 +128,8 @@ def move(source: Path, target: Path, *, forced: bool = False) -> None:
     forced : True to write the content and then the name to the disk, so that a file that exists
         after a power failure is complete
 
-    Raises
-    ------
-    OSError
-        if the disk is full or gone, or `target` is a device, a pipe or a socket; `target` stays
-        unchanged
+    Raises OSError if the disk is full or gone, or `target` is a device, a pipe or a socket;
+    `target` stays unchanged.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         raise FileExistsError(errno.EEXIST, "not a regular file", str(target))
@@ -164,12 +153,8 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
 
     merge : True to move the files into an existing `path` one by one, inner folders first
 
-    Raises
-    ------
-    StorageError, UsageError
-        if `path` exists, or another process is creating it
-    OSError
-        if the folder cannot be written; `path` does not exist then
+    Raises StorageError or UsageError if `path` exists, or another process is creating it; OSError
+    if the folder cannot be written; `path` does not exist then.
     """
     if path.is_dir() and not any(path.iterdir()):
         path.rmdir()

@@ -28,10 +28,7 @@ def is_debugging() -> bool:
 def start_log() -> None:
     """Append the log records of this process to the file of `LOG_VARIABLE`, if set.
 
-    Raises
-    ------
-    OSError
-        if the file cannot be written
+    Raises OSError if the file cannot be written.
     """
     loggers = [logging.getLogger(package) for package in PACKAGES]
     for logger in loggers:

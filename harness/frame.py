@@ -189,10 +189,7 @@ def frame_of_grid(resolution: int, grid: PolygonArray) -> Frame:
 def frame_of(scene: Scene, view: View) -> Frame:
     """Map a scene's polygons to the viewport of `view` and snap them.
 
-    Raises
-    ------
-    UsageError
-        if map tiles or a model define another view
+    Raises UsageError if map tiles or a model define another view.
     """
     fit = view_of(scene).fit
     if view.fit != fit and fit in OWN_VIEWS:

@@ -165,10 +165,7 @@ class Sizes:
 def read_costs(name: str, *folders: Path) -> DeviceCosts:
     """Return the costs of a profile: a file, or the name of a profile in `folders` or contributed.
 
-    Raises
-    ------
-    UsageError
-        if the profile is missing, invalid or refused
+    Raises UsageError if the profile is missing, invalid or refused.
     """
     profiles = {
         file.stem: file
@@ -197,10 +194,7 @@ def count_size(
 ) -> Size:
     """Return the costs of the scene at one size, for two or more `recipes`.
 
-    Raises
-    ------
-    UsageError
-        if the scene defines the view, or no polygon can be drawn at this size
+    Raises UsageError if the scene defines the view, or no polygon can be drawn at this size.
     """
     frame = frame_of(scene, view)
     results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}

@@ -123,14 +123,9 @@ def _count_dataset(
 ) -> None:
     """Count the polygons of many files or tiles, write the results, and print a table.
 
-    Raises
-    ------
-    InputError, UsageError
-        if no file matches, no file has a polygon, or the folder cannot be used
-    NothingMeasuredError
-        if no polygon was triangulated by all triangulators
-    InconclusiveError
-        if parts were set aside
+    Raises InputError or UsageError if no file matches, no file has a polygon, or the folder cannot
+    be used; NothingMeasuredError if no polygon was triangulated by all triangulators;
+    InconclusiveError if parts were set aside.
     """
     from harness.results.run_folder import translate_errors
     from harness.scaling import census_report

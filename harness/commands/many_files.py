@@ -51,12 +51,8 @@ def triangulate_many_files(
 ) -> None:
     """Triangulate the parts of many files into a folder, and print a summary.
 
-    Raises
-    ------
-    UsageError
-        if no file matches, or the folder cannot be used
-    InconclusiveError
-        if parts were set aside, or polygons failed
+    Raises UsageError if no file matches, or the folder cannot be used; InconclusiveError if parts
+    were set aside, or polygons failed.
     """
     from harness.export.export import FORMATS, Certified
     from harness.scaling.dataset import Dataset

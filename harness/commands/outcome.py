@@ -29,10 +29,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None = None, before:
 
     before : prefix of the new folder's name, which the scene's name follows
 
-    Raises
-    ------
-    UsageError
-        if both are given
+    Raises UsageError if both options are given.
     """
     if out and resume:
         raise UsageError(
@@ -76,12 +73,7 @@ def measure_study(
 ) -> Run:
     """Measure or resume the parts of a split scene; return the run.
 
-    Raises
-    ------
-    UsageError
-        if the folder cannot be used
-    NothingMeasuredError
-        if no case was measured
+    Raises UsageError if the folder cannot be used; NothingMeasuredError if no case was measured.
     """
     outcome = carry_out(plan, folder, reporter, RunOptions(resume, force, split))
     require_finished(outcome, f"continue with the same command and --resume {folder}")
@@ -128,10 +120,7 @@ def finish(
 
     report, plots : write the report, and draw its plots, now; otherwise the command `report` does
 
-    Raises
-    ------
-    NothingMeasuredError
-        if no case was measured, or no case covers a pixel
+    Raises NothingMeasuredError if no case was measured, or no case covers a pixel.
     """
     path = os.path.relpath(outcome.path)
     remedy = f"raster-harness report {path}; the measurements are safe"

@@ -96,10 +96,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
     out : file to write, by default in `options.PROFILES`
     trouble : why the times cannot be trusted, or ""
 
-    Raises
-    ------
-    InconclusiveError
-        if the profile is refused
+    Raises InconclusiveError if the profile is refused.
     """
     from harness.profile import report
     from harness.profile.profile import write_profile as write_file

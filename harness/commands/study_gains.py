@@ -68,12 +68,8 @@ class Gains:
 def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     """Write gains.csv, orders.csv and plots of the runs' time ratios into the folder `out`.
 
-    Raises
-    ------
-    InconclusiveError
-        if disturbances leave no ratio
-    NothingMeasuredError
-        if no two triangulators were timed together
+    Raises InconclusiveError if disturbances leave no ratio; NothingMeasuredError if no two
+    triangulators were timed together.
     """
     import pandas as pd
 

@@ -42,10 +42,7 @@ def allow_user_module(reference: str) -> None:
 
     Names of another form, and modules elsewhere, are ignored.
 
-    Raises
-    ------
-    UsageError
-        if a package of this program, or an installed module, has the same name
+    Raises UsageError if a package of this program, or an installed module, has the same name.
     """
     if FUNCTION.match(reference) is None:
         return

@@ -42,10 +42,7 @@ MAX_POLYGONS_NAMED = 10
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
     """Load a scene, and print notes about reading, projection and skipped polygons.
 
-    Raises
-    ------
-    InputError
-        if the scene cannot be loaded, or third-party code ends the process
+    Raises InputError if the scene cannot be loaded, or third-party code ends the process.
     """
     if _is_foreign(name):
         allow_user_module(name)
@@ -97,10 +94,7 @@ def _is_foreign(name: str) -> bool:
 def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
     """Load all third-party triangulators; return crashing triangulators with the reasons.
 
-    Raises
-    ------
-    UsageError
-        if a triangulator cannot be imported
+    Raises UsageError if a triangulator cannot be imported.
     """
     broken = {}
     for recipe in recipes:
@@ -119,10 +113,8 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
     A rasteriser that supports no requested device, such as the CPU reference, runs on its best
     device. A third-party rasteriser that crashes is skipped, with a warning.
 
-    Raises
-    ------
-    UsageError, NoRasteriserError
-        if a name is unknown, a requested device is missing, or no rasteriser remains
+    Raises UsageError or NoRasteriserError if a name is unknown, a requested device is missing, or
+    no rasteriser remains.
     """
     usable: list[Usable] = []
     known_devices: set[str] = set()

@@ -87,10 +87,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
     reference : a commit, branch or tag of the user's repository, which is checked out into a
         temporary folder; or a folder with code, or with an environment with the code installed
 
-    Raises
-    ------
-    UsageError
-        if the version does not exist
+    Raises UsageError if the version does not exist.
     """
     top = project_folder(triangulators)
     commit = None if top is None else find_commit(top, reference)
@@ -143,10 +140,8 @@ def triangulate_elsewhere(
 ) -> FrameTriangulation:
     """Run another version's triangulator over polygons in px.
 
-    Raises
-    ------
-    TaskError
-        if the triangulator cannot be imported or run, or if HEAD's code would run instead
+    Raises TaskError if the triangulator cannot be imported or run, or if HEAD's code would run
+    instead.
     """
     answer = _ask(
         other,

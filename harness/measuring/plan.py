@@ -71,10 +71,7 @@ class Plan:
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
         """Return the plan of a value of `to_json`.
 
-        Raises
-        ------
-        InputError
-            if the value is not a plan
+        Raises InputError if the value is not a plan.
         """
         from pydantic import TypeAdapter, ValidationError
 

@@ -109,10 +109,7 @@ class MeasuringPool(WorkerPool):
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Compile or load the kernels of a triangulator of this version, once.
 
-        Raises
-        ------
-        TaskError
-            if the process crashed, hung or ran out of memory
+        Raises TaskError if the process crashed, hung or ran out of memory.
         """
         if not recipe.other and recipe.base not in self._compiled:
             timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s) if recipe.builtin else self.timeout_s
@@ -141,10 +138,7 @@ class MeasuringPool(WorkerPool):
 
         tick : called while the triangulator runs, with the seconds so far
 
-        Raises
-        ------
-        TaskError
-            if the process crashed, hung or ran out of memory
+        Raises TaskError if the process crashed, hung or ran out of memory.
         """
         self.compile(recipe)
         message = (
@@ -217,10 +211,7 @@ class MeasuringPool(WorkerPool):
     def open(self, backend: Backend) -> tasks.Opened:
         """Open the device and test its timer, once; return its details.
 
-        Raises
-        ------
-        HarnessError
-            if the device cannot be opened
+        Raises HarnessError if the device cannot be opened.
         """
         if backend.label not in self._opened:
             with self.time_stage("open"):
@@ -235,10 +226,7 @@ class MeasuringPool(WorkerPool):
     ) -> Counters:
         """Count the cost of drawing `triangles`.
 
-        Raises
-        ------
-        HarnessError
-            if the device does not support the options, or fails
+        Raises HarnessError if the device does not support the options, or fails.
         """
         with self.time_stage("count"):
             arguments = (backend.rasteriser, backend.device, frame, triangles, options)

@@ -312,10 +312,7 @@ def open_stores(
     warn : called with each problem of a resumed run, such as a damaged record
     force : resume even if plan, scene, code or machine differ
 
-    Raises
-    ------
-    InputError
-        if these differ, the run must not be resumed, or the folder cannot be written
+    Raises InputError if these differ, the run must not be resumed, or the folder cannot be written.
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:

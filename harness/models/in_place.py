@@ -84,13 +84,9 @@ def retriangulate(
     out : None to compute the changes only
     tick : called with the number of finished parts, then of finished placements
 
-    Raises
-    ------
-    SceneError
-        if the file is missing, damaged, or has compressed triangles
-    UsageError
-        if the output cannot be written or has another suffix than the source, or the criterion is
-        not a sum over triangles
+    Raises SceneError if the file is missing, damaged, or has compressed triangles; UsageError if
+    the output cannot be written or has another suffix than the source, or the criterion is not a
+    sum over triangles.
     """
     model, groups = open_model(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
@@ -121,12 +117,8 @@ def retriangulate(
 def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
     """Return a model and its parts, in groups of parts that may touch.
 
-    Raises
-    ------
-    SceneError
-        if the file is missing, damaged, or has compressed triangles
-    UsageError
-        if the suffix is not that of a model
+    Raises SceneError if the file is missing, damaged, or has compressed triangles; UsageError if
+    the suffix is not that of a model.
     """
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:

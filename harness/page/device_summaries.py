@@ -47,10 +47,7 @@ def summarise_device(run: Run) -> Summary:
     A view has the base, times and quads relative to the base, and the rank correlation of criteria
     with the times of complete triangulations.
 
-    Raises
-    ------
-    InputError
-        if the run has no times, or times of several devices
+    Raises InputError if the run has no times, or times of several devices.
     """
     timed = [record for record in run.records if record.is_ok and record.time]
     devices = dict.fromkeys((record.id.rasteriser, record.id.device_name) for record in timed)
@@ -112,10 +109,8 @@ def _summarise_view(group: RecordGroup) -> Summary:
 def write_summary(run: Run, file: Path) -> Path:
     """Write the summary of a run, and retain other views in the file.
 
-    Raises
-    ------
-    IncompatibleRunsError
-        if the file belongs to another device or, for a software device, to another processor
+    Raises IncompatibleRunsError if the file belongs to another device or, for a software device, to
+    another processor.
     """
     summary = summarise_device(run)
     if file.exists():

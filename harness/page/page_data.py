@@ -152,10 +152,7 @@ def write_page(content: PageContent | ProfileContent, file: Path) -> None:
 def make_page_content(run: Run) -> PageContent:
     """Return the content of the page of `run`, JSON-ready.
 
-    Raises
-    ------
-    InputError
-        if the run has no drawable frame
+    Raises InputError if the run has no drawable frame.
     """
     for fit, name in OWN_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):

@@ -183,10 +183,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     run : the run from which the page was made, if available, whose frames and predictions per
         polygon are copied
 
-    Raises
-    ------
-    UsageError
-        if the folder already holds a run, or `run` has different polygons or contradicts the result
+    Raises UsageError if the folder already holds a run, or `run` has different polygons or
+    contradicts the result.
     """
     for case in (case for view in result.views for case in view.cases.values()):
         if run is not None:

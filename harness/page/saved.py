@@ -110,10 +110,7 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
 
     kinds : class of the result by the file's format
 
-    Raises
-    ------
-    InputError
-        if the file cannot be read, is damaged, or was not saved by a page
+    Raises InputError if the file cannot be read, is damaged, or was not saved by a page.
     """
     try:
         if file.exists() and not file.is_file():

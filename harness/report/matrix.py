@@ -50,10 +50,7 @@ Cell = tuple[tuple[str, str, str], str, list[float | None]]
 def read_study_matrices(folder: Path) -> list[Matrix]:
     """Return a matrix per statistic of the study in `folder`, [] without a study.
 
-    Raises
-    ------
-    InputError
-        if `correlations.csv` lacks a column or has an invalid number
+    Raises InputError if `correlations.csv` lacks a column or has an invalid number.
     """
     file = folder / FILE
     if not file.is_file():

@@ -38,12 +38,8 @@ def triangulate_many(
     Polygons with an invalid triangulation, and polygons on which a user's triangulator ends the
     process, are `failed` as well.
 
-    Raises
-    ------
-    UsageError
-        if a third-party triangulator cannot be imported
-    TaskError
-        if importing it ends the process
+    Raises UsageError if a third-party triangulator cannot be imported; TaskError if importing it
+    ends the process.
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:

@@ -94,10 +94,7 @@ class Recipe:
     def load(self) -> None:
         """Import the triangulator, which runs third-party code.
 
-        Raises
-        ------
-        UsageError
-            if the function does not exist, or its import raises an `Exception`
+        Raises UsageError if the function does not exist, or its import raises an `Exception`.
         """
         try:
             registry.find(self.base if not self.builtin else self.base.partition(":")[0]).load()
@@ -152,10 +149,7 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
 
     calibration : a device's coefficients, by term
 
-    Raises
-    ------
-    UsageError
-        if the name is unknown
+    Raises UsageError if the name is unknown.
     """
     stem = text.removesuffix(UPRIGHT_MARK)
     base, mark, digits = stem.partition(NUMBER_MARK)

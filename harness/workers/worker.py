@@ -99,14 +99,8 @@ class Worker:
         `tick` is called every tenth of a second with the seconds waited. The start of the process
         does not count.
 
-        Raises
-        ------
-        TaskError
-            if the process crashes or the function raises
-        TaskTimeoutError
-            if the function exceeds `timeout_s`; the process is killed
-        HarnessError
-            if the function raised it
+        Raises TaskError if the process crashes or the function raises; TaskTimeoutError if the
+        function exceeds `timeout_s`; the process is killed; HarnessError if the function raised it.
         """
         if self._process is not None and self._process.exitcode is not None:
             self._end(at_once=True)  # killed since its last task
