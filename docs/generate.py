@@ -19,8 +19,8 @@ from docs.figures import ROOT, render, without_comments
 from harness import rasterisers
 from harness.commands.index import COMMANDS, load
 from harness.metrics.registry import list_metrics
+from harness.page.device_summaries import format_plain_cell
 from harness.page.device_summaries import format_table as summaries
-from harness.page.device_summaries import plain_cell
 from harness.profile.report import devices_table
 from scenes.registry import ENTRIES
 from triangulators.criteria import CRITERIA
@@ -88,7 +88,7 @@ def devices(*columns: str) -> str:
 def profiles(*columns: str) -> str:
     """Return a table of the devices' laws, or some of its columns."""
     headings, rows = devices_table(ROOT / "results" / "reference" / "profiles")
-    return _columns(_table(" | ".join(headings), rows, plain_cell), columns)
+    return _columns(_table(" | ".join(headings), rows, format_plain_cell), columns)
 
 
 def _columns(table: str, columns: Sequence[str]) -> str:

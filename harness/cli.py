@@ -58,7 +58,7 @@ app = typer.Typer(
 
 
 @app.callback(invoke_without_command=True)
-def _options(
+def _read_options(
     context: typer.Context,
     version: bool = typer.Option(
         False, "--version", help="Show the version, and OpenGL's on each device, and exit."

@@ -85,12 +85,12 @@ def examine_device(rasteriser: str, name: str) -> Finding:
         probes = {"opengl": probed.list_egl_devices, "webgpu": probed.list_webgpu_devices}
         reports = probes[rasteriser]()[1] if rasteriser in probes else ()
         problems = [problem for problem in reports if problem.startswith(name.rstrip("0"))]
-        return Finding(title, absent, "; ".join(problems) or "not found", _remedy(kind, name))
+        return Finding(title, absent, "; ".join(problems) or "not found", _find_remedy(kind, name))
     try:
         with Worker(title, device.environment) as worker:
             detail, differs = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
-        return Finding(title, absent, str(error), _remedy(kind, name))
+        return Finding(title, absent, str(error), _find_remedy(kind, name))
     if differs:
         detail += f"; differs from the reference: {differs[0]}"
         fix = "none: the driver rounds edges differently; compare counts of this device only"
@@ -99,7 +99,7 @@ def examine_device(rasteriser: str, name: str) -> Finding:
     return Finding(title, "ok", f"{detail}; {agrees}")
 
 
-def _remedy(kind: Any, name: str) -> str:
+def _find_remedy(kind: Any, name: str) -> str:
     """Return the fix for a missing device of a rasteriser."""
     remedy = str(kind.remedy(name))
     if name.startswith("gpu") and NVIDIA_NODE.exists():

@@ -148,14 +148,14 @@ def make_panels(
     wide = min(across, count)
     high = -(-count // wide)
     inches = (max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6)
-    figure, cells = grid(inches, high, wide, **shared)
+    figure, cells = make_grid(inches, high, wide, **shared)
     for panel in cells[count:]:
         panel.set_visible(False)
     figure.suptitle(title, fontsize=9)
     return figure, cells[:count]
 
 
-def grid(
+def make_grid(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of a size in inches, and the panels row by row; see `make_panels`."""
@@ -172,7 +172,7 @@ def legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
-def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
+def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
     """Return an empty table for the terminal, without lines; options: of rich's `Table`.
 
     columns : headings; a leading ">" aligns the column to the right, for numbers

@@ -22,7 +22,7 @@ from harness.metrics.registry import (
 )
 from harness.results.record import Record
 from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
-from harness.style import plain_table
+from harness.style import make_plain_table
 
 MAX_COLUMNS = 4
 """Number of metrics if no counter has a heading; metrics with headings fit 80 characters."""
@@ -62,7 +62,7 @@ def print_summary(decided: Iterable[Decided], console: Console) -> None:
 def _make_table(decision: Decision, *, wide: bool) -> Table:
     """Return a group's ranking; long cells are wrapped."""
     records = [standing.record for standing in decision.standings]
-    table = plain_table(_format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
+    table = make_plain_table(_format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
     widest = max(len(standing.name) for standing in decision.standings)
     table.add_column("triangulator", overflow="fold", min_width=min(widest, NAME_WIDTH))
     metrics = _select_metrics(records, wide=wide)

@@ -25,7 +25,7 @@ from harness.metrics.decision import MIN_PIXELS, MIN_SAVED_SHARE
 from harness.profile.counted import TERMS, count_triangles, design_of
 from harness.profile.law import Law
 from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
-from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, grid, plain_table
+from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_grid, make_plain_table
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
@@ -304,7 +304,7 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
     base = next(iter(sizes.sizes[0].costs))
     heads = [f">{name}" for name in ("size", "per polygon", *sizes.sizes[0].costs)]
     for name, quantity, unit, form in kinds:
-        table = plain_table(f"{sizes.scene}: {quantity}; others relative to {base}", *heads)
+        table = make_plain_table(f"{sizes.scene}: {quantity}; others relative to {base}", *heads)
         for size in sizes.sizes:
             first, *costs = (cost[name] for cost in size.costs.values())
             ratios = (f"{cost / first:.3f}" if first else "-" for cost in costs)
@@ -320,7 +320,7 @@ def draw_chart(sizes: Sizes, file: Path) -> None:
     base = next(iter(sizes.sizes[0].costs))
     at = [size.resolution for size in sizes.sizes]
     with matplotlib.rc_context(STYLE):
-        figure, (panel,) = grid((ONE_COLUMN, 2.3))
+        figure, (panel,) = make_grid((ONE_COLUMN, 2.3))
         for name, look in choose_looks(list(sizes.sizes[0].costs)).items():
             saved = [100 * size.saved[name] for size in sizes.sizes]
             panel.plot(at, saved, label=name, color=look.colour, marker=look.marker, markersize=4)

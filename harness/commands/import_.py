@@ -56,7 +56,7 @@ def import_(
     are computed again, and the result is refused if it contradicts them. Given the folder of a
     run, the command writes only the --summary of the run's device.
     """
-    from harness.commands.outcome import folder_for, make_run
+    from harness.commands.outcome import choose_folder, make_run
     from harness.page import profile_result
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
@@ -87,7 +87,7 @@ def import_(
         return
     assert isinstance(result, Result)
     origin = read_latest(run, Reporter().warn) if run else None
-    folder = folder_for(name, out)
+    folder = choose_folder(name, out)
     stored = make_run(
         folder, lambda folder: import_result(result, folder, name, origin), quiet=quiet
     )

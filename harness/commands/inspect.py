@@ -231,12 +231,12 @@ def _list_every(
 ) -> None:
     """List every triangulation of a polygon with its criteria."""
     from harness import atomic
-    from harness.commands.outcome import folder_for
+    from harness.commands.outcome import choose_folder
     from harness.study.pareto import triangulation_table
-    from harness.style import plain_table
+    from harness.style import make_plain_table
     from triangulators import TriangulationError
 
-    folder = folder_for(scene.name, out, before="every-")
+    folder = choose_folder(scene.name, out, before="every-")
     try:
         table = triangulation_table(scene.polygons[polygon], mode)
     except TriangulationError as reason:
@@ -244,7 +244,7 @@ def _list_every(
     with atomic.create_folder(folder, merge=True) as output:
         table.to_csv(output / "triangulations.csv", index=False)
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
-    screen_table = plain_table(None, *(f">{name}" for name in columns))
+    screen_table = make_plain_table(None, *(f">{name}" for name in columns))
     for row in table.head(10)[list(columns)].itertuples(index=False):
         screen_table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
     Screen(highlight=False).print(screen_table)

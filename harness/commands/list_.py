@@ -96,7 +96,7 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List scenes, triangulators, rasterisers, criteria and metrics, or one kind."""
-    from harness.style import plain_table
+    from harness.style import make_plain_table
 
     if kind is not None and kind not in KINDS:
         raise unknown_name_error("kind of thing to list", kind, KINDS)
@@ -107,7 +107,7 @@ def list_(
         return
     for name, rows in rows_of.items():
         Screen().print(f"{name}\n" if kind is None else "", end="", style="bold")
-        table = plain_table(None, *rows[0])
+        table = make_plain_table(None, *rows[0])
         for row in rows:
             table.add_row(*map(_format_cell, row.values()))
         Screen().print(table)

@@ -232,7 +232,7 @@ Precision = Annotated[
 ]
 
 
-def named_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple[str, ...]:
+def choose_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple[str, ...]:
     """Return the rasterisers of --rasterisers, or the default for this machine.
 
     with_opengl : rasterisers to add if the default is opengl

@@ -24,7 +24,9 @@ from scenes import Scene
 from scenes.spec import format_label
 
 
-def folder_for(scene: str, out: Path | None, resume: Path | None = None, before: str = "") -> Path:
+def choose_folder(
+    scene: str, out: Path | None, resume: Path | None = None, before: str = ""
+) -> Path:
     """Return the folder of --out or --resume, or a new folder under results/.
 
     before : prefix of the new folder's name, which the scene's name follows

@@ -134,7 +134,7 @@ def run(
             scene=join_name(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=run_inputs.parse_recipes(triangulators, seed, profile),
-            rasterisers=options.named_rasterisers(rasterisers),
+            rasterisers=options.choose_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
             options=tuple(
@@ -149,7 +149,7 @@ def run(
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
         )
-    folder = outcome.folder_for(plan.scene, out, resume)
+    folder = outcome.choose_folder(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
     with run_inputs.open_baseline(beside, plan, resume, twice=draw_twice) as baseline:
         run_options = RunOptions(
@@ -157,7 +157,7 @@ def run(
             force=force,
             database=database_path() if cached else None,
             beside=baseline,
-            base=run_inputs.full_base_name(base, plan),
+            base=run_inputs.resolve_base_name(base, plan),
         )
         result = carry_out(plan, folder, reporter, run_options)
     if as_json:

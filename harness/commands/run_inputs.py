@@ -34,7 +34,7 @@ def open_baseline(
         yield replace(baseline, twice=twice or bool(stored.get("twice")))
 
 
-def full_base_name(name: str | None, plan: Plan) -> str | None:
+def resolve_base_name(name: str | None, plan: Plan) -> str | None:
     """Return the full name of the triangulator that --base names, or None."""
     if not name:
         return None

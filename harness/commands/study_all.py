@@ -60,7 +60,7 @@ def study_all(
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
     settings = _Settings(
-        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
+        rasterisers=options.choose_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         resolution=resolution,
         polygons=polygons,
@@ -73,7 +73,7 @@ def study_all(
     refusals: list[HarnessError] = []
     for scene, name in zip(scenes, names, strict=True):
         console.print(f"{scene}:", markup=False)
-        for part, measure in _parts(scene, out / name, settings):
+        for part, measure in _list_parts(scene, out / name, settings):
             console.print(f"  {part} ...", markup=False)
             parts += 1
             try:
@@ -123,7 +123,7 @@ class _Settings:
     verbose: bool
 
 
-def _parts(
+def _list_parts(
     scene: str, folder: Path, settings: _Settings
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield (folder name, measuring function) of each part of the study of a scene."""
@@ -132,7 +132,7 @@ def _parts(
     bases = [USUAL, DELAUNAY]
     largest = replace(settings, resolution=(max(settings.resolution),))
     turned_bases = [f"{USUAL}{TURNED}"]
-    yield "validate", partial(_validate, scene, folder / "validate", settings)
+    yield "validate", partial(_measure_validation, scene, folder / "validate", settings)
     yield "choice", partial(_measure_gains, scene, folder / "choice", settings, CHOICE, bases)
     measure_walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
     yield "walked", partial(measure_walked, order="walk")
@@ -142,7 +142,7 @@ def _parts(
     yield "turned", partial(measure_turned, turned=True)
 
 
-def _validate(scene: str, folder: Path, settings: _Settings) -> None:
+def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
     """Measure the part that ranks criteria."""
     from harness.commands.outcome import require_all
 

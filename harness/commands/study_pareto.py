@@ -41,7 +41,7 @@ def study_pareto(
     """
     import pandas as pd
 
-    from harness.commands.outcome import finish_study, folder_for, measure_study
+    from harness.commands.outcome import choose_folder, finish_study, measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.report.page import write_report
@@ -54,7 +54,7 @@ def study_pareto(
         scene=scene,
         seed=seed,
         triangulators=parse_all((*pareto.SWEEP, pareto.WITH_C, *pareto.list_compared())),
-        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
+        rasterisers=options.choose_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         views=(view,),
         timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
@@ -67,7 +67,7 @@ def study_pareto(
         fronts.update(part_fronts)
         return parts
 
-    target = folder_for(scene, out, resume, before="pareto-")
+    target = choose_folder(scene, out, resume, before="pareto-")
     run = measure_study(plan, split_scene, target, reporter, resume=resume is not None, force=force)
     table = pareto.pareto_table(run, fronts)
     with reporter.stage("writing", 1):

@@ -55,14 +55,14 @@ def study_validate(
     good if it ranks the triangulations of a polygon as the measured cost does, and if its best
     triangulation costs little more than the cheapest one measured (regret).
     """
-    from harness.commands.outcome import finish_study, folder_for
+    from harness.commands.outcome import choose_folder, finish_study
     from harness.report import matrix
     from harness.study import correlations, regret
 
     validation = measure_validation(
         plan_validation(
             scene,
-            options.named_rasterisers(rasterisers, "bounding-box"),
+            options.choose_rasterisers(rasterisers, "bounding-box"),
             tuple(device or ()),
             resolution=resolution,
             work=work,
@@ -70,7 +70,7 @@ def study_validate(
             budget_s=QUICK_S if quick else budget,
         ),
         QUICK if quick else StudySize(polygons=polygons, random=random),
-        folder_for(scene, out, resume, before="validate-"),
+        choose_folder(scene, out, resume, before="validate-"),
         Reporter(quiet=quiet, verbose=verbose),
         resume=resume is not None,
         force=force,

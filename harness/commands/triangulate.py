@@ -119,12 +119,12 @@ def triangulate(
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence requires --certify: give both")
-    from harness.export.export import export_file, full_triangulator_name
+    from harness.export.export import export_file, resolve_triangulator_name
     from scenes.spec import join_name
     from triangulators.devices import CPU
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    name = full_triangulator_name(triangulator, criterion)
+    name = resolve_triangulator_name(triangulator, criterion)
     if dask or _is_many_files(file, out):
         refuse_given(single_file_options, "is for one file, without --dask")
         from harness.export.geo import import_parquet

@@ -212,10 +212,10 @@ def export_file(
     start = time.perf_counter()
     target = Path(out)
     make = _find_writer(target)
-    name = full_triangulator_name(triangulator)
+    name = resolve_triangulator_name(triangulator)
     report = Report(certified=Certified.of(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
-    chunks = _chunks(str(source), chunk, solid=target.suffix.lower() in MODEL_SUFFIXES)
+    chunks = _read_chunks(str(source), chunk, solid=target.suffix.lower() in MODEL_SUFFIXES)
     try:
         with ExitStack() as stack:
             output = stack.enter_context(Output(target))
@@ -249,14 +249,14 @@ class TriangulationOptions:
     say: Callable[[str], None] | None = None
 
 
-def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
+def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
     """Yield the polygons of a scene or a file, `size` at a time.
 
     solid : True if the output is a 3D model; then a 3D model as source raises UsageError
     """
     name, parameters, is_file = split_parameters(source)
     if not is_file:
-        yield from _chunks_of_scene(source, size)
+        yield from _split_scene(source, size)
         return
     if solid and is_model(Path(name)):
         raise UsageError(
@@ -278,7 +278,7 @@ def _chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
         yield chunk
 
 
-def _chunks_of_scene(source: str, size: int) -> Iterator[Chunk]:
+def _split_scene(source: str, size: int) -> Iterator[Chunk]:
     allow_user_module(source)
     scene = load(source)
     polygons = np.asarray(scene.polygons)
@@ -335,7 +335,7 @@ def _find_writer(target: Path) -> Callable[[Output, ExportMetadata], Writer]:
     return make
 
 
-def full_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
+def resolve_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
     """Return the full name of the triangulator of the two options; raise UsageError if invalid.
 
     The default is `optimal:half-perimeter`; a criterion without triangulator means `optimal`.

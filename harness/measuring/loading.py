@@ -14,8 +14,8 @@ from harness.measuring.pool import (
     MIN_IMPORT_TIMEOUT_S,
     Backend,
     MeasuringPool,
-    worker_of_rasteriser,
-    worker_of_recipe,
+    get_rasteriser_worker,
+    get_recipe_worker,
 )
 from harness.measuring.tasks import Survey, survey
 from harness.progress import Reporter
@@ -101,7 +101,7 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
         if not recipe.builtin:
             try:
                 limit_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
-                pool.run(worker_of_recipe(recipe), recipe.load, timeout_s=limit_s)
+                pool.run(get_recipe_worker(recipe), recipe.load, timeout_s=limit_s)
             except TaskError as error:
                 broken[recipe] = str(error)
     return broken
@@ -148,5 +148,5 @@ def _survey(name: str, plan: Plan, pool: MeasuringPool) -> Survey:
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
         return survey(name, plan.options, plan.devices)
     timeout_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
-    worker = worker_of_rasteriser(name)
+    worker = get_rasteriser_worker(name)
     return pool.run(worker, survey, name, plan.options, plan.devices, timeout_s=timeout_s)

@@ -66,7 +66,7 @@ class OtherVersion:
         """True if the version's package `triangulators` equals HEAD's."""
         if self.python != sys.executable:
             return False
-        file = _ask(self, {"triangulator": None})["file"]
+        file = _run_script(self, {"triangulator": None})["file"]
         head_hash = source_hash(Path(sys.modules["triangulators"].__path__[0]))
         return file is not None and source_hash(Path(file).parent) == head_hash
 
@@ -93,7 +93,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
     commit = None if top is None else find_commit(top, reference)
     if top is not None and commit is not None:
         with checked_out(top, commit) as folder:
-            yield _version_in(reference, commit, folder, top)
+            yield _make_version(reference, commit, folder, top)
         return
     folder = Path(reference)
     python = folder / "bin" / "python"
@@ -102,7 +102,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
         yield OtherVersion(reference, "", environment_folder, "", str(Path.cwd()), (), interpreter)
     elif folder.is_dir():
         commit = find_commit(folder, "HEAD") or ""
-        yield _version_in(reference, commit, folder.resolve(), top or Path.cwd())
+        yield _make_version(reference, commit, folder.resolve(), top or Path.cwd())
     else:
         repository = f"the repository {top}" if top else f"{Path.cwd()} (not in a git repository)"
         raise UsageError(
@@ -111,7 +111,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
         )
 
 
-def _version_in(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
+def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
     """Return the version in `folder` of the code in `top`.
 
     Import paths inside `top` are replaced by the paths inside `folder`, in the same order; paths
@@ -143,7 +143,7 @@ def triangulate_elsewhere(
     Raises TaskError if the triangulator cannot be imported or run, or if HEAD's code would run
     instead.
     """
-    answer = _ask(
+    answer = _run_script(
         other,
         {
             "triangulator": recipe.base,
@@ -167,7 +167,7 @@ def triangulate_elsewhere(
     return result
 
 
-def _ask(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
+def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
         question_file, answer_file = Path(folder, "question"), Path(folder, "answer")
         question_file.write_bytes(pickle.dumps(question))

@@ -52,12 +52,12 @@ SECOND = WorkerSpec("second process")
 """Compiles and computes bounds while `TRIANGULATORS` triangulates."""
 
 
-def worker_of_rasteriser(name: str) -> WorkerSpec:
+def get_rasteriser_worker(name: str) -> WorkerSpec:
     """Return the worker that lists a rasteriser's devices and options."""
     return WorkerSpec(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
 
 
-def worker_of_recipe(recipe: Recipe) -> WorkerSpec:
+def get_recipe_worker(recipe: Recipe) -> WorkerSpec:
     """Return the worker in which a recipe's triangulator runs."""
     if recipe.builtin:
         return TRIANGULATORS
@@ -79,7 +79,7 @@ class Backend:
     @property
     def worker(self) -> WorkerSpec:
         """Worker in which the device draws."""
-        limits = worker_of_rasteriser(self.rasteriser).limits
+        limits = get_rasteriser_worker(self.rasteriser).limits
         return WorkerSpec(self.label, self.device.environment, limits)
 
 
@@ -165,7 +165,7 @@ class MeasuringPool(WorkerPool):
         """Run a function in a recipe's worker; `message` reports a built-in one's timeout."""
         try:
             with self.time_stage(stage):
-                return self.run(worker_of_recipe(recipe), function, recipe, *arguments, **options)
+                return self.run(get_recipe_worker(recipe), function, recipe, *arguments, **options)
         except TaskTimeoutError as error:
             if recipe.builtin:
                 raise TaskTimeoutError(message) from error
@@ -198,7 +198,7 @@ class MeasuringPool(WorkerPool):
             arguments = (group, polygons, rounds, seed)
             timeout_s = self.timeout_s + 10 * budget_s * len(group)
             with self.time_stage("triangulate"), suppress(TaskError):
-                worker = worker_of_recipe(group[0])
+                worker = get_recipe_worker(group[0])
                 samples = self.run(worker, time_in_rounds, *arguments, timeout_s=timeout_s)
                 seconds |= dict(zip(group, samples, strict=True))
         return seconds

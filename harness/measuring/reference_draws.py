@@ -30,12 +30,12 @@ class DrawId(NamedTuple):
     timer: str
 
 
-def default_path() -> Path:
+def get_default_path() -> Path:
     """Return the path of the file, next to the cache of triangulations."""
     return system.cache_file(FILE)
 
 
-def reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
+def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
     """Return the times of each device's reference draw, and update the file `path`.
 
     An entry for each `DrawId`: `reference_s`, the median of the run's reference draws; `best_s`,

@@ -29,7 +29,7 @@ from harness.measuring.other_version import OtherVersion
 from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.records import RunWriter
-from harness.measuring.reference_draws import default_path, reference_draws
+from harness.measuring.reference_draws import get_default_path, update_reference_draws
 from harness.measuring.scene import SceneRun
 from harness.metrics.decision import Decided, decide_all
 from harness.metrics.processors import may_be_same, read_processor
@@ -262,7 +262,7 @@ def _measure(
             facts["devices"] |= pool.describe()
             facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - start}
             facts["interrupted"] = pool.stopping
-            draws = reference_draws(records.values(), default_path())
+            draws = update_reference_draws(records.values(), get_default_path())
             facts["state"] = {**vars(assess_records(records.values(), draws)), "draws": draws}
             writer.write_facts(facts)
         if not pool.stopping:

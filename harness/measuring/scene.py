@@ -310,7 +310,7 @@ class SceneRun:
                             counters |= current.count_vertices(recipe, options)
                         fields = (frame, triangulation, counters, covered, limits)
                         record = records.make_counted(cases[recipe], *fields)
-                        columns = _columns(current, triangulation, counters, limits)
+                        columns = _make_columns(current, triangulation, counters, limits)
                         if timed:
                             ready[recipe] = record
                         add = self.writer.add_counted if timed else self.writer.add_finished
@@ -357,7 +357,7 @@ class SceneRun:
         return head if equal else recipe
 
 
-def _columns(
+def _make_columns(
     current: _View,
     triangulation: FrameTriangulation,
     counters: Counters,

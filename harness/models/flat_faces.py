@@ -76,21 +76,21 @@ class ModelPart:
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
-def single_precision_tolerance(values: NDArray[np.float64]) -> float:
+def get_single_precision_tolerance(values: NDArray[np.float64]) -> float:
     """Return the rounding error of single precision in the units of the values (n, k)."""
     finite = np.abs(values[np.isfinite(values)])
     return TOLERANCE_ULPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
 
 
-def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:
+def number_edges(ends: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return numbers (d,) of undirected edges (d, 2)."""
     a, b = ends.T
     return np.asarray((np.minimum(a, b) << INDEX_BITS) + np.maximum(a, b))
 
 
-def side_numbers(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def number_sides(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the numbers (3 m,) of the sides of triangles (m, 3)."""
-    return edge_numbers(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
+    return number_edges(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
 
 
 GRID_STEP = 0.25
@@ -165,7 +165,7 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
     twin = np.asarray(link(corner), dtype=np.int64)
     edges = np.flatnonzero(twin > np.arange(len(twin)))
     edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
-    sides = side_numbers(mesh.triangles)
+    sides = number_sides(mesh.triangles)
     ordered = np.sort(sides)
     crowded = np.unique(ordered[2:][ordered[2:] == ordered[:-2]])
     edges = edges[~np.isin(sides[edges], crowded)]
@@ -219,12 +219,12 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
     )
     owner, vertices = np.divmod(keys, max(len(mesh.positions), 1))
     triangles = triangles.reshape(-1, 3)
-    normal = _group_sums(mesh.normals[slots], face, count)
+    normal = _sum_groups(mesh.normals[slots], face, count)
     points, bend = _project_to_planes(mesh.positions[vertices], owner, normal)
     rounded = np.rint(points / (GRID_STEP * mesh.tolerance))
     a, b, c = np.moveaxis(rounded[triangles], 1, 0)
     oriented = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
-    off = _affine_residuals(mesh.affine[vertices], points, owner, count)
+    off = _compute_affine_residuals(mesh.affine[vertices], points, owner, count)
     repeated = _has_repeated_side(triangles, len(keys))
     uses_in_face = np.bincount(triangles.reshape(-1), minlength=len(keys))
     shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > uses_in_face
@@ -264,19 +264,19 @@ def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[
     length = np.linalg.norm(level, axis=1, keepdims=True)
     level = np.where(length > 1e-9, level / np.maximum(length, 1e-300), [1.0, 0.0, 0.0])
     upward = np.cross(unit, level)
-    local = positions - _group_means(positions, owner, count)[owner]
+    local = positions - _average_groups(positions, owner, count)[owner]
     flat = [(local * axis[owner]).sum(axis=1) for axis in (level, upward)]
     return np.stack(flat, axis=1), np.abs((local * unit[owner]).sum(axis=1))
 
 
-def _affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
+def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
     """Return the largest residual (p,) of values (p, k) from affine functions of the points."""
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
-    centred = values - _group_means(values, owner, count)[owner]
-    xx, xy, yy = (_group_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
-    xa, ya = (_group_sums(u[:, None] * centred, owner, count) for u in (x, y))
+    centred = values - _average_groups(values, owner, count)[owner]
+    xx, xy, yy = (_sum_groups((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
+    xa, ya = (_sum_groups(u[:, None] * centred, owner, count) for u in (x, y))
     across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
     fitted = across[owner] * x[:, None] + up[owner] * y[:, None]
     off = np.abs(centred - fitted).max(axis=1)
@@ -290,14 +290,14 @@ def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
     return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
 
 
-def _group_sums(values: Floats, owner: Ints, count: int) -> Floats:
+def _sum_groups(values: Floats, owner: Ints, count: int) -> Floats:
     return np.stack(
         [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
     )
 
 
-def _group_means(values: Floats, owner: Ints, count: int) -> Floats:
-    return _group_sums(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
+def _average_groups(values: Floats, owner: Ints, count: int) -> Floats:
+    return _sum_groups(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
 
 
 def _flag_groups(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.flat_faces import ModelMesh, ModelPart, single_precision_tolerance
+from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
 from harness.models.gltf_file import GltfEditor
 from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, index
 
@@ -45,12 +45,12 @@ class GltfModel(GltfEditor):
         reasons: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self.placements(), strict=True):
             for primitive in mesh["primitives"]:
-                key = _key(primitive)
+                key = _make_key(primitive)
                 primitives.setdefault(key, []).append(primitive)
                 placements[key] = placements.get(key, ()) + matrices
                 reasons[key] = reasons.get(key) or self._reason_unchanged(mesh, primitive)
         for mesh in meshes:
-            keys = dict.fromkeys(_key(primitive) for primitive in mesh["primitives"])
+            keys = dict.fromkeys(_make_key(primitive) for primitive in mesh["primitives"])
             new_keys = [key for key in keys if key not in seen]
             seen.update(new_keys)
             parts = [self._part(primitives[key], placements[key], reasons[key]) for key in new_keys]
@@ -93,7 +93,7 @@ class GltfModel(GltfEditor):
         exact = positions.astype(np.float64)
         used = exact[used_vertices]
         if positions.dtype.kind == "f" or len(used) == 0:
-            tolerance = single_precision_tolerance(used)
+            tolerance = get_single_precision_tolerance(used)
         else:
             tolerance = min(1.0, _MAX_INTEGER_STEP * float(np.ptp(used, axis=0).max()))
         mesh = ModelMesh(exact, triangles, *attributes, tolerance)
@@ -126,11 +126,11 @@ class GltfModel(GltfEditor):
                 continue
             if normalized:
                 column = column / FULL_SCALE[values.dtype.str[1:]]
-            affine.append(column / max(tolerance, single_precision_tolerance(column[used])))
+            affine.append(column / max(tolerance, get_single_precision_tolerance(column[used])))
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
 
-def _key(primitive: dict[str, Any]) -> str:
+def _make_key(primitive: dict[str, Any]) -> str:
     """Return a key that equals the key of primitives with the same triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])

@@ -84,13 +84,13 @@ class GltfEditor(GltfFile):
         """Return whether an image or another accessor reads the bytes of an accessor."""
         accessors, views = self.json["accessors"], self.json["bufferViews"]
         view_index = accessors[index]["bufferView"]
-        first, last = self._span(accessors[index])
+        first, last = self._get_span(accessors[index])
         readers = [*self.json.get("images", [])]
         readers += [a["sparse"][part] for a in accessors if "sparse" in a for part in _SPARSE]
         if any(reader.get("bufferView") == view_index for reader in readers):
             return True
         spans = [
-            self._span(accessor)
+            self._get_span(accessor)
             for number, accessor in enumerate(accessors)
             if number != index and accessor.get("bufferView") == view_index
         ] + [
@@ -100,7 +100,7 @@ class GltfEditor(GltfFile):
         ]
         return any(end > first and begin < last for begin, end in spans)
 
-    def _span(self, accessor: dict[str, Any]) -> tuple[int, int]:
+    def _get_span(self, accessor: dict[str, Any]) -> tuple[int, int]:
         """Return the byte range of an accessor in its buffer."""
         view = self.json["bufferViews"][accessor["bufferView"]]
         size = component_type(accessor).itemsize * WIDTHS[accessor["type"]]
@@ -135,15 +135,15 @@ class GltfEditor(GltfFile):
         self._require_referenced_files(out)
         with Output(out) as output:
             renamed = self._write_buffers(out, output)
-            text = self._json_text() if self._grown or renamed else self._text
+            text = self._format_json() if self._grown or renamed else self._text
             with output.file() as file:
                 if binary:
-                    write_glb(file, self._new_chunks(text), out)
+                    write_glb(file, self._make_chunks(text), out)
                 else:
                     file.write(text)
             return output.publish()
 
-    def _json_text(self) -> bytes:
+    def _format_json(self) -> bytes:
         """Return the new JSON; lone surrogates, which UTF-8 cannot encode, are escaped."""
         try:
             return json.dumps(self.json, allow_nan=False, separators=(",", ":")).encode()
@@ -183,7 +183,7 @@ class GltfEditor(GltfFile):
             renamed = True
         return renamed
 
-    def _new_chunks(self, text: bytes) -> list[tuple[bytes, IO[bytes]]]:
+    def _make_chunks(self, text: bytes) -> list[tuple[bytes, IO[bytes]]]:
         """Return the chunks of the GLB file, with the new JSON and the first buffer."""
         new = {JSON: text}
         buffers = self.json.get("buffers")

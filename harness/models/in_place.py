@@ -16,9 +16,9 @@ from harness.models.flat_faces import (
     Ints,
     ModelMesh,
     ModelPart,
-    edge_numbers,
     find_flat_faces,
-    side_numbers,
+    number_edges,
+    number_sides,
 )
 from harness.models.gltf import GltfModel
 from harness.models.obj import ObjModel
@@ -169,7 +169,7 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
     changed = diagonals.changed[owner]
     result.face[faces.slots[changed]] = owner[changed]
     before, after = (
-        pd.Index(side_numbers(triangles[changed]))
+        pd.Index(number_sides(triangles[changed]))
         for triangles in (faces.triangles, diagonals.triangles)
     )
     new_edges = after.difference(before).to_numpy()
@@ -193,8 +193,8 @@ def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: C
     hashes = hash_pandas_object(pd.DataFrame(points), index=False)
     distinct = np.unique(hashes, return_inverse=True)[1]
     vertices = np.split(distinct, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
-    before = [side_numbers(v[part.mesh.triangles]) for part, v in zip(parts, vertices, strict=True)]
-    after = [edge_numbers(v[new.diagonals]) for new, v in zip(new_parts, vertices, strict=True)]
+    before = [number_sides(v[part.mesh.triangles]) for part, v in zip(parts, vertices, strict=True)]
+    after = [number_edges(v[new.diagonals]) for new, v in zip(new_parts, vertices, strict=True)]
     diagonals, counts = np.unique(np.concatenate(after), return_counts=True)
     shared = diagonals[(counts > 1) | pd.Index(diagonals).isin(np.concatenate(before))]
     for part, new, edges in zip(parts, new_parts, after, strict=True):
@@ -203,13 +203,13 @@ def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: C
         new.triangles[reverted], new.face[reverted] = part.mesh.triangles[reverted], -1
         changed = new.face >= 0
         changes.changed += len(np.unique(new.face[changed]))
-        changes.before += _length(part.mesh, part.mesh.triangles[changed])
-        changes.after += _length(part.mesh, new.triangles[changed])
+        changes.before += _sum_lengths(part.mesh, part.mesh.triangles[changed])
+        changes.after += _sum_lengths(part.mesh, new.triangles[changed])
         if len(bad):
             changes.unchanged["a diagonal would also be an edge of other triangles"] += len(bad)
 
 
-def _length(mesh: ModelMesh, triangles: Ints) -> float:
+def _sum_lengths(mesh: ModelMesh, triangles: Ints) -> float:
     """Return the total side length of triangles."""
     sides = mesh.positions[triangles] - mesh.positions[triangles[:, [1, 2, 0]]]
     return float(np.linalg.norm(sides, axis=2).sum())

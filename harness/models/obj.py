@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError
-from harness.models.flat_faces import ModelMesh, ModelPart, single_precision_tolerance
+from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (
@@ -119,7 +119,7 @@ class ObjModel:
         """Yield all parts as one group."""
         values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
-        step = _step(word for line in self._lines[b"v"] for word in line[:3])
+        step = _find_step(word for line in self._lines[b"v"] for word in line[:3])
         uses = np.bincount(self._smooth, minlength=len(xyz) + 1)
         parts = []
         for part in self._parts:
@@ -135,11 +135,11 @@ class ObjModel:
                 rows, row_tolerance = values[kind]
                 rows_from_1 = np.vstack([np.zeros((1, rows.shape[1])), rows])
                 affine.append(rows_from_1[vertices[:, column]] / row_tolerance)
-            tolerance = _tolerance(positions, step)
+            tolerance = _compute_tolerance(positions, step)
             part_uses = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
             triangles = number.reshape(-1, 3)
             mesh = ModelMesh(positions, triangles, np.hstack(affine), fixed, tolerance, part_uses)
-            tokens = [_word(vertex) for vertex in vertices.tolist()]
+            tokens = [_format_word(vertex) for vertex in vertices.tolist()]
             parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), tokens)))
         yield parts
 
@@ -154,7 +154,7 @@ class ObjModel:
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
             raise InputError(f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates)")
-        step = _step(word for line in lines for word in line)
+        step = _find_step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
             _MIN_TOLERANCE[kind], min(step, 1e-3)
         )
@@ -179,7 +179,7 @@ class ObjModel:
             return output.publish()
 
 
-def _word(vertex: list[int]) -> bytes:
+def _format_word(vertex: list[int]) -> bytes:
     """Format a triple: 7, 7/1, 7//3 or 7/1/3."""
     position, texture, normal = (b"%d" % number if number else b"" for number in vertex)
     if normal:
@@ -187,12 +187,12 @@ def _word(vertex: list[int]) -> bytes:
     return position + b"/" + texture if texture else position
 
 
-def _step(tokens: Iterable[bytes]) -> float:
+def _find_step(tokens: Iterable[bytes]) -> float:
     """Return the unit of the last decimal place of numbers in a text."""
     return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in tokens), default=0)
 
 
-def _tolerance(positions: NDArray[np.float64], step: float) -> float:
+def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:
     """Return the flatness tolerance of a face whose positions (n, 3) were read from a text.
 
     The tolerance depends on distances from the centre: unlike single precision, a text is exact far
@@ -201,4 +201,4 @@ def _tolerance(positions: NDArray[np.float64], step: float) -> float:
     finite = positions[np.isfinite(positions).all(axis=1)]
     local = finite - (finite.min(axis=0) / 2 + finite.max(axis=0) / 2) if len(finite) else finite
     largest = float(np.abs(local).max(initial=0.0))
-    return max(single_precision_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))
+    return max(get_single_precision_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))

@@ -23,9 +23,9 @@ from harness.models.views import (
     DISTANCE,
     VIEWS,
     BoundingSphere,
-    bounding_sphere,
-    directions,
-    integer_directions,
+    find_bounding_sphere,
+    list_directions,
+    list_integer_directions,
     project,
     transform,
 )
@@ -167,14 +167,16 @@ def read(
         polygons += flat.polygons
         polygon_triangles += flat.triangles[: flat.count]
         invalid_faces += flat.invalid_faces
-    sphere = bounding_sphere([placed_part.corners.reshape(-1, 3) for placed_part in placed_parts])
+    sphere = find_bounding_sphere(
+        [placed_part.corners.reshape(-1, 3) for placed_part in placed_parts]
+    )
     if sphere is None:
         raise SceneError(f"{path}: no visible triangle (all triangles are degenerate)")
     visible: list[_ViewPieces] = []
     other_triangles: dict[int, Rows] = {}
     piece_offsets = [0]
     vertices = 0
-    for direction in directions()[:views]:
+    for direction in list_directions()[:views]:
         end = piece_offsets[-1]
         for pieces in _pieces_of_view(
             placed_parts, sphere, direction, distance, pixels, len(polygons)
@@ -198,7 +200,9 @@ def read(
         notes=(_format_note(placed_parts, len(polygons), views),),
         viewing=Viewing(
             pixels=pixels,
-            names=tuple(" ".join(map(str, axis)) for axis in integer_directions()[:views].tolist()),
+            names=tuple(
+                " ".join(map(str, axis)) for axis in list_integer_directions()[:views].tolist()
+            ),
             pieces=PolygonArray.concatenate([pieces.outlines for pieces in visible]),
             depths=None
             if depth == "none"

@@ -50,7 +50,7 @@ class BoundingSphere(NamedTuple):
     radius: float
 
 
-def integer_directions() -> NDArray[np.int64]:
+def list_integer_directions() -> NDArray[np.int64]:
     """Return directions to the camera (24, 3): (1, 2, 3) under all rotations of a cube.
 
     The first four, eight, ... directions sum to zero.
@@ -64,9 +64,9 @@ def integer_directions() -> NDArray[np.int64]:
     return np.array(rotated)
 
 
-def directions() -> NDArray[np.float64]:
-    """Return `integer_directions` as unit vectors (24, 3)."""
-    return np.asarray(integer_directions() / np.sqrt(14.0))
+def list_directions() -> NDArray[np.float64]:
+    """Return `list_integer_directions` as unit vectors (24, 3)."""
+    return np.asarray(list_integer_directions() / np.sqrt(14.0))
 
 
 def count_views(
@@ -95,12 +95,12 @@ def count_views(
         return []
     placements, world = len(points), np.concatenate(points)
     unchanged, old, new = map(np.concatenate, sets)
-    sphere = bounding_sphere([world[np.concatenate([unchanged, old]).reshape(-1)]])
+    sphere = find_bounding_sphere([world[np.concatenate([unchanged, old]).reshape(-1)]])
     if sphere is None:
         return []
     local = (world - sphere.middle) / sphere.radius
     sums = np.zeros((len(sizes), 2, 2), dtype=np.int64)
-    for number, direction in enumerate(directions()):
+    for number, direction in enumerate(list_directions()):
         tick(placements * number // VIEWS)
         flat, _ = project(local, direction)
         for pixels, size_sums in zip(sizes, sums, strict=True):
@@ -118,7 +118,7 @@ def transform(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> ND
     return np.stack([_dot(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
-def bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> BoundingSphere | None:
+def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> BoundingSphere | None:
     """Return the bounding sphere of finite points (n, 3), or None if they have no extent."""
     points = np.concatenate([np.empty((0, 3)), *placed_points])
     points = points[np.isfinite(points).all(axis=1)]

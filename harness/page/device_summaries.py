@@ -165,11 +165,11 @@ def format_table(folder: Path) -> str:
                 *(_format_ratio(view["triangulators"].get(name)) for name in TABLE_TRIANGULATORS),
                 *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
             ]
-            lines.append("| " + " | ".join(map(plain_cell, cells)) + " |")
+            lines.append("| " + " | ".join(map(format_plain_cell, cells)) + " |")
     return "\n".join(lines)
 
 
-def plain_cell(text: str) -> str:
+def format_plain_cell(text: str) -> str:
     """Return untrusted text as a line in a Markdown cell, without HTML, links or attributes."""
     escapes = {"<": "&lt;", "[": "&#91;", "{": "&#123;", "|": "\\|"}
     return "".join(escapes.get(letter, letter) for letter in " ".join(text.split()))

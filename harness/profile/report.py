@@ -13,7 +13,7 @@ from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
 from harness.profile.profile import origin_of
-from harness.style import COLOURS, draw_figure, legend_below, make_panels, plain_table
+from harness.style import COLOURS, draw_figure, legend_below, make_panels, make_plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,7 +107,7 @@ def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
 
 def make_table(profile: Mapping[str, Any]) -> Table:
     """Return the table of terms with their intervals."""
-    table = plain_table(
+    table = make_plain_table(
         f"R2 of log time of held-out draws: {profile['r2_over']:.3f} over all, "
         f"{profile['r2_within']:.3f} within groups of a kind",
         *("term", ">cost", ">95 % CI", "needed"),

@@ -142,7 +142,9 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     decided = list(decide_all(run) if decided is None else decided)
     # Timed GPUs first, then other timed devices, then in the order of measurement.
     position = {id(record): number for number, record in enumerate(run.records)}
-    decided.sort(key=lambda pair: (_display_key(pair[0]), _first_position(pair[0], position)))
+    decided.sort(
+        key=lambda pair: (_get_display_key(pair[0]), _get_first_position(pair[0], position))
+    )
     polygons = _Polygons(run, [group for group, _ in decided])
     names = _list_triangulators(run)
     metrics = find_metrics(run.records)
@@ -171,7 +173,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         "groups": groups,
         "cases": cases,
         "views": polygons.views,
-        "matrices": study or make_run_matrices(_correlations_of_first_view(groups)),
+        "matrices": study or make_run_matrices(_list_correlations(groups)),
         "study": format_study_answer(study),
         "environment": list_facts(run),
         "key_facts": list_key_facts(run),
@@ -179,7 +181,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     }
 
 
-def _first_position(group: RecordGroup, position: Mapping[int, int]) -> int:
+def _get_first_position(group: RecordGroup, position: Mapping[int, int]) -> int:
     return min(position.get(id(record), 0) for record in group.records)
 
 
@@ -187,7 +189,7 @@ def _list_standings(decision: Decision | None) -> Sequence[Standing]:
     return decision.standings if decision else ()
 
 
-def _correlations_of_first_view(
+def _list_correlations(
     groups: Sequence[GroupContent],
 ) -> Iterator[tuple[tuple[str, str, str], Mapping[str, float | None]]]:
     """Yield ((rasteriser, device, measure), criterion -> rank correlation) of the first view."""
@@ -319,7 +321,7 @@ def _make_case(
     }
 
 
-def _display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
+def _get_display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
     timed = any(record.time for record in group.measured)
     gpu = bool(group.measured) and group.id.device.startswith("gpu")
     main = bool(group.measured) and group.id.rasteriser == "opengl"

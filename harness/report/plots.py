@@ -29,8 +29,8 @@ from harness.style import (
     choose_looks,
     draw_figure,
     draw_scatter,
-    grid,
     legend_below,
+    make_grid,
 )
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
         if estimate.measure == measure and PREDICTED + name in columns[base]
     ]
     panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
-    figure, axes = grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
+    figure, axes = make_grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
         _draw_scatter(panel, columns, base, criterion, measure)
         in_unit = criterion in estimates

@@ -265,7 +265,7 @@ def get_triangulators_version() -> str:
     return digest.hexdigest()
 
 
-def _checksum(key: bytes, data: bytes) -> bytes:
+def _compute_checksum(key: bytes, data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8, key=key).digest()
 
 
@@ -273,7 +273,7 @@ def _pack(key: bytes, model: TimedTriangles) -> bytes:
     """Return the bytes of an entry: checksum, triangles of 12 bytes, seconds of 8 bytes."""
     data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
     data += struct.pack("<d", model.seconds)
-    return _checksum(key, data) + data
+    return _compute_checksum(key, data) + data
 
 
 def _unpack(key: bytes, value: Any) -> TimedTriangles | None:
@@ -281,7 +281,7 @@ def _unpack(key: bytes, value: Any) -> TimedTriangles | None:
     if not isinstance(value, bytes) or len(value) < 16 or len(value) % 12 != 4:
         return None
     data = value[8:]
-    if _checksum(key, data) != value[:8]:
+    if _compute_checksum(key, data) != value[:8]:
         return None
     triangles = np.frombuffer(data[:-8], "<i4").reshape(-1, 3).astype(np.int32)
     return TimedTriangles(triangles, *struct.unpack("<d", data[-8:]))

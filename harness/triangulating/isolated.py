@@ -77,10 +77,10 @@ def triangulate_many(
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
-    return _verify(arrays, _stack(pieces, failed, np.zeros(len(pieces), np.bool_)))
+    return _verify(arrays, _join_pieces(pieces, failed, np.zeros(len(pieces), np.bool_)))
 
 
-def _stack(
+def _join_pieces(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
@@ -101,4 +101,4 @@ def _verify(polygons: PolygonArray, triangulations: Triangulations) -> Triangula
             pieces[number] = np.empty((0, 3), np.int32)
     if not failed:
         return triangulations
-    return _stack(pieces, {**triangulations.failed, **failed}, triangulations.compiled)
+    return _join_pieces(pieces, {**triangulations.failed, **failed}, triangulations.compiled)

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 import trimesh
 
-from harness.commands.options import named_rasterisers
-from harness.commands.outcome import folder_for
+from harness.commands.options import choose_rasterisers
+from harness.commands.outcome import choose_folder
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, TimedTriangles
@@ -116,7 +116,7 @@ def test_a_picture_of_inspect_survives_a_full_disk(harness, block, monkeypatch):
 def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
     for name in ("webgpu", "opengl"):
         monkeypatch.setattr("harness.rasterisers.default_rasteriser", lambda name=name: name)
-        assert named_rasterisers(None)[0] == name
+        assert choose_rasterisers(None)[0] == name
         assert ("no device works here; measuring with webgpu" in capsys.readouterr().err) is (
             name == "webgpu"
         )
@@ -248,7 +248,7 @@ def test_two_runs_within_a_second_get_separate_folders(tmp_path, monkeypatch):
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
     folders = []
     for _ in range(3):
-        folders.append(folder_for("city", None))
+        folders.append(choose_folder("city", None))
         folders[-1].mkdir(parents=True)
     stamp = "city-20260101-120000"
     assert [folder.name for folder in folders] == [stamp, f"{stamp}-2", f"{stamp}-3"]

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from harness.progress import MAX_INTERVAL_S, MIN_INTERVAL_S, Reporter, Screen
-from harness.style import plain_table
+from harness.style import make_plain_table
 from tests.conftest import assert_refused
 
 
@@ -69,7 +69,7 @@ def test_stages_of_unknown_length_are_reported():
 
 def test_tables_in_a_pipe_are_neither_cut_nor_padded(monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
-    table = plain_table("a title", "name", "words")
+    table = make_plain_table("a title", "name", "words")
     table.add_row("n" * 60, "as many words as a table may have")
     table.add_row("n", "few")
     for columns in (None, "50"):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from harness.measuring.reference_draws import reference_draws
+from harness.measuring.reference_draws import update_reference_draws
 from harness.results.record import Record
 from tests.records import make_record
 
@@ -18,7 +18,7 @@ def records(reference_s: float, **changes: object) -> list[Record]:
 
 def test_the_first_run_sets_the_minimum(tmp_path):
     file = tmp_path / "a" / "new" / "draws.json"
-    (draw,) = reference_draws(records(1e-3), file)
+    (draw,) = update_reference_draws(records(1e-3), file)
     assert file.is_file()
     assert draw == {
         "rasteriser": "opengl",
@@ -36,35 +36,35 @@ def test_the_first_run_sets_the_minimum(tmp_path):
 
 def test_slower_runs_have_their_ratio_to_the_minimum(tmp_path):
     file = tmp_path / "draws.json"
-    reference_draws(records(1e-3), file)
-    (slow,) = reference_draws(records(2e-3), file)
+    update_reference_draws(records(1e-3), file)
+    (slow,) = update_reference_draws(records(2e-3), file)
     assert (slow["slower"], slow["runs"]) == (pytest.approx(2.0), 2)
-    (faster,) = reference_draws(records(0.5e-3), file)
+    (faster,) = update_reference_draws(records(0.5e-3), file)
     assert (faster["best_s"], faster["slower"], faster["runs"]) == (0.5e-3, 1.0, 3)
 
 
 def test_devices_views_and_machines_have_separate_minima(tmp_path, monkeypatch):
     file = tmp_path / "draws.json"
-    reference_draws(records(1e-3), file)
+    update_reference_draws(records(1e-3), file)
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
-        assert reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
+        assert update_reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
     monkeypatch.setattr("harness.measuring.reference_draws.processor", lambda: {"label": "another"})
-    assert reference_draws(records(5e-3), file)[0]["slower"] == 1.0
+    assert update_reference_draws(records(5e-3), file)[0]["slower"] == 1.0
 
 
 @pytest.mark.parametrize("content", ["", "[1]", '{"a": [0, 1]}', '{"a": [1, 0]}', '{"a": 3}', "{"])
 def test_damaged_files_are_replaced(content, tmp_path):
     file = tmp_path / "draws.json"
     file.write_text(content)
-    assert reference_draws(records(1e-3), file)[0]["best_s"] == 1e-3
+    assert update_reference_draws(records(1e-3), file)[0]["best_s"] == 1e-3
     assert len(json.loads(file.read_text())) == 1
 
 
 def test_unwritable_files_are_ignored(tmp_path):
     (tmp_path / "file").write_text("")
-    (draw,) = reference_draws(records(1e-3), tmp_path / "file" / "draws.json")
+    (draw,) = update_reference_draws(records(1e-3), tmp_path / "file" / "draws.json")
     assert (draw["slower"], draw["runs"]) == (1.0, 1)
 
 
 def test_cases_without_times_have_no_entry(tmp_path):
-    assert reference_draws(records(1e-3, time=None), tmp_path / "draws.json") == []
+    assert update_reference_draws(records(1e-3, time=None), tmp_path / "draws.json") == []

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.measuring.reference_draws import default_path
+from harness.measuring.reference_draws import get_default_path
 from harness.metrics.decision import decide, format_advice
 from harness.stats.run_quality import (
     DISTURBED,
@@ -203,4 +203,4 @@ def test_a_run_keeps_what_it_was_compared_with(block, tmp_path):
     assert 0 < entry["best_s"] <= entry["reference_s"]
     assert math.isclose(entry["slower"], entry["reference_s"] / entry["best_s"])
     assert facts["cpu"]["label"]
-    assert default_path().exists()
+    assert get_default_path().exists()

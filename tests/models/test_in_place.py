@@ -8,7 +8,7 @@ import trimesh
 
 from harness.errors import HarnessError, UsageError
 from harness.models.diagonals import choose_diagonals
-from harness.models.flat_faces import ModelMesh, find_flat_faces, single_precision_tolerance
+from harness.models.flat_faces import ModelMesh, find_flat_faces, get_single_precision_tolerance
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -131,7 +131,7 @@ def test_affine_skinning_attributes_keep_a_face_unchanged(out):
 @pytest.mark.parametrize(("steps", "expected"), [(2, CUT_SHORT), (40, CUT_LONG)])
 def test_bend_beyond_the_tolerance_keeps_a_face_unchanged(out, steps, expected):
     bent = KITE.copy()
-    bent[2, 2] = steps * single_precision_tolerance(KITE) / 4
+    bent[2, 2] = steps * get_single_precision_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
     assert triangles_after(builder, out) == [expected]
 
@@ -270,7 +270,7 @@ def test_new_triangles_are_not_thin():
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
     none = np.empty((5, 0))
     faces, _ = find_flat_faces(
-        ModelMesh(points, triangles, none, none, single_precision_tolerance(points))
+        ModelMesh(points, triangles, none, none, get_single_precision_tolerance(points))
     )
     result = choose_diagonals(faces, "edge-length").triangles
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[result].tolist())

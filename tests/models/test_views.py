@@ -10,7 +10,7 @@ from harness.models.flat_faces import ModelMesh
 from harness.models.gltf import GltfModel
 from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
-from harness.models.views import DISTANCE, VIEWS, bounding_sphere
+from harness.models.views import DISTANCE, VIEWS, find_bounding_sphere
 from harness.rasterisers.reference import predict
 from harness.triangulating.carrying import make_original_triangulation
 from tests.conftest import require_ok
@@ -26,7 +26,7 @@ def mesh_of(points: np.ndarray, triangles: np.ndarray) -> ModelMesh:
 
 
 def test_directions_are_evenly_distributed():
-    directions = views.directions()
+    directions = views.list_directions()
     assert directions.shape == (views.VIEWS, 3)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1)
     assert np.allclose(directions.sum(axis=0), 0)
@@ -62,7 +62,7 @@ def test_placements_are_counted_together(monkeypatch):
 
 def test_a_sphere_fills_the_image_exactly():
     points = trimesh.creation.icosphere(4).vertices
-    for direction in views.directions():
+    for direction in views.list_directions():
         flat, _ = views.project(points, direction)
         assert flat.min() >= 0
         assert flat.max() <= 1
@@ -70,7 +70,7 @@ def test_a_sphere_fills_the_image_exactly():
 
 
 def test_a_mirror_reverses_front_faces(monkeypatch):
-    monkeypatch.setattr(views, "directions", lambda: np.array([[0.0, 0.6, 0.8]]))
+    monkeypatch.setattr(views, "list_directions", lambda: np.array([[0.0, 0.6, 0.8]]))
     mesh, mirror = mesh_of(KITE, LONG), np.diag([1.0, -1.0, 1.0, 1.0])
     plain = views.count_views([views.DrawnPart(mesh, SHORT, (np.eye(4),))])
     mirrored = views.count_views([views.DrawnPart(mesh, SHORT, (mirror,))])
@@ -137,7 +137,7 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
         counted = predict(frame.points, frame.join(original.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
     (part,) = [part for group in open_model(before)[1] for part in group]
-    ball = bounding_sphere([part.mesh.positions])
+    ball = find_bounding_sphere([part.mesh.positions])
     scale = pixels * np.sqrt(DISTANCE**2 - 1) / (2 * ball.radius * DISTANCE)
     # `shorter` counts each diagonal twice, as a side of two triangles
     by_e = VIEWS / 2 * scale * (shorter / 2)

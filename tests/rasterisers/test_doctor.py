@@ -57,10 +57,12 @@ def test_fix_names_variables_that_hide_drivers_and_capabilities_of_a_container(
     for variable in doctor.HIDING_VARIABLES:
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(doctor, "NVIDIA_NODE", tmp_path / "missing")
-    assert doctor._remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
-    assert doctor._remedy(kind, "gpu0") == kind.remedy("gpu0")
+    assert doctor._find_remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
+    assert doctor._find_remedy(kind, "gpu0") == kind.remedy("gpu0")
     monkeypatch.setattr(doctor, "NVIDIA_NODE", tmp_path)
-    assert "NVIDIA_DRIVER_CAPABILITIES=graphics" in doctor._remedy(kind, "gpu0")
-    assert doctor._remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
+    assert "NVIDIA_DRIVER_CAPABILITIES=graphics" in doctor._find_remedy(kind, "gpu0")
+    assert doctor._find_remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
     monkeypatch.setenv("LIBGL_DRIVERS_PATH", "/nowhere")
-    assert doctor._remedy(kind, "llvmpipe").startswith("unset LIBGL_DRIVERS_PATH, which may hide")
+    assert doctor._find_remedy(kind, "llvmpipe").startswith(
+        "unset LIBGL_DRIVERS_PATH, which may hide"
+    )

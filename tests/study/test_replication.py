@@ -247,7 +247,7 @@ def test_invalid_input_of_all_parts_is_refused_without_output(harness, monkeypat
 
 
 def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkeypatch):
-    monkeypatch.setattr("harness.commands.study_all._validate", _refused)
+    monkeypatch.setattr("harness.commands.study_all._measure_validation", _refused)
     monkeypatch.setattr("harness.commands.study_all._measure_gains", _measured_nothing)
     code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 4
@@ -258,7 +258,7 @@ def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkey
 
 def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch):
     """The gains of a run some of whose cases failed are those of the others."""
-    monkeypatch.setattr("harness.commands.study_all._validate", lambda *_: None)
+    monkeypatch.setattr("harness.commands.study_all._measure_validation", lambda *_: None)
     monkeypatch.setattr("harness.commands.outcome.finish", _failed_in_part)
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)

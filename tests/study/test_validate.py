@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.commands.outcome import folder_for
+from harness.commands.outcome import choose_folder
 from harness.errors import InputError
 from harness.results.record import Record
 from harness.results.run_folder import read_run
@@ -107,7 +107,7 @@ def test_a_case_that_fails_is_told_at_the_end_and_by_the_exit_code(harness, comm
 
 
 def test_a_study_of_a_file_has_both_names():
-    folder = folder_for("there/own.geojson", None, None, before="validate-")
+    folder = choose_folder("there/own.geojson", None, None, before="validate-")
     assert folder.name.startswith("validate-own-")
 
 
