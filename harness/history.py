@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.compare.times import low_quantile
-from harness.errors import InputError, UsageError, unknown
+from harness.errors import InputError, UsageError, unknown_name_error
 from harness.machine.git import get_commit
 from harness.metrics.processors import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
@@ -30,7 +30,7 @@ from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import get_run_state
-from harness.style import COLOURS, MARKERS, draw, grid, legend_below
+from harness.style import COLOURS, MARKERS, draw_figure, legend_below, make_grid
 from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     )
     for metric in metrics:
         if metric != TIME and metric not in metrics_by_name:
-            raise unknown("metric", metric, [TIME, *metrics_by_name])
+            raise unknown_name_error("metric", metric, [TIME, *metrics_by_name])
     cases = _group_by_case(runs)
     series = []
     for metric in metrics:
@@ -221,7 +221,7 @@ def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) 
         existing = {_get_name(entry.id, kind) for entry in selected}
         for value in values:
             if value not in existing:
-                raise unknown(kind, value, existing)
+                raise unknown_name_error(kind, value, existing)
         selected = [entry for entry in selected if _get_name(entry.id, kind) in values]
     return selected
 
@@ -314,7 +314,7 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
     files = []
     for metric in dict.fromkeys(entry.metric for entry in series):
         entries = [entry for entry in series if entry.metric == metric]
-        files += draw(folder, metric, draw_metric, runs, entries)
+        files += draw_figure(folder, metric, draw_metric, runs, entries)
     return files
 
 
@@ -325,7 +325,7 @@ def draw_metric(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
     metric = series[0].metric
     quantity = find_metric(metric)
     label = "time, relative" if metric == TIME else f"{quantity.title}, {quantity.unit}"
-    figure, panels = grid((7.0, 0.8 + 2.4 * len(groups)), len(groups), sharex=True)
+    figure, panels = make_grid((7.0, 0.8 + 2.4 * len(groups)), len(groups), sharex=True)
     for panel, group in zip(panels, groups, strict=True):
         for entry in series:
             if entry.id.group == group:

@@ -15,7 +15,7 @@ from harness.errors import IncompatibleRunsError
 from harness.metrics.processors import may_be_same, read_processor
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
-from harness.style import flat
+from harness.style import flatten
 
 ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
 """Facts of a run's environment that are compared."""
@@ -190,4 +190,4 @@ def _flatten(facts: Mapping[str, Any]) -> dict[str, Any]:
         for label, device in (facts.get("devices") or {}).items()
     }
     parts = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
-    return flat(parts, ": ")
+    return flatten(parts, ": ")

@@ -27,8 +27,8 @@ from harness.compare.wording import (
     list_runs,
 )
 from harness.results.record import CaseGroup, CaseId, printable
-from harness.style import count, plain_table
-from harness.webpages import template
+from harness.style import format_count, make_plain_table
+from harness.webpages import load_template
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -78,7 +78,7 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
 
     def print_table(title: str, heading: Sequence[str], rows: Iterable[tuple[Any, str]]) -> None:
         first, *numbers, last = heading
-        grid = plain_table(Text(title), first, *(f">{name}" for name in numbers), last)
+        grid = make_plain_table(Text(title), first, *(f">{name}" for name in numbers), last)
         for cells, style in rows:
             grid.add_row(*map(Text, cells), style=style)
         console.print(grid)
@@ -130,7 +130,9 @@ def to_markdown(
     for position, block in enumerate(blocks):
         if len(text) + len(block) > limit - 200:
             omitted = sum(map(bool, blocks[position:]))
-            text += f"\n{count(omitted, 'table')} omitted: too long for a comment; see --html.\n"
+            text += (
+                f"\n{format_count(omitted, 'table')} omitted: too long for a comment; see --html.\n"
+            )
             break
         text += f"\n{block}" if block else ""
     return f"{text}\n{MARKER}\n"
@@ -153,7 +155,7 @@ def _format_totals(comparison: Comparison, *, counted: bool) -> str:
 
 def _format_affected(group: CaseTable) -> str:
     rows = [row for row in group.rows if row.affected]
-    title = f"**{escape(group.title)}**: {len(rows)} of {count(len(group.rows), 'case')}"
+    title = f"**{escape(group.title)}**: {len(rows)} of {format_count(len(group.rows), 'case')}"
     return f"{title}\n\n{_format_table(group, rows)}" if rows else ""
 
 
@@ -282,7 +284,7 @@ def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
     """
     times = [case.time for case in comparison.cases if case.time and case.time.ratio]
     ends = [abs(end - 1.0) for time in times for end in (time.low, time.high) if end]
-    return template("harness.compare", "compare.html.j2").render(
+    return load_template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
         reach=max([0.01, *ends, *(time.threshold for time in times if time.threshold)]),
         headline=format_headline(comparison),

@@ -21,7 +21,7 @@ from harness.compare.model import (
 from harness.metrics.registry import find_metric
 from harness.results.record import printable
 from harness.settings import COST_COUNTERS
-from harness.style import count, figure, percent, step
+from harness.style import format_count, format_number, format_percent, format_step
 
 if TYPE_CHECKING:
     from harness.compare.polygons import Grown
@@ -38,12 +38,12 @@ def format_headline(comparison: Comparison) -> str:
     if comparison.verdict == "no-baseline":
         return (
             f"No baseline yet: {comparison.base.path} has no run; store HEAD there as the baseline "
-            f"to compare its {count(len(comparison.cases), 'case')}"
+            f"to compare its {format_count(len(comparison.cases), 'case')}"
         )
     # Cases that were not compared are counted in the headline.
     statuses = Counter(case.status for case in comparison.cases if case.status != "compared")
     not_compared = ", ".join(
-        f"{count(n, 'case')} {STATUS_TEXT[status]}" for status, n in statuses.items()
+        f"{format_count(n, 'case')} {STATUS_TEXT[status]}" for status, n in statuses.items()
     )
     if comparison.verdict == "nothing-comparable":
         untimed = "only times are gated, and no case was timed" if comparison.compared() else ""
@@ -60,7 +60,7 @@ def _describe_regression(comparison: Comparison) -> str:
         drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
         return f"Regression: {drift.group}: {format_drift(comparison, drift)}"
     worst = regressed[0]
-    more = count(len(regressed) - 1, "more case")
+    more = format_count(len(regressed) - 1, "more case")
     suffix = f"; {more} regressed" if len(regressed) > 1 else ""
     if worst.status != "compared":
         return f"Regression: {worst.id}: {describe_case(comparison, worst)[1]}{suffix}"
@@ -99,11 +99,11 @@ def _summarise_without_regression(comparison: Comparison) -> str:
     times = f"times: {counts} within {format_thresholds(comparison)}" if counts else "no times"
     if counts and not settings.gates_time:
         times = f"times are {NOT_GATED}"
-    text = f"{start}: {count(len(compared), 'case')} on {devices}, {counters}, {times}"
+    text = f"{start}: {format_count(len(compared), 'case')} on {devices}, {counters}, {times}"
     drifts = [d for d in comparison.drifts if d.outcome in ("regressed", "improved")]
     if drifts:
         drift = max(drifts, key=lambda drift: abs(drift.ratio - 1))
-        text += f"; all cases together took {percent(drift.ratio - 1)} time ({NOT_GATED})"
+        text += f"; all cases together took {format_percent(drift.ratio - 1)} time ({NOT_GATED})"
     better = sum(describe_case(comparison, case)[0] == "good" for case in compared)
     return f"{text}; {better} improved" if better else text
 
@@ -118,14 +118,18 @@ def format_thresholds(comparison: Comparison) -> str:
 
 def format_counter(change: CounterChange) -> str:
     """Return `99,275 → 111,496 (+12.3 %)`, or the value alone if it is unchanged."""
-    return figure(change.head) if change.exact == "equal" else step(change.base, change.head)
+    return (
+        format_number(change.head)
+        if change.exact == "equal"
+        else format_step(change.base, change.head)
+    )
 
 
 def format_grown(grown: Grown) -> str:
     """Return `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
-    vertices = count(len(grown.frame.points), "vertex", "vertices")
+    vertices = format_count(len(grown.frame.points), "vertex", "vertices")
     polygon = f"polygon {grown.polygon} ({vertices})"
-    growth = step(grown.base, grown.head)
+    growth = format_step(grown.base, grown.head)
     return f"{polygon} of {grown.case}: {join_names([grown.metric])} {growth}"
 
 
@@ -302,7 +306,9 @@ def _format_cell(change: CounterChange | None) -> str:
     """Return HEAD's value and, if it differs from BASE's, the growth."""
     if change is None:
         return ""
-    return figure(change.head) + (f" ({percent(change.change)})" if change.change else "")
+    return format_number(change.head) + (
+        f" ({format_percent(change.change)})" if change.change else ""
+    )
 
 
 TOTALS_HEADING = ("counter", "affected", "better", "worse", "BASE", "HEAD", "change")
@@ -321,8 +327,13 @@ def build_totals(comparison: Comparison, *, counted: bool) -> list[tuple[str, ..
 
 def _format_total(total: Total) -> tuple[str, ...]:
     affected = f"{total.affected} of {total.cases}"
-    change = "" if total.change is None else percent(total.change)
-    numbers = (str(total.better), str(total.worse), figure(total.base), figure(total.head))
+    change = "" if total.change is None else format_percent(total.change)
+    numbers = (
+        str(total.better),
+        str(total.worse),
+        format_number(total.base),
+        format_number(total.head),
+    )
     return (join_names([total.metric]), affected, *numbers, change)
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from harness import atomic
 from harness.scaling.census import Census, TileCensus
 from harness.scaling.sums import BINS, GAINED, MEASURES, Counted, Group, Sums
-from harness.style import TWO_COLUMNS, draw, grid, looks, plain_table
+from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_grid, make_plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,11 +74,13 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
         (cells,) = counted.cells
         places = {axis: cells[axis] * census.cell for axis in ("x", "y")}
         written["cells.csv"] = cells.assign(**places)
-        draw(folder / "plots", "map", plot_map, cells, census)
+        draw_figure(folder / "plots", "map", plot_map, cells, census)
     for name, table in written.items():
         text = table.to_csv(index=False, lineterminator="\n")
         atomic.write(folder / name, text.encode())
-    draw(folder / "plots", "gains", plot_distribution, counted.sum_groups(), names, census.noun)
+    draw_figure(
+        folder / "plots", "gains", plot_distribution, counted.sum_groups(), names, census.noun
+    )
     return [*written, "plots/"]
 
 
@@ -113,7 +115,7 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
     sums = counted.sum_groups()
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
-    table = plain_table(title, "triangulator", *headings)
+    table = make_plain_table(title, "triangulator", *headings)
     every = rows(sums, census.triangulators).query("measure == 'helper_lanes'")
     for row in every.iloc[1:].to_dict("records"):
         table.add_row(
@@ -128,7 +130,7 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
 def _table_of_tiles(counted: Counted, base: str, triangulators: Sequence[str]) -> Table:
     # Long names wrap after a colon or a hyphen.
     names = [name.replace(":", ":\n").replace("-", "-\n") for name in triangulators]
-    table = plain_table(
+    table = make_plain_table(
         f"map tiles: helper lanes, compared with {base}",
         *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
         padding=(0, 1, 0, 0),
@@ -149,8 +151,8 @@ def _table_of_tiles(counted: Counted, base: str, triangulators: Sequence[str]) -
 
 def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Figure:
     """Draw the share of footprints by minimum gain, for helper lanes and quads."""
-    figure, panels = grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
-    styles = looks(triangulators)
+    figure, panels = make_grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
+    styles = choose_looks(triangulators)
     for panel, measure in zip(panels, ("helper_lanes", "quads"), strict=True):
         for number, name in enumerate(triangulators[1:], start=1):
             bins = sums.bins[number, GAINED.index(measure)]
@@ -176,7 +178,7 @@ def plot_map(cells: pd.DataFrame, census: Census) -> Figure:
     gain = gain.reindex(range(south, north + 1), columns=range(west, east + 1))
     size = census.cell * coarse
     extent = (west * size, (east + 1) * size, south * size, (north + 1) * size)
-    figure, (panel,) = grid((TWO_COLUMNS, 5.0))
+    figure, (panel,) = make_grid((TWO_COLUMNS, 5.0))
     seen = gain.to_numpy()[np.isfinite(gain)]
     low_gain, high_gain = np.percentile(seen, [2, 98]) if len(seen) else (0.0, 1.0)
     picture = panel.imshow(

@@ -23,7 +23,13 @@ from harness.metrics.per_polygon import spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
 from harness.stats.intervals import UNKNOWN, median_interval_or_unknown
-from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
+from harness.style import (
+    draw_figure,
+    legend_below,
+    make_panels,
+    make_plain_table,
+    scatter_over_medians,
+)
 from triangulators.criteria import AUXILIARY_FEATURES
 
 if TYPE_CHECKING:
@@ -247,7 +253,9 @@ def make_criterion_table(
     title: str, cells: Mapping[tuple[str, str], str], measures: Sequence[str]
 ) -> Table:
     """Return a table of (criterion, measure) -> cell with a column for each of `measures`."""
-    table = plain_table(title, "criterion", *(f">{get_label(measure)}" for measure in measures))
+    table = make_plain_table(
+        title, "criterion", *(f">{get_label(measure)}" for measure in measures)
+    )
     for name in dict.fromkeys(name for name, _ in cells):
         table.add_row(name, *(cells.get((name, measure), "-") for measure in measures))
     return table
@@ -259,7 +267,9 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
     for (rasteriser, device), part in _group_within(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
-        files += draw(folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}")
+        files += draw_figure(
+            folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}"
+        )
     return files
 
 
@@ -287,7 +297,7 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: least squares"
     )
-    figure, axes = panels(len(pairs), (3.2, 3.1), title_lines, across=2)
+    figure, axes = make_panels(len(pairs), (3.2, 3.1), title_lines, across=2)
     for panel, (criterion, measure) in zip(axes, pairs, strict=True):
         x, y = scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)

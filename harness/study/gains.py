@@ -12,7 +12,7 @@ from harness.metrics.groups import RecordGroup, group_run
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER
-from harness.style import draw, grid, looks
+from harness.style import choose_looks, draw_figure, make_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,16 +121,16 @@ def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
         for axis in (axis for axis in AXES if part[axis].nunique() > 1):
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
             title = f"{scene}: {rasteriser} on {device}"
-            files += draw(folder, name, _draw_figure, part, axis, base, title)
+            files += draw_figure(folder, name, _draw_figure, part, axis, base, title)
     return files
 
 
 def _draw_figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
-    figure, (axes,) = grid((4.6, 3.6))
+    figure, (axes,) = make_grid((4.6, 3.6))
     # Only this axis varies; the others are fixed at the values for which it has most values.
     fixed_keys = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(fixed_keys), key=lambda group: group[1][axis].nunique())
-    styles = looks(list(fixed["triangulator"]))
+    styles = choose_looks(list(fixed["triangulator"]))
     rows = fixed[fixed["triangulator"] != base].sort_values(axis, kind="stable")
     for name, line in rows.groupby("triangulator", sort=False):
         look, ends = styles[str(name)], (line["time_ratio_low"], line["time_ratio_high"])

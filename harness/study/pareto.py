@@ -26,7 +26,7 @@ from harness.results.run_folder import Run
 from harness.settings import StudySize
 from harness.stats.intervals import FASTER, SLOWER
 from harness.study.subjects import choose_polygons, sample_evenly
-from harness.style import plain_table
+from harness.style import make_plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry, vertices
@@ -211,7 +211,7 @@ def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """
     title = f"{scene}: time relative to the minimum of A on the front of A and D"
     headings = ("polygon", "rasteriser", ">points", ">slower", ">faster", "fastest triangulator")
-    printed = plain_table(title, *headings)
+    printed = make_plain_table(title, *headings)
     keys = ["polygon", "rasteriser", "device"]
     for (polygon, rasteriser, _), part in table.groupby(keys, sort=False):
         kind = "front" if (part["kind"] == "front").any() else "sweep"

@@ -11,7 +11,7 @@ from harness.compare.matching import Match
 from harness.compare.model import Settings
 from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _read_counters, find_largest_growth
-from harness.heatmaps import lane_maps
+from harness.heatmaps import make_lane_maps
 from harness.results import drawings
 from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays, read_run
@@ -50,7 +50,7 @@ def test_the_three_that_grew_most_are_those_of_the_columns(runs):
     assert sorted(growth)[-3:][::-1] == [each.head - each.base for each in grown]
     for each in grown:
         assert (each.base, each.head) == (columns[0][each.polygon], columns[1][each.polygon])
-        drawn = [int(lane_maps(each.frame, rows)[1].sum()) for rows in each.triangles.values()]
+        drawn = [int(make_lane_maps(each.frame, rows)[1].sum()) for rows in each.triangles.values()]
         assert drawn == [each.base, each.head]  # what is shown is what was counted
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
@@ -85,7 +85,7 @@ def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
     given = {name: {"quads": np.array(each)} for name, each in counts.items()}
     monkeypatch.setattr(polygons, "_read_counters", lambda run, _: given[run])
     record = make_record()
-    assert list(polygons._growth("base", "head", Match("", record, record))) == [
+    assert list(polygons._find_growths("base", "head", Match("", record, record))) == [
         ("quads", 2, 7, 10),
         ("quads", 0, 5, 6),
     ]
