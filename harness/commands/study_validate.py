@@ -51,7 +51,7 @@ def study_validate(
 ) -> None:
     """Report how well each criterion predicts the measured cost, within single polygons.
 
-    Each polygon is drawn with many triangulations, of triangulators and at random. A criterion is
+    Each polygon is drawn with many triangulations, of triangulators and random ones. A criterion is
     good if it ranks the triangulations of a polygon as the measured cost does, and if its best
     triangulation costs little more than the cheapest one measured (regret).
     """
