@@ -158,7 +158,7 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
     whole = to_markdown(comparison)
     assert len(text) <= 20_000 < len(whole) <= MAX_COMMENT_LENGTH
     left = whole.count("<details>") - text.count("<details>")
-    assert f"{left} tables left out" in text
+    assert f"{left} tables omitted" in text
     least = len(whole) + 200 - len(f"\n\n{MARKER}\n")  # with room for what says that it is cut
     assert to_markdown(comparison, least) == whole
     assert "1 table left out" in to_markdown(comparison, least - 1)
