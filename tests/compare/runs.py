@@ -1,4 +1,4 @@
-"""Run folders made up for tests: each names what is special about it, the rest is usual."""
+"""Run folders for tests, which differ from a default run by named edits."""
 
 import json
 import random
@@ -29,7 +29,7 @@ Edit = Callable[[dict[str, Any]], None]
 def record(
     triangulator: str, *, seed: int, noise: float = 0.01, speed: float = 1.0
 ) -> dict[str, Any]:
-    """Return the record of a usual case; `noise` is the scatter of its samples."""
+    """Return the record of a default case; `noise` is the scatter of the samples."""
     quads, helpers, seconds = TRIANGULATORS[triangulator]
     times = samples(f"{triangulator} {seed}", seconds / speed, noise)
     return {
@@ -66,7 +66,7 @@ def record(
 
 
 def samples(seed: str, seconds: float, noise: float) -> list[float]:
-    """Return times that other programs lengthen and never shorten."""
+    """Return simulated times, which other programs lengthen but never shorten."""
     generator = random.Random(seed)
     return [
         round(seconds * (1 + abs(generator.gauss(0, noise)) + 0.002 * generator.random()), 9)
@@ -86,10 +86,10 @@ def write_run(
     speed: float = 1.0,
     facts: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write a run folder of all triangulators but those to `leave_out`.
+    """Write a run folder of all triangulators except `leave_out`.
 
     cut_short : triangulators that are in the plan and have no record
-    edits : triangulator -> what to do to its record; "*" stands for all
+    edits : triangulator -> edit of the record; "*" is all triangulators
     """
     path.mkdir(parents=True)
     lines = []
@@ -124,7 +124,7 @@ def write_run(
 
 
 def plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
-    """Return the plan of a usual run."""
+    """Return the plan of a default run."""
     return {
         "scene": "city",
         "seed": 0,
@@ -163,8 +163,8 @@ def slower(share: float) -> Edit:
     return edit
 
 
-def beside(share: float = 0.0) -> Edit:
-    """Return an edit that makes BASE's samples those of HEAD in the same rounds, `share` longer."""
+def in_same_rounds(share: float = 0.0) -> Edit:
+    """Return an edit of BASE's samples to HEAD's in the same rounds, longer by `share`."""
 
     def edit(entry: dict[str, Any]) -> None:
         generator = random.Random(f"{entry['triangulator']} {share}")
@@ -177,7 +177,7 @@ def beside(share: float = 0.0) -> Edit:
 
 
 def failed(status: str, reason: str) -> Edit:
-    """Return an edit that makes the case one that `failed` or was `skipped`."""
+    """Return an edit that makes the case `failed` or `skipped`."""
 
     def edit(entry: dict[str, Any]) -> None:
         for name in ("polygons", "counters", "time", "predicted", "triangles"):
@@ -188,14 +188,14 @@ def failed(status: str, reason: str) -> Edit:
 
 
 def old(entry: dict[str, Any]) -> None:
-    """Take away what the first run files did not have."""
+    """Remove the fields that the oldest run files lack."""
     for name in ("fit", "options", "scene_hash", "polygons", "coverage_error", "predicted"):
         entry.pop(name)
     entry["time"].pop("empty_s")
 
 
 def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
-    """Return what is read of a run folder of this content."""
+    """Return the run that is read from a folder with this content."""
     with tempfile.TemporaryDirectory() as folder:
         lines = "".join(json.dumps(entry) + "\n" for entry in records)
         (Path(folder) / "cases.jsonl").write_text(lines)
@@ -204,7 +204,7 @@ def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
 
 
 class Scenario(NamedTuple):
-    """How `base` and `head` are made in the current folder, and what compare must say."""
+    """A function that writes `base` and `head`, and the expected exit code."""
 
     make: Callable[[], None]
     exit_code: int
@@ -254,7 +254,7 @@ def cut_short() -> None:
 
 
 def counters_of_others() -> None:
-    """A rasteriser that nobody registered: its counters are its own, and nothing is timed."""
+    """An unregistered rasteriser with counters of other names, without times."""
 
     def foreign(share):
         def edit(entry):
@@ -270,9 +270,11 @@ def counters_of_others() -> None:
 
 
 def same_rounds() -> None:
-    """BASE and HEAD were timed together; one case takes 3 % longer, whatever the machine did."""
+    """BASE and HEAD timed in the same rounds; one case takes 3 % longer."""
     write_run(BASE, seed=1, noise=0.05)
-    write_run(HEAD, seed=1, noise=0.05, edits={"*": beside(), "delaunay": beside(0.03)})
+    write_run(
+        HEAD, seed=1, noise=0.05, edits={"*": in_same_rounds(), "delaunay": in_same_rounds(0.03)}
+    )
 
 
 def now_failing() -> None:
@@ -316,7 +318,7 @@ def empty_run() -> None:
 
 
 def single_file() -> None:
-    """Only the file of records is kept, as an artifact of CI may be."""
+    """Only the files of records, as stored by some CI jobs."""
     for run, seed in ((BASE, 1), (HEAD, 2)):
         write_run(Path(f"{run}-folder"), seed=seed)
         (Path(f"{run}-folder") / "cases.jsonl").rename(run)

@@ -1,4 +1,4 @@
-"""The action, the workflow and the GitLab example: well formed, and naming only what exists."""
+"""The action, the workflow and the GitLab example are valid and use only existing names."""
 
 import os
 import re
@@ -18,11 +18,11 @@ STEPS = ACTION["runs"]["steps"]
 
 
 def expressions(value: object) -> set[str]:
-    """Return what stands in ${{ }} anywhere in a YAML value."""
+    """Return the expressions in ${{ }} in a YAML value."""
     return set(re.findall(r"\$\{\{\s*(.*?)\s*\}\}", str(value)))
 
 
-def test_the_action_uses_its_inputs_and_its_own_steps_only():
+def test_action_uses_declared_inputs_and_steps():
     named = {name for text in expressions(ACTION) for name in re.findall(r"inputs\.([\w-]+)", text)}
     named |= set(re.findall(r"inputs\.([\w-]+)", " ".join(str(s.get("if", "")) for s in STEPS)))
     assert named == set(ACTION["inputs"])
@@ -31,7 +31,7 @@ def test_the_action_uses_its_inputs_and_its_own_steps_only():
 
 
 @pytest.mark.parametrize("step", [s for s in STEPS if "run" in s], ids=lambda s: s["name"])
-def test_scripts_are_sound_and_take_values_from_the_environment(step, tmp_path):
+def test_scripts_are_valid_and_read_values_from_the_environment(step, tmp_path):
     assert step["shell"] == "bash"
     assert not expressions(step["run"])  # what an input holds must never be run as code
     script = tmp_path / "script.sh"
@@ -39,21 +39,21 @@ def test_scripts_are_sound_and_take_values_from_the_environment(step, tmp_path):
     subprocess.run(["bash", "-n", script], check=True)
     assigned = set(re.findall(r"(?:^|\s)(?:mapfile -t )?(\w+)(?:=| < <)", step["run"]))
     used = set(re.findall(r"\$\{?(\w+)", step["run"]))
-    known = {"GITHUB_OUTPUT", *assigned, *step.get("env", {})}
-    assert {name for name in used if not name.isdigit()} <= known
+    variables = {"GITHUB_OUTPUT", *assigned, *step.get("env", {})}
+    assert {name for name in used if not name.isdigit()} <= variables
 
 
 @pytest.mark.parametrize("name", ["RUN", "COMPARE", "PACKAGES"])
-def test_a_quote_that_is_not_closed_ends_with_2(name):
+def test_unclosed_quote_exits_with_2(name):
     """What came after it was dropped, and the rest was measured."""
     (step,) = (s for s in STEPS if name in s.get("env", {}))
-    given = {"RUN": "--scene city", "COMPARE": "", "FOLDER": "/nowhere"}
-    environment = {**os.environ, **given, "ACTION": str(ROOT), name: "--scene city '--limit 3"}
+    values = {"RUN": "--scene city", "COMPARE": "", "FOLDER": "/nowhere"}
+    environment = {**os.environ, **values, "ACTION": str(ROOT), name: "--scene city '--limit 3"}
     script = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
     done = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    told = f"error: input {name.lower()}: No closing quotation: --scene city '--limit 3\n"
-    assert done.stderr == told
+    message = f"error: input {name.lower()}: No closing quotation: --scene city '--limit 3\n"
+    assert done.stderr == message
 
 
 def test_options_are_split_as_a_shell_splits_them():
@@ -97,7 +97,7 @@ def test_the_gitlab_example_runs_what_is_here():
 
 
 @pytest.mark.parametrize(
-    ("given", "taken"),
+    ("text", "taken"),
     [
         ("", []),
         ("--scene city --quick", ["--scene", "city", "--quick"]),
@@ -106,17 +106,17 @@ def test_the_gitlab_example_runs_what_is_here():
         ("--scene $(touch x) `touch x`", ["--scene", "$(touch", "x)", "`touch", "x`"]),
     ],
 )
-def test_options_may_be_of_several_lines_and_are_never_run(given, taken, tmp_path):
+def test_options_may_have_several_lines_and_are_not_executed(text, taken, tmp_path):
     (script,) = (step["run"] for step in STEPS if step.get("name") == "Measure and compare")
     scripts = tmp_path / "scripts"
     scripts.mkdir()
     (tmp_path / ".venv").symlink_to(ROOT / ".venv")
     (scripts / "split_options.py").symlink_to(ROOT / "scripts/split_options.py")
-    told = scripts / "ci-compare.sh"
-    told.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done > told\n')
-    told.chmod(0o755)
+    fake = scripts / "ci-compare.sh"
+    fake.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done > told\n')
+    fake.chmod(0o755)
     environment = {"PATH": os.environ["PATH"], "ACTION": str(tmp_path), "FOLDER": "f"}
-    environment |= {"RUN": given, "COMPARE": "", "BESIDE": "", "GITHUB_OUTPUT": "output"}
+    environment |= {"RUN": text, "COMPARE": "", "BESIDE": "", "GITHUB_OUTPUT": "output"}
     command = ["bash", "-e", "-o", "pipefail", "-c", script]
     subprocess.run(command, cwd=tmp_path, env=environment, check=True)
     assert (tmp_path / "told").read_text().splitlines() == [
@@ -126,16 +126,18 @@ def test_options_may_be_of_several_lines_and_are_never_run(given, taken, tmp_pat
     assert not (tmp_path / "x").exists()
 
 
-def test_the_documented_workflows_name_inputs_that_there_are():
+def test_documented_workflows_use_existing_inputs():
     text = (ROOT / "docs/how-to/ci.md").read_text()
     examples = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", text, re.S)]
-    steps = [step for each in examples for job in each["jobs"].values() for step in job["steps"]]
+    steps = [
+        step for example in examples for job in example["jobs"].values() for step in job["steps"]
+    ]
     used = [step["with"] for step in steps if "raster-harness" in step["uses"]]
     assert len(used) >= 2
-    assert all(set(each) <= set(ACTION["inputs"]) for each in used)
+    assert all(set(example) <= set(ACTION["inputs"]) for example in used)
 
 
-def test_the_script_makes_a_first_baseline(tmp_path):
+def test_script_stores_a_first_baseline(tmp_path):
     command = [ROOT / "scripts/ci-compare.sh", "kept/baseline", "out", "--gate", "counters", "--"]
     command += ["--scene", "city:buildings=2", "--quick", "--rasterisers", MOCK]
     command += ["--budget", "0.001"]
@@ -151,7 +153,7 @@ def test_the_script_makes_a_first_baseline(tmp_path):
     assert reports == {"head", "compare.md", "compare.xml", "compare.json", "compare.html"}
 
 
-def test_the_script_says_how_it_is_used():
+def test_script_prints_usage():
     done = subprocess.run(
         [ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True, check=False
     )
@@ -159,13 +161,13 @@ def test_the_script_says_how_it_is_used():
     assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")
 
 
-def test_every_action_that_is_used_is_pinned_by_commit():
+def test_actions_are_pinned_by_commit():
     files = [ROOT / "action.yml", *(ROOT / ".github/workflows").glob("*.yml")]
     files.append(ROOT / "docs/how-to/ci.md")
     used = [use for file in files for use in re.findall(r"uses: (\S+)", file.read_text())]
-    others = [use for use in used if use != "./" and not use.startswith("OWNER/")]
-    assert len(others) > 8
-    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", use) for use in others)
+    external = [use for use in used if use != "./" and not use.startswith("OWNER/")]
+    assert len(external) > 8
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", use) for use in external)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +180,7 @@ def test_every_action_that_is_used_is_pinned_by_commit():
         ("\u00e9", "--"),
     ],
 )
-def test_a_name_ends_neither_the_comment_nor_the_program(name, marked, tmp_path):
+def test_names_cannot_end_the_comment_or_the_jq_program(name, marked, tmp_path):
     (script,) = (step["run"] for step in STEPS if step.get("name") == "Comment")
     gh = tmp_path / "gh"
     gh.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each" >> "$LOG"; done\n')

@@ -1,4 +1,4 @@
-"""The command as a user and a CI job meet it: exit codes, files, settings, one clear line."""
+"""The command `compare`: exit codes, files, settings and error messages."""
 
 import json
 import subprocess
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 
 @pytest.fixture
 def runs(harness):
-    """Return a function that writes base and a head with the given edits, then compares."""
+    """Return a function that writes base, and head with edits, and compares them."""
 
     def call(*options: str, edits=None, **keywords):
         write_run(Path("base"), seed=1)
@@ -31,7 +31,7 @@ def runs(harness):
 def test_a_missing_baseline_is_bad_usage_unless_allowed(harness):
     write_run(Path("head"), seed=1)
     assert_refused(harness("compare", "base", "head"), "no baseline", "--allow-missing-baseline")
-    Path("base").mkdir()  # a cache that found nothing may leave an empty folder
+    Path("base").mkdir()  # a cache without an entry may leave an empty folder
     out, _ = require_ok(harness("compare", "base", "head", "--allow-missing-baseline"))
     assert out.startswith("No baseline yet: base has no run; store HEAD")
 
@@ -55,16 +55,16 @@ def test_a_newer_schema_is_bad_usage(runs):
         (["--threshold", "time"], ["time", "percentage"]),
         (["--threshold", "time=5"], ["time=5", "percentage"]),
         (["--threshold", "quds=5%"], ["quds", "quads"]),
-        (["--threshold", "outline_quads=5%"], ["outline_quads", "no better direction"]),
+        (["--threshold", "outline_quads=5%"], ["outline_quads", "direction"]),
         (["--threshold", "draw_ms=5%"], ["draw_ms"]),
         (["--json", "/proc/none/x.json"], ["/proc/none"]),
     ],
 )
-def test_bad_options_are_one_line_and_exit_code_2(runs, options, parts):
+def test_invalid_options_are_one_line_and_exit_code_2(runs, options, parts):
     assert_refused(runs(*options), *parts)
 
 
-def test_other_devices_are_refused_unless_asked_for(runs, harness):
+def test_other_devices_are_refused_without_across_devices(runs, harness):
     def on_gpu(entry):
         entry["device"] = "gpu0"
 
@@ -81,7 +81,7 @@ def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     assert json.loads(out)["machines_differ"] is True
 
 
-def test_machines_differ_only_where_both_are_known():
+def test_machines_differ_only_if_both_are_known():
     one, other = ({"environment": {"cpu": cpu, "threads": 2}} for cpu in ("A", "B"))
     assert machines_differ(one, other)
     assert not machines_differ(one, one)
@@ -89,7 +89,7 @@ def test_machines_differ_only_where_both_are_known():
     assert not machines_differ({}, other)
 
 
-def test_a_package_that_changed_is_reported():
+def test_changed_package_is_reported():
     def run(packages):
         return Run(Path(), {"environment": {"packages": packages}}, [], [])
 
@@ -104,7 +104,7 @@ def test_a_driver_update_is_reported_not_refused(runs):
     assert "LLVM 19.1.0" in out
 
 
-def test_thresholds_let_growth_pass(runs, harness):
+def test_thresholds_tolerate_growth(runs, harness):
     assert runs(edits={"fan": costlier(0.02)})[0] == 1
     loose = ("--threshold", "quads=2%", "--threshold", "helper_lanes=10%")
     assert harness("compare", "base", "head", *loose)[0] == 0
@@ -113,7 +113,7 @@ def test_thresholds_let_growth_pass(runs, harness):
     assert harness("compare", "base", "head", "--gate", "time")[0] == 0
 
 
-def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
+def test_gate_on_counters_shows_times_without_failing(runs, harness):
     out, _ = require_ok(runs("--gate", "counters", edits={"delaunay": slower(0.2)}))
     assert "unchanged; time slower (not gated)" in out
     assert "regressed" not in out
@@ -121,7 +121,7 @@ def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
     assert harness("compare", "base", "head", "--threshold", "time=30%")[0] == 0
 
 
-def test_settings_come_from_the_project_and_options_win(runs, harness):
+def test_options_override_the_settings_of_the_project(runs, harness):
     Path("pyproject.toml").write_text(
         '[tool.raster-harness]\ngate = "counters"\n'
         '[tool.raster-harness.threshold]\nquads = "3%"\nhelper_lanes = "10%"\n'
@@ -145,7 +145,7 @@ def test_bad_settings_name_the_file(runs, table, parts):
     assert_refused(runs(), "pyproject.toml", *parts)
 
 
-def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness):
+def test_case_outside_heads_plan_fails_only_with_require_all(runs, harness):
     out, _ = require_ok(runs(leave_out=("fan",)))
     assert "(1 case not in HEAD's plan)" in out
     code, out, _ = harness("compare", "base", "head", "--require-all")
@@ -153,7 +153,7 @@ def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness)
     assert out.startswith("Regression:")
 
 
-def test_what_head_was_to_do_and_did_not_fails(runs):
+def test_planned_case_that_is_missing_or_skipped_fails(runs):
     code, out, _ = runs(cut_short=("fan",), edits={"delaunay": failed("skipped", "why not")})
     assert code == 1
     assert out.startswith(
@@ -200,15 +200,15 @@ def test_changed_content_is_not_compared(runs):
 
 
 @pytest.mark.parametrize("seconds", [0.0005, 5.0])
-def test_the_time_of_a_cached_triangulation_is_neither_better_nor_worse(runs, seconds):
+def test_time_of_a_cached_triangulation_is_not_compared(runs, seconds):
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": seconds}
 
     out, _ = require_ok(runs("--json", "found.json", edits={"*": read_back}))
-    found = json.loads(Path("found.json").read_text())
-    judged = {change["metric"] for case in found["cases"] for change in case["counters"]}
-    assert "quads" in judged
-    assert not any("triangulat" in metric for metric in judged)
+    content = json.loads(Path("found.json").read_text())
+    metrics = {change["metric"] for case in content["cases"] for change in case["counters"]}
+    assert "quads" in metrics
+    assert not any("triangulat" in metric for metric in metrics)
     assert "improved" not in out
 
 
@@ -224,7 +224,7 @@ def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     assert "1 case with more polygons" in out
 
 
-def test_a_case_that_lost_a_counter_is_named_after_those_that_grew(runs):
+def test_headline_prefers_growth_to_a_missing_counter(runs):
     def lost(entry):
         del entry["counters"]["helper_lanes"]
 
@@ -234,7 +234,7 @@ def test_a_case_that_lost_a_counter_is_named_after_those_that_grew(runs):
     assert "; 1 more case regressed" in out
 
 
-def test_the_step_summary_is_added_to(runs, monkeypatch):
+def test_markdown_is_appended_to_the_step_summary(runs, monkeypatch):
     Path("summary.md").write_text("before\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
     assert runs("--markdown", "out/report.md", edits={"fan": costlier(0.1)})[0] == 1
@@ -243,7 +243,7 @@ def test_the_step_summary_is_added_to(runs, monkeypatch):
     assert "**Regression:** fan, city 1024 px, opengl on llvmpipe: helper lanes" in text
 
 
-def test_files_are_what_goes_to_standard_output(runs, harness):
+def test_files_equal_standard_output(runs, harness):
     runs("--json", "a.json", "--markdown", "a.md", "--junit", "a.xml", "--html", "a.html")
     _, out, _ = harness("compare", "base", "head", "--format", "json")
     assert json.loads(out) == json.loads(Path("a.json").read_text())
@@ -253,8 +253,8 @@ def test_files_are_what_goes_to_standard_output(runs, harness):
     assert Path("a.xml").read_text().startswith("<?xml")
 
 
-def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, monkeypatch):
-    """A user's function changes between two runs; the first line says so."""
+def test_changed_function_of_the_same_name_is_a_regression(harness, tmp_path, monkeypatch):
+    """The user's function changes between two runs; the headline names it."""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     for name, method in (("base", "delaunay"), ("head", "ear-clipping")):
@@ -276,11 +276,11 @@ def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, mo
     assert "delaunay" not in first
 
 
-def test_a_reader_that_stops_early_does_not_change_the_exit_code(tmp_path):
+def test_closed_pipe_does_not_change_the_exit_code(tmp_path):
     write_run(tmp_path / "base", seed=1)
     write_run(tmp_path / "head", seed=2)
     command = f"{sys.executable} -m harness compare {tmp_path}/base {tmp_path}/head"
-    # The reader is gone before anything is written.
+    # The reader closes the pipe before the first write.
     script = f"{{ sleep 0.2; {command}; echo $? >&2; }} | true"
     done = subprocess.run(
         ["bash", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False

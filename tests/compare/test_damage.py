@@ -1,4 +1,4 @@
-"""A damaged run costs its damaged cases: never a traceback, never silence."""
+"""In a damaged run, damaged cases are reported and the other cases are compared."""
 
 import json
 from pathlib import Path
@@ -20,30 +20,30 @@ FIELDS = sorted(record("fan", seed=1))
 FACTS = ("plan", "environment", "devices", "warnings", "created", "interrupted")
 
 
-def whole(seed: int) -> list[dict]:
+def all_records(seed: int) -> list[dict]:
     return [record(name, seed=seed) for name in TRIANGULATORS]
 
 
 @settings(deadline=None, max_examples=60)
 @given(field=st.sampled_from([f for f in FIELDS if f != "key"]), value=JSON)
 def test_any_value_in_any_field_is_reported_or_compared(field, value):
-    damaged = whole(2)
+    damaged = all_records(2)
     damaged[1] = {**damaged[1], field: value}
     try:
-        found = compare_runs(read_back({}, whole(1)), read_back({}, damaged))
+        comparison = compare_runs(read_back({}, all_records(1)), read_back({}, damaged))
     except HarnessError:
-        return  # e.g. every device of a rasteriser is another one
-    json.dumps(to_json(found), allow_nan=False)
-    assert to_markdown(found).startswith("**")
-    assert len(found.cases) >= len(TRIANGULATORS)
+        return  # e.g. all devices of a rasteriser differ
+    json.dumps(to_json(comparison), allow_nan=False)
+    assert to_markdown(comparison).startswith("**")
+    assert len(comparison.cases) >= len(TRIANGULATORS)
 
 
 @settings(deadline=None, max_examples=60)
 @given(facts=st.dictionaries(st.sampled_from(FACTS), JSON))
 def test_any_facts_are_read(facts):
-    found = compare_runs(*(read_back(facts, whole(1)) for _ in range(2)))
-    assert found.verdict == "good"
-    json.dumps(to_json(found), allow_nan=False)
+    comparison = compare_runs(*(read_back(facts, all_records(1)) for _ in range(2)))
+    assert comparison.verdict == "good"
+    json.dumps(to_json(comparison), allow_nan=False)
 
 
 NUMBERS = ("vertices", "triangles", "polygons", "triangulate_s", "proven", "coverage_error")
@@ -51,8 +51,8 @@ NUMBERS = ("vertices", "triangles", "polygons", "triangulate_s", "proven", "cove
 
 @pytest.mark.parametrize("name", [*NUMBERS, "time"])
 @pytest.mark.parametrize("value", [[], "many", {"epochs": [3, "x"]}, True, 10**400])
-def test_a_field_that_is_no_number_costs_its_case(name, value):
-    damaged = whole(1)
+def test_invalid_number_skips_the_record(name, value):
+    damaged = all_records(1)
     damaged[0][name] = value
     run = read_back({}, damaged)
     assert len(run.records) == len(damaged) - 1
@@ -60,7 +60,7 @@ def test_a_field_that_is_no_number_costs_its_case(name, value):
     assert run.problems[0].endswith("; record ignored")
 
 
-def test_a_damaged_case_is_named(harness):
+def test_damaged_record_is_reported_with_its_line(harness):
     write_run(Path("base"), seed=1)
 
     def damage(entry):
@@ -97,7 +97,7 @@ def test_a_gate_on_times_alone_needs_times(harness):
     assert "no case was timed" in out
 
 
-def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
+def test_repeated_case_is_reported_and_the_later_record_is_used(harness):
     write_run(Path("base"), seed=1)
     write_run(Path("head"), seed=2)
     later = record("fan", seed=3)

@@ -1,4 +1,4 @@
-"""Every output of every scenario is what its readers accept: Jenkins, GitHub, JSON, browsers."""
+"""All output formats of all scenarios are valid for Jenkins, GitHub, JSON readers and browsers."""
 
 import contextlib
 import json
@@ -41,8 +41,8 @@ def comparison(request, tmp_path_factory):
 
 
 @pytest.fixture
-def nasty(tmp_path):
-    """A comparison whose names and reasons are all that markup dislikes."""
+def markup_comparison(tmp_path):
+    """A comparison with names and reasons that contain markup and control characters."""
     names = (
         "a|b`c",
         "<img src=x onerror=alert(1)>",
@@ -89,7 +89,7 @@ def test_junit_is_valid_and_counts_its_tests(comparison):
         assert any(test.get("name").startswith(name) for test in tree.iter("testcase"))
 
 
-def test_inconclusive_is_never_a_passed_test(comparison):
+def test_inconclusive_times_are_skipped_tests(comparison):
     tree = etree.fromstring(to_junit(comparison).encode())
     noisy = {
         f"{case.id.name}: time"
@@ -108,7 +108,7 @@ def test_json_follows_its_schema(comparison):
 
 
 def render(markdown: str) -> etree._Element:
-    """Render as GitHub does: tables, and HTML blocks left in."""
+    """Render Markdown like GitHub, with tables and HTML blocks."""
     html = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
     return etree.fromstring(f"<body>{html}</body>", etree.XMLParser(recover=False))
 
@@ -126,50 +126,51 @@ def test_markdown_renders_with_the_verdict_first(comparison):
     assert text.rstrip().endswith(MARKER)
 
 
-def test_markup_in_names_and_reasons_stays_text(nasty):
-    page = render(to_markdown(nasty))
+def test_markup_in_names_and_reasons_stays_text(markup_comparison):
+    page = render(to_markdown(markup_comparison))
     assert not list(page.iter("img", "script"))
-    shown = " ".join("".join(cell.itertext()) for cell in page.iter("td"))
-    assert "a|b`c" in shown
-    assert "<img src=x onerror=alert(1)>" in shown
-    assert "*bold* [x](y)" in shown
-    assert not re.search("[\x00-\x09\x0b-\x1f]", to_markdown(nasty))
-    valid_junit(to_junit(nasty))
-    html = to_html(nasty)
+    cells = " ".join("".join(cell.itertext()) for cell in page.iter("td"))
+    assert "a|b`c" in cells
+    assert "<img src=x onerror=alert(1)>" in cells
+    assert "*bold* [x](y)" in cells
+    assert not re.search("[\x00-\x09\x0b-\x1f]", to_markdown(markup_comparison))
+    valid_junit(to_junit(markup_comparison))
+    html = to_html(markup_comparison)
     assert "<script" not in html
     assert "<img" not in html
 
 
-def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_path):
+def test_markdown_fits_a_comment_and_counts_omitted_tables(tmp_path):
     runs = []
     for name, seed in (("base", 1), ("head", 2)):
         folder = write_run(tmp_path / name, seed=seed, edits={"fan": costlier(0.1 * (seed - 1))})
         lines = (folder / "cases.jsonl").read_text().splitlines()
-        many = []
+        entries = []
         for size in range(40):
             for line in lines:
                 entry = json.loads(line)
-                entry |= {"resolution": 100 + size, "key": f"{len(many):016x}"}
-                many.append(json.dumps(entry))
-        (folder / "cases.jsonl").write_text("\n".join(many) + "\n")
+                entry |= {"resolution": 100 + size, "key": f"{len(entries):016x}"}
+                entries.append(json.dumps(entry))
+        (folder / "cases.jsonl").write_text("\n".join(entries) + "\n")
         runs.append(read_run(folder))
     comparison = compare_runs(*runs)
     text = to_markdown(comparison, limit=20_000)
-    whole = to_markdown(comparison)
-    assert len(text) <= 20_000 < len(whole) <= MAX_COMMENT_LENGTH
-    left = whole.count("<details>") - text.count("<details>")
-    assert f"{left} tables omitted" in text
-    least = len(whole) + 200 - len(f"\n\n{MARKER}\n")  # with room for what says that it is cut
-    assert to_markdown(comparison, least) == whole
-    assert "1 table left out" in to_markdown(comparison, least - 1)
+    full_text = to_markdown(comparison)
+    assert len(text) <= 20_000 < len(full_text) <= MAX_COMMENT_LENGTH
+    omitted = full_text.count("<details>") - text.count("<details>")
+    assert f"{omitted} tables omitted" in text
+    # The limit leaves room for the line about omitted tables.
+    limit = len(full_text) + 200 - len(f"\n\n{MARKER}\n")
+    assert to_markdown(comparison, limit) == full_text
+    assert "1 table omitted" in to_markdown(comparison, limit - 1)
     assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
     assert text.startswith("**Regression:** fan, city 100 px, opengl on llvmpipe: helper lanes")
     assert len(list(render(text).iter("table"))) > 10
 
 
-def test_html_asks_for_nothing(comparison):
+def test_html_makes_no_requests(comparison):
     page = to_html(comparison)
-    # Names of XML namespaces and the like are no requests.
+    # Names of XML namespaces are not requests.
     attributes = re.findall(r'\b(?:src|href|action|poster|data|srcset)\s*=\s*"([^"]*)"', page)
     assert all(value.startswith(("#", "data:")) for value in attributes)
     assert not re.search(r"@import|url\((?!#)|<script|<iframe|<link(?! rel=\"icon\")", page)
@@ -177,15 +178,15 @@ def test_html_asks_for_nothing(comparison):
     assert ("<svg" in page) == timed
 
 
-def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
-    """In a table, in a heading that is folded, in a fact: names are text."""
+def test_markdown_escapes_mentions_and_control_characters(tmp_path):
+    """Names are escaped in tables, folded headings and lists."""
     name = "@someone \x1b[31m\u202e#7 <b>"
 
     def rename(entry):
         entry.update(triangulator=name, scene=name)
 
     edits = {next(iter(TRIANGULATORS)): rename}
-    runs = [write_run(tmp_path / each, seed=1, edits=edits) for each in ("base", "head")]
+    runs = [write_run(tmp_path / folder, seed=1, edits=edits) for folder in ("base", "head")]
     text = to_markdown(compare_runs(*map(read_run, runs)))
     assert text.count("someone") >= 2
     assert "@someone" not in text
@@ -194,23 +195,25 @@ def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
     assert all(letter.isprintable() or letter in "\n\u200b" for letter in text)
 
 
-def test_times_are_drawn_beside_their_figures(tmp_path):
-    """Of each case that was timed: its interval, its ratio, and the threshold about 1."""
+def test_html_plots_times_with_intervals(tmp_path):
+    """The plot of a timed case has the interval, the ratio, and the threshold about 1."""
 
     def untimed(entry):
         del entry["time"]
 
     edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
     runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
-    found = compare_runs(*map(read_run, runs), Settings(thresholds={"time": 0.25}))
-    page = to_html(found)
+    comparison = compare_runs(*map(read_run, runs), Settings(thresholds={"time": 0.25}))
+    page = to_html(comparison)
     drawn = {}
     for row in re.findall('<tr class="[a-z]+"><td>([^<]+)</td>(.*?)</tr>', page, re.DOTALL):
         name, cells = row
         if "<svg" in cells:
             pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
-            drawn[name] = [float(each) for each in re.search(pattern, cells, re.DOTALL).groups()]
-    times = {case.id.name: case.time for case in found.compared()}
+            drawn[name] = [
+                float(number) for number in re.search(pattern, cells, re.DOTALL).groups()
+            ]
+    times = {case.id.name: case.time for case in comparison.compared()}
     times.pop("fan")  # it was not timed
     assert drawn.keys() == times.keys()
     reach = max(abs(end - 1) for time in times.values() for end in (time.low, time.high))
@@ -221,7 +224,7 @@ def test_times_are_drawn_beside_their_figures(tmp_path):
         assert 0 <= drawn[name][2] <= drawn[name][3] <= 160
 
 
-def test_the_page_is_quiet_and_self_contained(browser, tmp_path, monkeypatch):
+def test_html_opens_without_errors_or_requests(browser, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     SCENARIOS["real-regression"].make()
     page = tmp_path / "page.html"
@@ -233,7 +236,7 @@ def test_the_page_is_quiet_and_self_contained(browser, tmp_path, monkeypatch):
     assert browser.evaluate("document.querySelector('h1').className") == "regression"
 
 
-def test_this_test_would_notice(browser, tmp_path):
+def test_browser_fixture_records_errors_and_requests(browser, tmp_path):
     page = tmp_path / "bad.html"
     page.write_text('<!DOCTYPE html><title>bad</title><img alt="">')
     browser.open(page, LOADED)

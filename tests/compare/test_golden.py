@@ -1,6 +1,6 @@
-"""What every scenario prints, and four write in every form, is what was looked at and committed.
+"""Outputs of all scenarios as text, and of four scenarios in all formats, equal the golden files.
 
-After a wanted change: UPDATE_GOLDEN=1 python -m pytest tests/compare/test_golden.py, then look.
+Update: UPDATE_GOLDEN=1 python -m pytest tests/compare/test_golden.py, then review the difference.
 """
 
 import json
@@ -14,10 +14,10 @@ import pytest
 from tests.compare.runs import SCENARIOS
 
 GOLDEN = Path(__file__).parent / "golden"
-PRINTED = {"table": "txt", "markdown": "md"}
-WRITTEN = {"json": "json"}
-# One regresses, one has no baseline, one has cases missing, one fails: all that a form may say.
-EVERY_FORM = ("missing-cases", "no-baseline", "now-failing", "real-regression")
+TEXT_FORMATS = {"table": "txt", "markdown": "md"}
+JSON_FORMAT = {"json": "json"}
+# A regression, no baseline, missing cases and a failure cover all parts of a format.
+SCENARIOS_IN_ALL_FORMATS = ("missing-cases", "no-baseline", "now-failing", "real-regression")
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -25,30 +25,33 @@ def test_outputs(harness, name, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     scenario = SCENARIOS[name]
     scenario.make()
-    whole = name in EVERY_FORM
+    in_all_formats = name in SCENARIOS_IN_ALL_FORMATS
     files = ("--junit", "junit.xml", "--html", "page.html")
     outputs = {}
-    for form, suffix in (PRINTED | WRITTEN if whole else PRINTED).items():
-        extra = files if whole and form == "table" else ()
+    for form, suffix in (TEXT_FORMATS | JSON_FORMAT if in_all_formats else TEXT_FORMATS).items():
+        extra = files if in_all_formats and form == "table" else ()
         code, out, err = harness(
             "compare", "base", "head", "--format", form, *extra, *scenario.options
         )
         assert code == scenario.exit_code
         assert err == ""
         outputs[suffix] = out
-    if whole:
+    if in_all_formats:
         outputs["xml"] = Path("junit.xml").read_text()
         outputs["html"] = without_plots(Path("page.html").read_text())
     for suffix, text in outputs.items():
         check(GOLDEN / f"{name}.{suffix}", text)
 
 
-def test_no_golden_file_is_left_over():
-    kept = {file.name for file in GOLDEN.iterdir()}
-    suffixes = (*PRINTED.values(), *WRITTEN.values(), "xml", "html")
+def test_every_golden_file_is_used():
+    files = {file.name for file in GOLDEN.iterdir()}
+    suffixes = (*TEXT_FORMATS.values(), *JSON_FORMAT.values(), "xml", "html")
     for name in SCENARIOS:
-        kept -= {f"{name}.{suffix}" for suffix in suffixes[: None if name in EVERY_FORM else 2]}
-    assert kept == set()
+        files -= {
+            f"{name}.{suffix}"
+            for suffix in suffixes[: None if name in SCENARIOS_IN_ALL_FORMATS else 2]
+        }
+    assert files == set()
 
 
 def check(file: Path, text: str) -> None:
@@ -62,7 +65,7 @@ def check(file: Path, text: str) -> None:
 
 
 def rounded(value: Any) -> Any:
-    """Round so that another version of SciPy may sum in another order."""
+    """Round numbers, because versions of SciPy sum in different orders."""
     if isinstance(value, float):
         return float(f"{value:.6g}")
     if isinstance(value, dict):
@@ -73,7 +76,7 @@ def rounded(value: Any) -> Any:
 
 
 def without_plots(page: str) -> str:
-    """Leave out what Matplotlib drew, which differs with its version, and the style.
+    """Remove plots, which depend on the version of Matplotlib, and the style sheet.
 
     A browser opens the page in test_browser.py.
     """

@@ -1,4 +1,4 @@
-"""History: runs in order, changes marked where they are, and nowhere else."""
+"""History: order of runs, and positions of detected changes."""
 
 import csv
 import math
@@ -33,20 +33,20 @@ def year(tmp_path) -> Path:
         if number >= 6:
             edits["ear-clipping"] = costlier(0.03)
         speed = math.exp(rng.normal(0, 0.05))
-        # Names that sort in another order than the runs were made.
+        # The order of the names differs from the order of creation.
         write_run(tmp_path / f"run-{99 - number}", seed=number, edits=edits, speed=speed)
     return tmp_path
 
 
-def test_runs_are_found_below_folders_and_ordered_by_when_they_were_made(year):
+def test_runs_are_ordered_by_creation(year):
     runs = find_runs([year, year / "run-98"])[0]
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
 
 
-def test_changes_are_where_they_were_made(year):
+def test_changes_have_the_expected_positions(year):
     series = read_series(find_runs([year])[0])
-    found = {(s.metric, s.id.name): s.changes for s in series if s.changes}
-    assert found == {
+    changes = {(s.metric, s.id.name): s.changes for s in series if s.changes}
+    assert changes == {
         ("quads", "ear-clipping"): (5,),
         ("helper_lanes", "ear-clipping"): (5,),
         ("time", "delaunay"): (9,),
@@ -56,7 +56,7 @@ def test_changes_are_where_they_were_made(year):
     assert np.ptp(np.log(together.values)) > 0.05
 
 
-def test_a_new_content_is_no_change_of_code(tmp_path):
+def test_changed_content_is_not_a_change(tmp_path):
     def other(entry):
         entry["scene_hash"] = "0" * 16
         costlier(0.5)(entry)
@@ -67,7 +67,7 @@ def test_a_new_content_is_no_change_of_code(tmp_path):
     assert not any(series.changes for series in read_series(find_runs([tmp_path])[0]))
 
 
-def test_gaps_are_no_changes(tmp_path):
+def test_missing_runs_are_not_changes(tmp_path):
     for number in range(1, 5):
         leave_out = ("fan",) if number == 2 else ()
         write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
@@ -76,18 +76,18 @@ def test_gaps_are_no_changes(tmp_path):
     assert fan.changes == ()
 
 
-def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
+def test_cached_triangulations_have_no_values(tmp_path):
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": 0.5}
 
     for number in range(1, 7):
         edits = {"delaunay": read_back} if number in (2, 5) else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
-    found = read_series(find_runs([tmp_path])[0], ["triangulate_ms"])
-    delaunay = next(series for series in found if series.id.name == "delaunay")
+    all_series = read_series(find_runs([tmp_path])[0], ["triangulate_ms"])
+    delaunay = next(series for series in all_series if series.id.name == "delaunay")
     assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
     assert np.nanmax(delaunay.values) == 50
-    assert not any(series.changes for series in found)
+    assert not any(series.changes for series in all_series)
 
 
 def test_the_command_draws_and_lists(harness, year):
@@ -107,7 +107,7 @@ def test_the_command_draws_and_lists(harness, year):
     assert len(marked) == 3
 
 
-def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
+def test_largest_changes_are_shown_and_other_series_counted(harness, year):
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     with Path("plots/history.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -137,7 +137,7 @@ def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
     assert {file.name for file in Path("one").iterdir()} == {"history.csv", "time.png", "time.svg"}
 
 
-def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, year):
+def test_studies_and_base_runs_are_skipped(harness, year):
     for name in ("validate", "pareto"):
         environment = {"command": ["harness", "study", name, "--scene", "city"]}
         write_run(year / name, seed=3, facts={"environment": environment})
@@ -145,12 +145,12 @@ def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, yea
     runs, studies = find_runs([year])
     assert (len(runs), studies) == (16, 2)
     assert len(find_runs([year], studies=True)[0]) == 18
-    assert len(find_runs([year / "pareto"])[0]) == 1  # named, so wanted
+    assert len(find_runs([year / "pareto"])[0]) == 1  # a folder given by name is read
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     assert out.startswith("skipped: 2 studies; see --all")
 
 
-def test_what_one_run_alone_measured_has_no_history(harness):
+def test_single_run_has_no_history(harness):
     write_run(Path("runs/one"), seed=1)
     out, _ = require_ok(harness("history", "runs", "--out", "plots"))
     assert "1 run, 0 series: no case was measured by two runs; 16 more series" in out
@@ -175,8 +175,8 @@ def test_bad_usage(harness, arguments, code, parts):
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=30))
 def test_exact_changes_are_all_differences(values):
-    found = find_exact_changes(np.array(values, float))
-    assert found == [n for n in range(1, len(values)) if values[n] != values[n - 1]]
+    changes = find_exact_changes(np.array(values, float))
+    assert changes == [n for n in range(1, len(values)) if values[n] != values[n - 1]]
 
 
 @given(seed=st.integers(0, 2**32), runs=st.integers(1, 60))
@@ -188,8 +188,8 @@ def test_a_level_series_with_outliers_has_no_changes(seed, runs):
     assert not lonely or find_noisy_changes(logs) == []
 
 
-@given(seed=st.integers(0, 2**32), place=st.integers(5, 15), sign=st.sampled_from([-1, 1]))
-def test_a_step_is_found_where_it_is(seed, place, sign):
+@given(seed=st.integers(0, 2**32), index=st.integers(5, 15), sign=st.sampled_from([-1, 1]))
+def test_step_is_detected_at_its_index(seed, index, sign):
     logs = np.random.default_rng(seed).normal(0, 0.006, 20)
-    logs[place:] += sign * 3 * MIN_STEP
-    assert find_noisy_changes(logs) == [place]
+    logs[index:] += sign * 3 * MIN_STEP
+    assert find_noisy_changes(logs) == [index]

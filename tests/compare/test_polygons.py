@@ -1,4 +1,4 @@
-"""Where a case got worse: the polygons that grew most are named and shown."""
+"""The polygons with the largest growth are listed and drawn."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def varying(polygon):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    folder, found = tmp_path_factory.mktemp("runs"), []
+    folder, runs_read = tmp_path_factory.mktemp("runs"), []
     name = f"{__name__}:varying"
     for number, method in enumerate(("optimal:half-perimeter", "ear-clipping")):
         globals()["METHOD"] = method
@@ -37,31 +37,36 @@ def runs(tmp_path_factory):
             Path("city:buildings=40"), triangulators=(name,), rasterisers=("reference",)
         )
         measure(plan, folder / str(number))
-        found.append(read_run(folder / str(number)))
-    return found
+        runs_read.append(read_run(folder / str(number)))
+    return runs_read
 
 
-def test_the_three_that_grew_most_are_those_of_the_columns(runs):
+def test_three_largest_growths_are_those_of_the_columns(runs):
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     grown = find_largest_growth(base, head, comparison)
     columns = [read_arrays(run, lines_of(run)[0]["key"])["helper_lanes"] for run in runs]
     growth = columns[1].astype(int) - columns[0]
-    assert sorted(growth)[-3:][::-1] == [each.head - each.base for each in grown]
-    for each in grown:
-        assert (each.base, each.head) == (columns[0][each.polygon], columns[1][each.polygon])
-        drawn = [int(make_lane_maps(each.frame, rows)[1].sum()) for rows in each.triangles.values()]
-        assert drawn == [each.base, each.head]  # what is shown is what was counted
+    assert sorted(growth)[-3:][::-1] == [polygon.head - polygon.base for polygon in grown]
+    for polygon in grown:
+        assert (polygon.base, polygon.head) == (
+            columns[0][polygon.polygon],
+            columns[1][polygon.polygon],
+        )
+        drawn = [
+            int(make_lane_maps(polygon.frame, rows)[1].sum()) for rows in polygon.triangles.values()
+        ]
+        assert drawn == [polygon.base, polygon.head]  # the heatmap shows the counted lanes
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
     assert "**Largest growth** (heatmaps: compare.html)\n\n- " in text
-    for each in grown:
-        said = f"polygon {each.polygon} ({len(each.frame.points)} vertices)"
-        assert said in page
-        assert said in text
+    for polygon in grown:
+        line = f"polygon {polygon.polygon} ({len(polygon.frame.points)} vertices)"
+        assert line in page
+        assert line in text
 
 
-def test_what_got_better_or_kept_no_columns_shows_none(runs, tmp_path):
+def test_improvements_and_missing_columns_show_no_polygons(runs, tmp_path):
     base, head = runs
     better = compare_runs(head, base, Settings(gates=("counters",)))
     assert find_largest_growth(head, base, better) == []
@@ -73,17 +78,17 @@ def test_what_got_better_or_kept_no_columns_shows_none(runs, tmp_path):
     assert "Largest growth" not in to_html(comparison)
 
 
-def test_of_one_polygon_the_totals_are_its_own(tmp_path):
+def test_totals_are_used_for_a_single_polygon(tmp_path):
     run = Run(tmp_path, {}, [])
     one, two = (make_record(polygons=n, counters={"helper_lanes": 7}) for n in (1, 2))
     assert _read_counters(run, one) == {"helper_lanes": [7]}
     assert _read_counters(run, two) == {}
 
 
-def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
+def test_growths_are_in_descending_order(monkeypatch):
     counts = {"base": [5, 9, 7, 2], "head": [6, 9, 10, 1]}
-    given = {name: {"quads": np.array(each)} for name, each in counts.items()}
-    monkeypatch.setattr(polygons, "_read_counters", lambda run, _: given[run])
+    arrays = {name: {"quads": np.array(array)} for name, array in counts.items()}
+    monkeypatch.setattr(polygons, "_read_counters", lambda run, _: arrays[run])
     record = make_record()
     assert list(polygons._find_growths("base", "head", Match("", record, record))) == [
         ("quads", 2, 7, 10),
@@ -91,28 +96,32 @@ def test_what_grew_is_named_in_the_order_of_its_growth(monkeypatch):
     ]
 
 
-def test_of_several_cases_the_polygons_that_grew_most_come_first(runs, monkeypatch):
+def test_polygons_of_several_cases_are_sorted_by_growth(runs, monkeypatch):
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     sizes = [("quads", 0, 5, 6), ("quads", 1, 5, 9), ("quads", 2, 5, 7)]
     monkeypatch.setattr(polygons, "_find_growths", lambda *_: iter(sizes))
-    monkeypatch.setattr(polygons, "_read_polygon", lambda _base, _head, _found, *each: each)
+    monkeypatch.setattr(polygons, "_read_polygon", lambda _base, _head, _match, *growth: growth)
     assert find_largest_growth(base, head, comparison) == [sizes[1], sizes[2], sizes[0]]
 
 
-def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
-    """Moved by whole quads, as little as that, in a frame that holds it."""
+def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
+    """The polygon is moved by quads to the origin of a frame that contains it."""
     corner = np.array([(0, 0), (2000, 0), (0, 900)], np.int32)
     points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
-    kept = drawings.Geometry(PolygonArray.of_single_rings(points, 3), np.array([4, 8]), {})
-    kept.triangles["fan"] = rows
+    geometry_of_two = drawings.Geometry(
+        PolygonArray.of_single_rings(points, 3), np.array([4, 8]), {}
+    )
+    geometry_of_two.triangles["fan"] = rows
     fan = make_record("fan", resolution=64)
 
-    def grown(place: int, geometry: object = kept, record: Record = fan) -> polygons.Grown | None:
+    def grown(
+        index: int, geometry: object = geometry_of_two, record: Record = fan
+    ) -> polygons.Grown | None:
         monkeypatch.setattr(drawings, "read", lambda *_: geometry)
-        found = Match("city", record, record)
-        return polygons._read_polygon(None, None, found, "quads", place, 1, 2)
+        match = Match("city", record, record)
+        return polygons._read_polygon(None, None, match, "quads", index, 1, 2)
 
     second = grown(1)
     assert (second.polygon, second.metric, second.base, second.head) == (8, "quads", 1, 2)
@@ -124,7 +133,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     assert (second.frame.points.min(axis=0) < polygons.QUAD).all()
     assert second.frame.points.min() >= 0
     assert second.frame.points.max() < second.frame.width * 256
-    assert [each.tolist() for each in second.triangles.values()] == [[[0, 1, 2]]] * 2
+    assert [rows.tolist() for rows in second.triangles.values()] == [[[0, 1, 2]]] * 2
     assert list(second.triangles) == ["BASE: fan", "HEAD: fan"]
     assert grown(0).frame.source.tolist() == [4]
     assert grown(2) is None
@@ -132,7 +141,7 @@ def test_a_polygon_is_shown_alone_near_the_frames_corner(monkeypatch):
     assert grown(0, record=make_record("delaunay")) is None
 
 
-def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch):
+def test_columns_that_are_not_counters_are_ignored(monkeypatch):
     columns = {
         "helper_lanes": np.array([3.0, 4.0]),
         "quads": np.ones((2, 2)),
@@ -140,5 +149,5 @@ def test_columns_that_are_no_counters_of_polygons_are_not_looked_at(monkeypatch)
         "fragments": np.array([5, 6]),
     }
     monkeypatch.setattr("harness.compare.polygons.read_arrays", lambda *_: columns)
-    found = _read_counters(Run(Path("run"), {}, []), make_record())
-    assert {name: each.tolist() for name, each in found.items()} == {"helper_lanes": [3, 4]}
+    counters = _read_counters(Run(Path("run"), {}, []), make_record())
+    assert {name: column.tolist() for name, column in counters.items()} == {"helper_lanes": [3, 4]}

@@ -126,7 +126,7 @@ def test_single_case_is_compared_with_the_reference_draw(machines_differ):
     assert change.against == "reference"
     assert not drift.gated
     (same,), _ = compare(pairs(rng, [0], drift=1.3), machines_differ=machines_differ)
-    # On one machine it cannot be known whether the reference draw tells all of the drift.
+    # On one machine the reference draw may show only a part of the drift.
     assert same.outcome == ("unchanged" if machines_differ else "inconclusive")
 
 
@@ -182,9 +182,9 @@ def test_difference_between_processes_is_inconclusive():
     assert (change.outcome, drift.outcome) == ("inconclusive", "inconclusive")
     assert change.low < 1 < change.high
     one_process = replace(records[1], time=replace(records[1].time, processes=()))
-    alone = read_pair(records[0], one_process, same_work=True)
-    assert isinstance(alone, Pair)
-    (change,), _ = compare([alone])
+    single = read_pair(records[0], one_process, same_work=True)
+    assert isinstance(single, Pair)
+    (change,), _ = compare([single])
     assert change.low > 1
 
 
@@ -193,30 +193,30 @@ def test_drift_of_few_rounds_is_inconclusive(rounds, outcome):
     """Nine slower rounds in a row happen by chance once in 256 times, twelve once in 2048."""
     rng = np.random.default_rng(10)
     base = np.exp(0.001 * rng.standard_normal((3, rounds)))
-    drift = drift_of_rounds("here", [(each, each * 1.1) for each in base], SETTINGS)
+    drift = drift_of_rounds("here", [(samples, samples * 1.1) for samples in base], SETTINGS)
     assert drift.outcome == outcome
     assert drift.reason == ("too few rounds" if outcome == "inconclusive" else "")
 
 
 @given(
-    least=st.floats(-1, 1),
+    lowest=st.floats(-1, 1),
     spread=st.floats(0, 0.5),
     below=st.floats(0, 1),
     above=st.floats(0, 1),
     threshold=st.floats(0, 0.5),
 )
-def test_outcome_follows_threshold_and_interval(least, spread, below, above, threshold):
-    most = least + spread
-    low, high = least - below, most + above
+def test_outcome_follows_threshold_and_interval(lowest, spread, below, above, threshold):
+    highest = lowest + spread
+    low, high = lowest - below, highest + above
     bound = math.log1p(threshold)
-    outcome, reason = classify(least, most, low, high, threshold)
-    mirrored, _ = classify(-most, -least, -high, -low, threshold)
+    outcome, reason = classify(lowest, highest, low, high, threshold)
+    mirrored, _ = classify(-highest, -lowest, -high, -low, threshold)
     swap = {"regressed": "improved", "improved": "regressed"}
     assert mirrored == swap.get(outcome, outcome)
     assert bool(reason) == (outcome == "inconclusive")
     if outcome == "regressed":
         assert low > 0
-        assert least > bound
+        assert lowest > bound
     if outcome == "unchanged":
         assert -bound <= low <= high <= bound
 
@@ -236,7 +236,7 @@ def test_outcome_follows_threshold_and_interval(least, spread, below, above, thr
     ],
 )
 def test_incomparable_times_are_inconclusive_with_a_reason(base, head, reason):
-    change = read_pair(*(make_record(time=each or None) for each in (base, head)), same_work=True)
+    change = read_pair(*(make_record(time=time or None) for time in (base, head)), same_work=True)
     assert change.outcome == "inconclusive"
     assert reason in change.reason
 
@@ -251,19 +251,23 @@ def test_untimed_cases_have_no_outcome_and_eight_samples_suffice():
 def test_pair_lacks_the_reference_draw_if_one_run_does(lacking):
     times = [{"samples_s": [1e-3] * 20, "reference_s": [1e-3] * 20} for _ in range(2)]
     del times[lacking]["reference_s"]
-    pair = read_pair(*(make_record(time=each) for each in times), same_work=True)
+    pair = read_pair(*(make_record(time=time) for time in times), same_work=True)
     assert pair.reference is None
     assert not pair.same_rounds
 
 
 def test_rounds_with_an_invalid_sample_are_not_paired():
-    """Each run lacks another round: the remaining samples are as many, but shifted."""
+    """Runs without different rounds have equal numbers of samples, which are shifted."""
     times = {"timer": "wall", "reference_s": [1e-3] * 20}
-    whole, first, last = ([1e-3] * 20 for _ in range(3))
+    complete, first, last = ([1e-3] * 20 for _ in range(3))
     first[0], last[19] = 0.0, 0.0
-    for base, head, same in ((whole, whole, True), (first, last, False), (whole, last, False)):
+    for base, head, same in (
+        (complete, complete, True),
+        (first, last, False),
+        (complete, last, False),
+    ):
         pair = read_pair(
-            *(make_record(time={**times, "samples_s": each}) for each in (base, head)),
+            *(make_record(time={**times, "samples_s": samples}) for samples in (base, head)),
             same_work=True,
         )
         assert isinstance(pair, Pair)
@@ -273,8 +277,8 @@ def test_rounds_with_an_invalid_sample_are_not_paired():
 @pytest.mark.parametrize(("drift", "outcome"), [(1.0, "unchanged"), (2.5, "regressed")])
 def test_drift_without_reference_draw_is_reported_in_full(drift, outcome):
     rng = np.random.default_rng(11)
-    found = [replace(pair, reference=None) for pair in pairs(rng, [0] * 5, drift=drift)]
-    _, together = compare(found)
+    unreferenced = [replace(pair, reference=None) for pair in pairs(rng, [0] * 5, drift=drift)]
+    _, together = compare(unreferenced)
     assert (together.outcome, together.reference, together.gated) == (outcome, None, False)
     assert together.low < drift < together.high
 
@@ -297,10 +301,10 @@ def test_normalise_setting_selects_the_correction(normalise):
 
 
 def test_one_separate_case_makes_a_group_use_peers():
-    found = pairs(np.random.default_rng(15), [0] * 4)
-    paired = [replace(pair, same_rounds=True) for pair in found]
-    for chosen, against in ((paired, "rounds"), ([paired[0], *found[1:]], "peers")):
-        changes, _ = compare(chosen)
+    separate = pairs(np.random.default_rng(15), [0] * 4)
+    paired = [replace(pair, same_rounds=True) for pair in separate]
+    for cases, against in ((paired, "rounds"), ([paired[0], *separate[1:]], "peers")):
+        changes, _ = compare(cases)
         assert {change.against for change in changes} == {against}
 
 
@@ -354,8 +358,8 @@ def test_case_of_other_polygons_has_no_peers():
     changes, _ = compare([replace(case, same_rounds=True) for case in cases])
     assert changes[0].outcome == "regressed"
     # A pair of peers with other polygons does not count for the three that are needed.
-    others = [replace(case, polygons=229) for case in pairs(rng, [0] * 2)]
-    changes, _ = compare([*pairs(rng, [0] * 2), *others])
+    other_cases = [replace(case, polygons=229) for case in pairs(rng, [0] * 2)]
+    changes, _ = compare([*pairs(rng, [0] * 2), *other_cases])
     assert {change.outcome for change in changes} == {"inconclusive"}
 
 
@@ -363,10 +367,10 @@ def test_equal_drawings_are_not_tested():
     """One drawing of both versions: no ratio, no p-value, no share in the correction."""
     rng = np.random.default_rng(20)
     cases = [replace(pair, same_rounds=True) for pair in pairs(rng, [0.03, *[0] * 9], noise=0.02)]
-    alone, _ = compare(cases[:1])
+    single, _ = compare(cases[:1])
     equal = [replace(case, head=case.base, same_drawing=True) for case in cases[1:]]
     changes, drift = compare([cases[0], *equal])
-    assert changes[0].q_value == changes[0].p_value == alone[0].p_value
+    assert changes[0].q_value == changes[0].p_value == single[0].p_value
     assert {(c.outcome, c.against, c.ratio, c.q_value) for c in changes[1:]} == {
         ("unchanged", "same-triangles", None, None)
     }

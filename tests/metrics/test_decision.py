@@ -1,4 +1,4 @@
-"""What a group's records say together: sentence, table and ranking agree whatever was measured."""
+"""Decisions: the sentence, the table and the ranking of a group agree; break-even."""
 
 import io
 import itertools
@@ -20,28 +20,28 @@ from tests.harness.test_summary import SAMPLES, printed, record
 from tests.records import make_group, make_record, make_run
 
 DRAWS = {"faster": 0.9, "level": 1.0, "slower": 1.1, "untimed": None}
-TRIANGULATING = {"quicker": 0.2, "longer": 0.9, "once": 0.9, "untold": None}
+TRIANGULATING = {"quicker": 0.2, "longer": 0.9, "once": 0.9, "unknown": None}
 COUNTS = {"fewer": 900, "same": 1000, "more": 1100}
 
 
-def made(name, draws="level", triangulating="longer", counts="same", **changes):
+def make_fields(name, draws="level", triangulating="longer", counts="same", **changes):
     factor, seconds = DRAWS[draws], TRIANGULATING[triangulating]
-    found = record(name, factor or 1.0, counters={"helper_lanes": COUNTS[counts]}, **changes)
+    fields = record(name, factor or 1.0, counters={"helper_lanes": COUNTS[counts]}, **changes)
     noise = np.random.default_rng(len(name)).permutation(SAMPLES)
     if factor is None:
-        del found["time"]
+        del fields["time"]
     elif name != "ear-clipping":
         samples = 100 * factor * (0.9 * np.array(SAMPLES) + 0.1 * noise)
-        found["time"] |= {"samples_s": samples.tolist(), "median_s": float(np.median(samples))}
+        fields["time"] |= {"samples_s": samples.tolist(), "median_s": float(np.median(samples))}
     if seconds is not None:
-        found["triangulate_s"] = seconds
+        fields["triangulate_s"] = seconds
         if triangulating != "once":
-            found["triangulate_samples_s"] = [seconds * (1 + 0.01 * k) for k in range(6)]
-    return found
+            fields["triangulate_samples_s"] = [seconds * (1 + 0.01 * k) for k in range(6)]
+    return fields
 
 
 def base():
-    return made("ear-clipping", triangulating="longer") | {
+    return make_fields("ear-clipping", triangulating="longer") | {
         "triangulate_s": 0.5,
         "triangulate_samples_s": [0.5 * (1 + 0.01 * k) for k in range(6)],
     }
@@ -52,7 +52,7 @@ def decide(records):
 
 
 def break_even(record, base):
-    typed = [make_record(**each) for each in (record, base)]
+    typed = [make_record(**fields) for fields in (record, base)]
     if record is base:
         typed[1] = typed[0]
     return break_even_module.compute_break_even(*typed, compute_time_ratio(*typed))
@@ -67,27 +67,27 @@ def table_of(records):
 
 
 NAMES = ("ear-clipping", "delaunay", "greedy")
-EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
+COMBINATIONS = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 
 
 @pytest.mark.parametrize(
-    ("alike", "ending"),
+    ("names", "ending"),
     [
         (["a"], "different from a"),
         (["a", "b"], "different from a and b"),
         (["a", "b", "c"], "different from a, b and c"),
     ],
 )
-def test_advice_names_triangulators_that_are_not_significantly_slower(alike, ending):
-    quick = [made(name, "faster") for name in ("delaunay", *alike)]
+def test_advice_names_triangulators_that_are_not_significantly_slower(names, ending):
+    quick = [make_fields(name, "faster") for name in ("delaunay", *names)]
     assert format_advice(decide([base(), *quick])).endswith(f"; not significantly {ending}.")
 
 
-@pytest.mark.parametrize(("draws", "triangulating", "counts"), EVERY)
+@pytest.mark.parametrize(("draws", "triangulating", "counts"), COMBINATIONS)
 def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
-    """One other triangulator in every state, with a second one that is shown to be slower."""
-    other = made("delaunay", draws, triangulating, counts)
-    slow = made("greedy", "slower" if draws != "untimed" else "untimed", counts="more")
+    """A second triangulator in each combination of states, and a third that is slower."""
+    other = make_fields("delaunay", draws, triangulating, counts)
+    slow = make_fields("greedy", "slower" if draws != "untimed" else "untimed", counts="more")
     first = base()
     if draws == "untimed":
         del first["time"]
@@ -97,35 +97,37 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     order, rows, lines = table_of(records)
     content = make_content(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
-    # one order everywhere, one sentence everywhere
-    assert order == [each.name for each in decision.standings]
+    # all outputs have the same order and sentence
+    assert order == [standing.name for standing in decision.standings]
     assert sorted(cases, key=lambda name: cases[name]["rank"]) == order
     assert content["groups"][0]["answer"] == sentence
     assert sentence in " ".join(line.strip() for line in lines)
-    for each in decision.standings:
-        row = cases[each.name]["row"]
-        if each is decision.base or each.ratio is None:
+    for standing in decision.standings:
+        row = cases[standing.name]["row"]
+        if standing is decision.base or standing.ratio is None:
             continue
-        assert row["verdict"] == each.ratio.verdict
-        pays = row.get("break_even")
-        assert (pays is None) == (each.break_even is None)
-        if pays is not None:
-            assert rows[each.name].rstrip().endswith(each.break_even.short_text)
-            assert pays == each.break_even.text
-            shown = pays.startswith(("after", "at once"))
-            assert shown == (each.ratio.verdict == "faster")
-            assert (pays == "not significant") == (each.ratio.verdict == "not significant")
-            slower = pays.startswith(("never", "up to"))
-            assert slower == (each.ratio.verdict == "slower")
+        assert row["verdict"] == standing.ratio.verdict
+        break_even_text = row.get("break_even")
+        assert (break_even_text is None) == (standing.break_even is None)
+        if break_even_text is not None:
+            assert rows[standing.name].rstrip().endswith(standing.break_even.short_text)
+            assert break_even_text == standing.break_even.text
+            is_saving = break_even_text.startswith(("after", "at once"))
+            assert is_saving == (standing.ratio.verdict == "faster")
+            assert (break_even_text == "not significant") == (
+                standing.ratio.verdict == "not significant"
+            )
+            slower = break_even_text.startswith(("never", "up to"))
+            assert slower == (standing.ratio.verdict == "slower")
         elif any(other.break_even for other in decision.standings):
-            assert rows[each.name].rstrip().endswith(VERDICTS[each.ratio.verdict])
-    # what to do
+            assert rows[standing.name].rstrip().endswith(VERDICTS[standing.ratio.verdict])
+    # the recommendation
     assert ("delaunay saves " in sentence) == (draws == "faster")
     if draws == "faster":
         assert ": delaunay saves " in sentence
-        pays = {"quicker": ", break-even at once", "once": ", break-even after about"}
-        pays["untold"] = " %)"
-        assert pays.get(triangulating, ", break-even after ") in sentence
+        break_even_text = {"quicker": ", break-even at once", "once": ", break-even after about"}
+        break_even_text["unknown"] = " %)"
+        assert break_even_text.get(triangulating, ", break-even after ") in sentence
     elif draws == "slower":
         assert ": ear-clipping; all other triangulators are significantly slower" in sentence
     elif counts == "fewer":
@@ -137,25 +139,25 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
 
 
 def test_choice_is_significantly_faster_even_if_ranked_second():
-    wild = made("delaunay", "faster")
+    wild = make_fields("delaunay", "faster")
     samples = np.array(wild["time"]["samples_s"]) * np.array([0.5, 1.6] * 4)
     wild["time"] |= {"samples_s": samples.tolist(), "median_s": 0.08}
-    sure = made("greedy", "faster")
+    sure = make_fields("greedy", "faster")
     decision = decide([base(), wild, sure])
-    assert [each.name for each in decision.standings].index("delaunay") < 2
+    assert [standing.name for standing in decision.standings].index("delaunay") < 2
     assert decision.standings[0].ratio.verdict != "slower"
     assert decision.choice.name == "greedy"
 
 
 def test_decision_lists_triangulators_not_slower_than_the_choice():
-    twins = [made("delaunay", "faster"), made("greedy", "faster")]
+    twins = [make_fields("delaunay", "faster"), make_fields("greedy", "faster")]
     assert decide([base(), *twins]).not_slower == (decide([base(), *twins]).standings[1].name,)
-    apart = [made("delaunay", "faster"), made("greedy", "slower")]
-    assert decide([base(), *apart]).not_slower == ()
+    different = [make_fields("delaunay", "faster"), make_fields("greedy", "slower")]
+    assert decide([base(), *different]).not_slower == ()
 
 
 def test_incomplete_triangulator_is_not_recommended():
-    part = made("delaunay", "faster", polygons=400)
+    part = make_fields("delaunay", "faster", polygons=400)
     decision = decide([base(), part])
     assert decision.choice.name == "ear-clipping"
     assert "ear-clipping has no other triangulator" in format_advice(decide([base(), part]))
@@ -163,15 +165,15 @@ def test_incomplete_triangulator_is_not_recommended():
 
 
 def test_no_recommendation_if_every_triangulator_skipped_polygons():
-    """A fan that drew 229 of 500 polygons, beside others that left some out, too."""
+    """All triangulators skipped polygons; the fan drew 229 of 500."""
     drawn = {"fan": 229, "strip": 100, "delaunay": 499}
     records = [
-        made(name, verdict, polygons=drawn[name], polygons_skipped=500 - drawn[name])
+        make_fields(name, verdict, polygons=drawn[name], polygons_skipped=500 - drawn[name])
         for name, verdict in zip(drawn, ("faster", "faster", "slower"), strict=True)
     ]
     decision = decide(records)
-    assert [each.name for each in decision.standings] == ["delaunay", "fan", "strip"]
-    assert not any(each.complete for each in decision.standings)
+    assert [standing.name for standing in decision.standings] == ["delaunay", "fan", "strip"]
+    assert not any(standing.complete for standing in decision.standings)
     assert not decision.timed
     obstacle = "every triangulator skipped polygons (delaunay drew the most: 499 of 500)."
     assert format_advice(decision).endswith(f": {obstacle}")
@@ -182,9 +184,9 @@ def test_no_recommendation_if_every_triangulator_skipped_polygons():
 
 @pytest.mark.parametrize(("covered", "advised"), [(0, False), (1, False), (63, False), (64, True)])
 def test_no_recommendation_below_the_minimum_of_pixels(covered, advised):
-    records = [base(), made("delaunay", "faster")]
-    for each in records:
-        each["counters"] |= {"fragments": covered}
+    records = [base(), make_fields("delaunay", "faster")]
+    for fields in records:
+        fields["counters"] |= {"fragments": covered}
     sentence = format_advice(decide(records))
     assert (": delaunay saves " in sentence) is advised
     pixels = "1 pixel" if covered == 1 else f"{covered} pixels"
@@ -192,11 +194,11 @@ def test_no_recommendation_below_the_minimum_of_pixels(covered, advised):
     assert sentence.endswith(ending) is not advised
 
 
-def test_few_pixels_choose_the_first_complete_one_if_the_base_is_incomplete():
+def test_few_pixels_choose_the_first_complete_record():
     part = base() | {"polygons": 400, "polygons_skipped": 100}
-    records = [part, made("greedy", "slower"), made("delaunay", "faster")]
-    for each in records:
-        each["counters"] |= {"fragments": 9}
+    records = [part, make_fields("greedy", "slower"), make_fields("delaunay", "faster")]
+    for fields in records:
+        fields["counters"] |= {"fragments": 9}
     decision = decide(records)
     assert (decision.reason, decision.choice.name) == ("few pixels", "delaunay")
 
@@ -205,7 +207,7 @@ def test_few_pixels_choose_the_first_complete_one_if_the_base_is_incomplete():
     ("draws", "faster"), [("level", False), ("untimed", False), ("faster", True)]
 )
 def test_base_is_kept_if_counters_and_times_are_equal(draws, faster):
-    first, other = base(), made("delaunay", draws)
+    first, other = base(), make_fields("delaunay", draws)
     if draws == "untimed":
         del first["time"]
     sentence = format_advice(decide([first, other]))
@@ -218,8 +220,8 @@ def test_base_is_kept_if_counters_and_times_are_equal(draws, faster):
     ("quads", "reason"), [(996, "undecided"), (991, "undecided"), (989, "counter")]
 )
 def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, reason):
-    """1 % of the quads, which may be a large share of the helper lanes, as in `inspect`."""
-    first, other = base(), made("delaunay")
+    """1 % of the quads may be a large share of the helper lanes."""
+    first, other = base(), make_fields("delaunay")
     for entry, count in ((first, 1000), (other, quads)):
         entry["counters"] = {"helper_lanes": 4 * count - 3900, "quads": count, "fragments": 3900}
     decision = decide([first, other])
@@ -227,11 +229,13 @@ def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, reas
 
 
 def test_count_is_compared_with_the_base_only_for_equal_polygons():
-    whole, part = base(), base() | {"polygons": 400, "polygons_skipped": 100}
-    fewer, more = made("delaunay", counts="fewer"), made("greedy", counts="more")
+    complete, part = base(), base() | {"polygons": 400, "polygons_skipped": 100}
+    fewer, more = make_fields("delaunay", counts="fewer"), make_fields("greedy", counts="more")
     count = "delaunay has the lowest exact count, 900 helper lanes"
-    assert f"{count}, 10.0 % fewer than ear-clipping" in format_advice(decide([whole, fewer, more]))
-    for records in ([part, fewer, more], [whole, more]):
+    assert f"{count}, 10.0 % fewer than ear-clipping" in format_advice(
+        decide([complete, fewer, more])
+    )
+    for records in ([part, fewer, more], [complete, more]):
         decision = decide(records)
         assert decision.reason == "counter"
         assert "fewer than" not in format_advice(decision)
@@ -246,35 +250,38 @@ def test_no_recommendation_without_or_with_one_record():
 
 
 def test_untimed_records_rank_by_counter_relative_to_the_base():
-    found = [made("greedy", "untimed", counts="fewer"), made("ear-clipping", "untimed")]
-    costs = [(each.name, each.cost) for each in decide(found).standings]
+    records = [
+        make_fields("greedy", "untimed", counts="fewer"),
+        make_fields("ear-clipping", "untimed"),
+    ]
+    costs = [(entry.name, entry.cost) for entry in decide(records).standings]
     assert costs == [("greedy", pytest.approx(0.9)), ("ear-clipping", 1.0)]
-    for each in found:
-        each["counters"] = {}
-    assert [each.cost for each in decide(found).standings] == [0.0, 0.0]
+    for entry in records:
+        entry["counters"] = {}
+    assert [entry.cost for entry in decide(records).standings] == [0.0, 0.0]
 
 
 def test_first_of_equal_counts_is_chosen_over_a_higher_one():
-    found = [made(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
-    decision = decide([made("ear-clipping", "untimed"), *found])
+    equal = [make_fields(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
+    decision = decide([make_fields("ear-clipping", "untimed"), *equal])
     assert (decision.reason, decision.choice.name) == ("counter", "delaunay")
 
 
 def test_incomplete_default_base_is_not_chosen():
-    part, others = base() | {"polygons": 400}, [made("delaunay"), made("greedy")]
-    decision = decide([part, *others])
+    part, complete = base() | {"polygons": 400}, [make_fields("delaunay"), make_fields("greedy")]
+    decision = decide([part, *complete])
     assert (decision.base.name, decision.choice.name) == ("ear-clipping", "delaunay")
     assert not decision.timed
-    assert not decide([base(), made("delaunay", "untimed")]).timed
-    assert decide([base(), made("delaunay")]).timed
+    assert not decide([base(), make_fields("delaunay", "untimed")]).timed
+    assert decide([base(), make_fields("delaunay")]).timed
 
 
 @pytest.mark.parametrize(
     ("polygons", "name"), [((3, 5, 5), "b"), ((None, 1, 1), "b"), ((None, None, None), "a")]
 )
-def test_the_base_of_those_without_a_usual_one_is_the_first_of_most_polygons(polygons, name):
+def test_default_base_is_the_first_with_most_polygons(polygons, name):
     pairs = zip("abc", polygons, strict=True)
-    measured = [make_record(each, polygons=count) for each, count in pairs]
+    measured = [make_record(name_of_record, polygons=count) for name_of_record, count in pairs]
     assert make_group([make_record("z", status="failed"), *measured]).base.name == name
     assert make_group([]).base is None
 
@@ -283,7 +290,7 @@ ROUNDS = 12
 
 
 def triangulated(name, seconds, factor=1.0, scatter=0.0, seed=0):
-    """A record whose draws take `factor` of 0.1 s, triangulated in rounds of about `seconds`."""
+    """Return a record with draws of `factor` times 0.1 s and triangulation times of `seconds`."""
     noise = np.random.default_rng(seed).normal(0, scatter, ROUNDS)
     samples = (seconds * (1 + noise - noise.mean())).tolist()
     return record(name, factor, triangulate_s=seconds, triangulate_samples_s=samples)
@@ -294,7 +301,7 @@ BASE = triangulated("ear-clipping", 0.5)
 
 def test_break_even_is_extra_time_over_saving_per_draw():
     even = break_even(triangulated("optimal", 1.49, 0.8), BASE)  # 0.02 s of 0.1 s less
-    # Drawing was timed without any scatter: the interval is what runs scatter.
+    # The draw times have no scatter: the interval is the scatter between runs.
     saved = 0.1 * (1 - 0.8 * np.exp([RUN_SCATTER * 1.96, -RUN_SCATTER * 1.96]))
     low, high = sorted(0.99 / saved)
     assert (even.draws, even.low, even.high) == pytest.approx((49.5, low, high), rel=1e-4)
@@ -306,7 +313,7 @@ def test_break_even_is_unbounded_if_the_saving_may_be_zero():
     assert _solve_end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
 
 
-def test_either_uncertainty_widens_the_interval():
+def test_scatter_of_either_time_widens_the_interval():
     exact = triangulated("optimal", 1.5, 0.8)
     rough = triangulated("optimal", 1.5, 0.8, scatter=0.1)
     even = break_even(rough, BASE)
@@ -314,19 +321,21 @@ def test_either_uncertainty_widens_the_interval():
     student = 2.2009851600916384  # 11 degrees of freedom
     reach = student * np.std(rough["triangulate_samples_s"], ddof=1) / math.sqrt(ROUNDS) / 0.02
     drawing = 50 * 0.8 * RUN_SCATTER * 1.96 / 0.2
-    both = math.hypot(reach, drawing)
-    assert (even.low, even.high) == pytest.approx((50 - both, 50 + both), rel=3e-3)
+    combined = math.hypot(reach, drawing)
+    assert (even.low, even.high) == pytest.approx((50 - combined, 50 + combined), rel=3e-3)
     rng = np.random.default_rng(1)
     draws = {"samples_s": (0.08 * rng.lognormal(0, 0.02, 8)).tolist()}
     noisy = {**exact, "time": {**exact["time"], **draws}}
     steady = {**BASE, "time": {**BASE["time"], "samples_s": [0.1] * 8, "ci95_s": [0.1, 0.1]}}
-    alone = break_even(noisy, steady)
-    assert alone.low < 50 < alone.high
+    single = break_even(noisy, steady)
+    assert single.low < 50 < single.high
     unsure = {**steady, "time": {**steady["time"], "ci95_s": [0.09, 0.11]}}
     wider = break_even(noisy, unsure)
-    assert wider.low < alone.low < alone.high < wider.high
-    both = break_even({**noisy, "triangulate_samples_s": rough["triangulate_samples_s"]}, steady)
-    assert both.low < alone.low < alone.high < both.high
+    assert wider.low < single.low < single.high < wider.high
+    combined = break_even(
+        {**noisy, "triangulate_samples_s": rough["triangulate_samples_s"]}, steady
+    )
+    assert combined.low < single.low < single.high < combined.high
 
 
 @pytest.mark.parametrize(
@@ -346,7 +355,7 @@ def test_break_even_text_of_each_combination(factor, seconds, written):
     assert break_even(triangulated("other", seconds, factor), BASE).text == written
 
 
-def test_triangulating_once_tells_no_interval():
+def test_break_even_without_rounds_has_no_interval():
     base = record("ear-clipping", triangulate_s=0.5)
     even = break_even(record("optimal", 0.8, triangulate_s=1.49), base)
     assert even.text == "after about 50 draws (triangulated once)"
@@ -368,7 +377,7 @@ def test_break_even_is_undefined_without_times_or_for_the_base():
     assert break_even(base, base) is None
 
 
-def test_an_interval_is_never_one_number_and_may_have_no_end():
+def test_break_even_interval_is_rounded_outwards_and_may_be_unbounded():
     assert BreakEven("after", 4.0, 4.0, 4.0).text == "after 4 draws (3 to 4)"
     assert BreakEven("after", 3.6, 3.4, 3.9).text == "after 4 draws (3 to 4)"
     assert BreakEven("after", 10.2, 4.0, math.inf).text == "after 11 draws (3 or more)"
@@ -402,7 +411,7 @@ def test_each_pair_of_records_is_compared_at_most_once(monkeypatch):
 
     monkeypatch.setattr("harness.metrics.groups.compute_time_ratio", counted)
     names = ("delaunay", "greedy", "fan", "strip", "sweep")
-    run = make_run([base(), *(made(name, "faster") for name in names)])
+    run = make_run([base(), *(make_fields(name, "faster") for name in names)])
     decided = decide_all(run)
     print_summary(decided, Console(file=io.StringIO()))
     assert len(list_rows(decided)) == 1 + len(names)

@@ -1,4 +1,4 @@
-"""Records are grouped by all but the triangulator, and times of the same rounds have a ratio."""
+"""Groups of records that differ in the triangulator; ratios of times of the same rounds."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ SAMPLES = [1e-3 + 1e-6 * k for k in range(20)]
 TIME = {"samples_s": SAMPLES, "reference_s": [1e-3] * 20}
 
 
-def test_groups_are_in_order_and_records_keep_theirs():
+def test_groups_are_sorted_and_keep_the_order_of_records():
     records = [
         make_record(name, resolution=size, device=device)
         for device in ("zink", "llvmpipe")
@@ -24,9 +24,9 @@ def test_groups_are_in_order_and_records_keep_theirs():
         for name in ("fan", "delaunay")
     ]
     groups = group_records(records)
-    where = [(group.id.device, group.id.view.resolution) for group in groups]
-    assert where == [("llvmpipe", 64), ("llvmpipe", 1024), ("zink", 64), ("zink", 1024)]
-    assert all([each.name for each in group.records] == ["fan", "delaunay"] for group in groups)
+    conditions = [(group.id.device, group.id.view.resolution) for group in groups]
+    assert conditions == [("llvmpipe", 64), ("llvmpipe", 1024), ("zink", 64), ("zink", 1024)]
+    assert all([record.name for record in group.records] == ["fan", "delaunay"] for group in groups)
 
 
 def test_two_records_of_the_same_rounds_have_a_ratio():
@@ -41,7 +41,7 @@ def test_two_records_of_the_same_rounds_have_a_ratio():
         assert compute_time_ratio(other, slower) is None
 
 
-def test_a_stored_group_of_rounds_counts_more_than_equal_reference_draws():
+def test_round_group_overrides_equal_reference_draws():
     one, same, other = (
         make_record(polygons=3, time=TIME | {"round_group": group}) for group in "aab"
     )
@@ -49,9 +49,9 @@ def test_a_stored_group_of_rounds_counts_more_than_equal_reference_draws():
     assert compute_time_ratio(one, other) is None
 
 
-def test_twins_are_one_and_what_lacks_a_criterion_is_none():
-    whole = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0))
+def test_equal_triangulations_and_damaged_records_are_dropped():
+    record = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0))
     twin = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0 + 1e-9))
     other = make_record(predicted={**dict.fromkeys(IDENTIFYING, 1.0), "shape": 1.1})
     damaged = make_record(predicted={"shape": 1.0})
-    assert drop_equal_triangulations([whole, damaged, twin, other]) == [whole, other]
+    assert drop_equal_triangulations([record, damaged, twin, other]) == [record, other]

@@ -1,4 +1,4 @@
-"""Intervals hold the truth as often as they say, on data whose truth is known."""
+"""Coverage and definitions of confidence intervals, on data with known parameters."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ from harness.stats.intervals import (
 from scripts.studies.interval_coverage import Kind, list_kinds, share_interval, simulate
 
 TRIALS = 200
-WANTED = 0.90
-"""Of 200 trials: an interval that covers 95 % is below it once in 500 series, one of 80 % never."""
+MIN_COVERAGE = 0.90
+"""Minimum share of 200 trials; 95 % intervals miss it in 1 of 500 series, 80 % intervals always."""
 
 
 @pytest.mark.parametrize(
@@ -33,42 +33,42 @@ WANTED = 0.90
     [kind for kind in list_kinds() if kind.number <= 12 and "city" not in kind.data],
     ids=lambda kind: f"{kind.interval}, {kind.data}, {kind.number}",
 )
-def test_an_interval_covers_what_it_says(kind: Kind):
+def test_interval_covers_95_percent(kind: Kind):
     row = simulate(kind, TRIALS)
     assert float(row["reported"]) > (0.8 if kind.interval == "ratio over tiles" else 0.99)
-    assert float(row["covered"]) >= WANTED
+    assert float(row["covered"]) >= MIN_COVERAGE
 
 
-def test_the_interval_of_a_mean_follows_the_skew():
+def test_mean_interval_follows_the_skew():
     low, high = mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 6.0, 9.0]))
     mean = 22.5 / 8
     assert high - mean > 1.5 * (mean - low) > 0
 
 
-def test_the_interval_of_a_mean_is_the_studentised_bootstraps():
-    """From its definition: deviations of resampled means, in their own standard errors."""
+def test_mean_interval_equals_the_studentised_bootstrap():
+    """By definition: deviations of resampled means in units of each resample's standard error."""
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 15.0, 20.0])
     drawn = values[np.random.default_rng(0).integers(10, size=(intervals.RESAMPLES, 10))]
     error = [np.sqrt(np.square(row - row.mean()).sum() / 9) for row in (values, *drawn)]
     t = np.sort((drawn.mean(axis=1) - values.mean()) / error[1:])
     count, tail = len(t), intervals.TAIL
     low, high = (t[int(np.ceil(share * count)) - 1] for share in (tail, 1 - tail))
-    wanted = (values.mean() - high * error[0], values.mean() - low * error[0])
-    assert mean_interval(values) == pytest.approx(wanted, rel=1e-9)
+    expected = (values.mean() - high * error[0], values.mean() - low * error[0])
+    assert mean_interval(values) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("values", [[1.0] * 5, [0.0] * 24, [0.0] * 11 + [1.0], [1, 2, 3, 4, 5]])
-def test_what_values_do_not_tell_has_no_interval(values):
+def test_few_equal_or_dominated_values_have_no_interval(values):
     assert np.isnan(mean_interval(np.array(values, float))).all()
 
 
-def test_a_median_of_few_has_no_interval_and_one_of_equal_values_has():
+def test_median_of_few_values_has_no_interval():
     assert np.isnan(median_interval_or_unknown(np.arange(5.0))).all()
     assert median_interval_or_unknown(np.arange(6.0)) == (0.0, 5.0)
     assert median_interval_or_unknown(np.ones(8)) == (1.0, 1.0)
 
 
-def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
+def test_interval_of_a_share_depends_on_the_number_of_groups():
     assert share_interval(np.zeros(14)) == pytest.approx((0.0, 1 - 0.05 ** (1 / 14)))
     assert share_interval(np.ones(14)) == pytest.approx((0.05 ** (1 / 14), 1.0))
     low, high = share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
@@ -76,7 +76,7 @@ def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
     assert np.isnan(share_interval(np.zeros(0))).all()
 
 
-def test_a_run_says_what_another_run_may_find():
+def test_interval_includes_the_scatter_between_runs():
     exact = add_run_scatter(Ratio(0.9, 0.9, 0.9, 40))
     assert exact.value == 0.9
     assert np.log([exact.low / 0.9, exact.high / 0.9]) == pytest.approx(
@@ -88,7 +88,7 @@ def test_a_run_says_what_another_run_may_find():
 
 
 @given(st.lists(st.floats(0.1, 10.0), min_size=6, max_size=200))
-def test_median_interval_is_the_exact_order_statistics_one(samples):
+def test_median_interval_equals_scipys_quantile_test(samples):
     low, high = median_interval(samples)
     expected = quantile_test(samples, q=0, p=0.5).confidence_interval(0.95)
     assert (low, high) == (pytest.approx(expected.low), pytest.approx(expected.high))
@@ -99,8 +99,8 @@ def test_median_interval_of_few_samples_is_their_range():
     assert median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
 
 
-def test_processes_count_as_often_as_there_were():
-    """Twelve epochs of three processes that differ are three values, not twelve."""
+def test_processes_are_independent_values():
+    """Twelve epochs of three different processes are three values."""
     level = np.repeat([0.01, 0.03, 0.02], 20)
     samples, base = np.exp(level), np.ones(60)
     over_epochs = paired_ratio(samples, base, [5] * 12)
@@ -109,19 +109,19 @@ def test_processes_count_as_often_as_there_were():
     reach = 4.302653 * 0.01 / np.sqrt(3)
     assert over_processes.high == pytest.approx(np.exp(0.02 + reach))
     assert over_epochs.high < over_processes.high
-    # Damaged lists are no parts of these rounds.
+    # Lists with a different number of rounds are ignored.
     assert paired_ratio(samples, base, [5] * 12, [20] * 2) == over_epochs
     assert paired_ratio(samples, base, [5] * 12, [60]) == over_epochs
 
 
-def test_four_epochs_are_values_and_three_are_not():
+def test_four_epochs_are_independent_values():
     samples, base = np.exp(np.repeat([0.0, 0.01, 0.02, 0.04], 15)), np.ones(60)
     of_epochs = paired_ratio(samples, base, [15] * 4)
     assert np.log(of_epochs.value) == pytest.approx(0.0175)
     assert paired_ratio(samples, base, [15, 15, 30]) == paired_ratio(samples, base) != of_epochs
 
 
-def test_the_mean_of_processes_is_not_that_of_their_epochs():
+def test_processes_have_equal_weight():
     samples = np.exp(np.repeat([0.0, 0.1], [8, 2]))
     assert paired_ratio(samples, np.ones(10), [2] * 5, [8, 2]).value == pytest.approx(np.exp(0.05))
 
@@ -135,28 +135,28 @@ def test_the_mean_of_processes_is_not_that_of_their_epochs():
         ({}, [2] * 6),
     ],
 )
-def test_blocks_are_the_largest_parts_that_share_nothing(times, sizes):
-    found = split_rounds(times.get("processes", ()), times.get("epochs", ()), 12)
-    assert [len(block) for block in found] == sizes
-    assert sorted(np.concatenate(found).tolist()) == list(range(12))
+def test_rounds_are_split_into_processes_or_epochs(times, sizes):
+    parts = split_rounds(times.get("processes", ()), times.get("epochs", ()), 12)
+    assert [len(part) for part in parts] == sizes
+    assert sorted(np.concatenate(parts).tolist()) == list(range(12))
 
 
 @pytest.mark.parametrize(
     ("low", "high", "verdict"),
     [(0.8, 0.99, FASTER), (0.8, 1.0, UNDECIDED), (1.0, 1.2, UNDECIDED), (1.01, 1.2, SLOWER)],
 )
-def test_an_interval_that_ends_at_one_shows_no_difference(low, high, verdict):
+def test_interval_that_ends_at_one_is_not_significant(low, high, verdict):
     assert Ratio((low + high) / 2, low, high, 40).verdict == verdict
 
 
-@pytest.mark.parametrize(("own", "base"), [([], []), ([1.0, 2.0], [1.0]), ([1.0], [])])
-def test_what_are_no_rounds_of_one_group_has_no_ratio(own, base):
+@pytest.mark.parametrize(("samples", "base"), [([], []), ([1.0, 2.0], [1.0]), ([1.0], [])])
+def test_unequal_numbers_of_rounds_have_no_ratio(samples, base):
     with pytest.raises(ValueError, match="not rounds of one group"):
-        paired_ratio(own, base)
+        paired_ratio(samples, base)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_a_ratio_is_known_whatever_the_unit_and_not_where_all_are_alike(size):
+def test_ratio_interval_is_independent_of_the_unit(size):
     base = size * np.linspace(1.0, 2.0, 24)
     assert np.isnan(ratio_interval(0.3 * base, base)).all()
     noise = np.random.default_rng(4).normal(1.0, 0.05, 24)

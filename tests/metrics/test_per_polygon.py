@@ -1,4 +1,4 @@
-"""Figures over single polygons, on columns whose ratios are known."""
+"""Metrics of single polygons, on columns with known ratios."""
 
 import warnings
 
@@ -21,15 +21,15 @@ from tests.records import make_record
 
 def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
     drawn = triangles or [4] * len(cost)
-    found = {"predicted_half_perimeter": cost, "quads": quads, "predicted_triangles": drawn}
-    return {name: np.asarray(column, np.float64) for name, column in found.items()}
+    values = {"predicted_half_perimeter": cost, "quads": quads, "predicted_triangles": drawn}
+    return {name: np.asarray(column, np.float64) for name, column in values.items()}
 
 
 BASE = columns([2, 2, 2, 4], [10, 10, 10, 10])
 OTHER = columns([1, 2, 3, 8], [5, 10, 15, 20])
 
 
-def test_three_pairs_are_ranked_and_two_are_not():
+def test_rank_correlation_needs_three_pairs():
     x, y = np.array([1.0, 2.0, 4.0]), np.array([9.0, 8.0, 3.0])
     assert rank_correlation(x, y) == pytest.approx(-1)
     assert rank_correlation(x[:2], y[:2]) is None
@@ -38,7 +38,7 @@ def test_three_pairs_are_ranked_and_two_are_not():
     assert rank_correlation(np.ones(3), y) is None
 
 
-def test_a_column_of_any_width_is_ranked():
+def test_rank_correlation_is_independent_of_the_range():
     unit, wide = np.array([0.0, 0.4, 1.0]), np.array([5.0, 7.0, 9.0])
     assert spearman(unit, wide) == spearman(wide, unit) == pytest.approx(1)
     assert np.isnan(spearman(unit, np.ones(3)))
@@ -51,9 +51,9 @@ def test_ratios_of_polygons_that_both_drew():
     )
 
 
-def test_a_prediction_is_set_against_a_counter_over_the_base():
-    both = {"base": BASE, "other": OTHER}
-    pairs = pair_ratios(both, "base", "half_perimeter", "quads")
+def test_predictions_are_paired_with_counters_relative_to_the_base():
+    tables = {"base": BASE, "other": OTHER}
+    pairs = pair_ratios(tables, "base", "half_perimeter", "quads")
     assert rank_correlation(*pairs) == pytest.approx(1)
     assert compute_rms_error(*pairs) == pytest.approx(0)
     double = {"base": BASE, "other": OTHER | {"quads": 2 * OTHER["quads"]}}
@@ -62,22 +62,22 @@ def test_a_prediction_is_set_against_a_counter_over_the_base():
     assert compute_rms_error(np.array([np.nan, 0.0]), np.ones(2)) is None
 
 
-def test_what_one_of_them_lacks_is_not_compared():
+def test_missing_columns_are_not_compared():
     bare = {name: OTHER[name] for name in ("quads", "predicted_triangles")}
     no_quads = {name: column for name, column in BASE.items() if name != "quads"}
     no_cost = {name: BASE[name] for name in bare}
-    for known in (
+    for tables in (
         {"base": BASE, "other": OTHER, "bare": bare},
         {"base": no_quads, "other": OTHER},
         {"base": no_cost, "other": OTHER},
         {"base": BASE},
     ):
-        pairs = pair_ratios(known, "base", "half_perimeter", "quads")
-        assert [len(each) for each in pairs] == [0, 0]
+        pairs = pair_ratios(tables, "base", "half_perimeter", "quads")
+        assert [len(column) for column in pairs] == [0, 0]
         assert rank_correlation(*pairs) is None
 
 
-def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_not():
+def test_polygons_missing_from_the_base_have_no_ratio():
     base = columns([2, 2], [10, 10], [1, 0])
     other = columns([1, 2], [5, 10], [1, 4])
     assert compute_ratios(other, base, "quads").tolist() == pytest.approx(
@@ -85,28 +85,28 @@ def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_no
     )
 
 
-def test_an_error_is_the_root_of_the_mean_square_of_logarithms():
+def test_rms_error_is_that_of_log_ratios():
     x = np.array([0.5, 1.0, 4.0, np.nan, 3.0, 0.0])
     y = np.array([1.0, 1.0, 2.0, 1.0, 0.0, 1.0])
     assert compute_rms_error(x, y) == pytest.approx(np.log(2) * np.sqrt(2 / 3))
 
 
 def test_columns_without_triangles_are_none(tmp_path):
-    """A run may have kept none of a case, or what an older version kept."""
+    """Columns may be missing, or from an older version."""
     with RunFolder.create(tmp_path / "run") as store:
         store.write_arrays("0" * 16, {"quads": np.arange(3)})
         store.write_arrays("1" * 16, {"quads": np.arange(3), "predicted_triangles": np.ones(3)})
     run = Run(tmp_path / "run", {}, [])
-    found = [read_columns(run, make_record(key=str(key) * 16)) for key in range(3)]
-    assert found[0] is None
-    assert found[2] is None
-    assert found[1]["quads"].tolist() == [0, 1, 2]
+    tables = [read_columns(run, make_record(key=str(key) * 16)) for key in range(3)]
+    assert tables[0] is None
+    assert tables[2] is None
+    assert tables[1]["quads"].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize(
     ("x", "y"), [([1, 2], [2, 3]), ([1, 1, 1], [1, 2, 3]), ([1, 2, 3], [5, 5, 5]), ([], [])]
 )
-def test_what_is_short_or_constant_has_none(x, y):
+def test_short_or_constant_columns_have_no_correlation(x, y):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert np.isnan(spearman(np.array(x, float), np.array(y, float)))

@@ -1,4 +1,4 @@
-"""What is said of map tiles and views of a model: sums, with intervals over them."""
+"""Counters over map tiles and views of a model, with intervals."""
 
 import numpy as np
 import pytest
@@ -19,10 +19,10 @@ VIEWS = "views"
 
 
 def compare_views(*records: dict) -> per_view.ViewStatistics | None:
-    return per_view.compare_views(*(make_record(**each) for each in records))
+    return per_view.compare_views(*(make_record(**fields) for fields in records))
 
 
-def said(records: list[dict]) -> list[str]:
+def describe(records: list[dict]) -> list[str]:
     return per_view.describe_views(make_group(records))
 
 
@@ -32,7 +32,7 @@ def row_of(record: dict, base: dict) -> dict:
 
 
 def record(name: str, lanes: list[int], **more: object) -> dict:
-    counted = {"helper_lanes": lanes, "quads": [each // 2 for each in lanes]}
+    counted = {"helper_lanes": lanes, "quads": [count // 2 for count in lanes]}
     return {
         "triangulator": name, "status": "ok", "polygons": 9, "fit": "tile", VIEWS: counted,
         "counters": {key: sum(values) for key, values in counted.items()}, **more,
@@ -43,9 +43,11 @@ BASE = record("ear-clipping", [90, 40, 160, 20, 75, 130, 55, 88])
 OTHER = record("flips:l1", [70, 33, 120, 20, 60, 99, 44, 60])
 
 
-def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
-    """From its definition: leave each value out in turn; deviations in their own errors."""
-    base, own = (np.array(each[VIEWS]["helper_lanes"], float) for each in (BASE, OTHER))
+def test_ratio_interval_equals_the_studentised_bootstrap():
+    """By definition: jackknife errors, and deviations of resamples in units of these errors."""
+    base, values = (
+        np.array(ratio_drawn[VIEWS]["helper_lanes"], float) for ratio_drawn in (BASE, OTHER)
+    )
 
     def ratio_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
         n = len(x)
@@ -53,17 +55,19 @@ def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
         ratio = x.sum() / y.sum()
         return ratio, np.sqrt((n - 1) / n * np.square(without - ratio).sum())
 
-    ratio, error = ratio_and_error(own, base)
-    places = np.random.default_rng(0).integers(8, size=(RESAMPLES, 8))
-    pairs = [ratio_and_error(own[row], base[row]) for row in places]
-    t = np.sort([(each - ratio) / wide for each, wide in pairs if wide > 0])
+    ratio, error = ratio_and_error(values, base)
+    indices = np.random.default_rng(0).integers(8, size=(RESAMPLES, 8))
+    pairs = [ratio_and_error(values[row], base[row]) for row in indices]
+    t = np.sort([(ratio_drawn - ratio) / wide for ratio_drawn, wide in pairs if wide > 0])
     t = np.sort(np.append(t, np.zeros(RESAMPLES - len(t))))
     low, high = (t[int(np.ceil(tail * RESAMPLES)) - 1] for tail in (TAIL, 1 - TAIL))
-    assert ratio_interval(own, base) == pytest.approx((ratio - high * error, ratio - low * error))
+    assert ratio_interval(values, base) == pytest.approx(
+        (ratio - high * error, ratio - low * error)
+    )
 
 
 @pytest.mark.parametrize(
-    ("own", "base"),
+    ("values", "base"),
     [
         ([1.0] * 5, [2.0] * 5),
         ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]),
@@ -72,17 +76,17 @@ def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
         ([498.2, 561.3, 555.1, 497.3, 486.6, 425.9], [498.2, 469.9, 472.6, 497.2, 440.3, 425.8]),
     ],
 )
-def test_too_few_or_equal_tiles_have_no_interval(own, base):
-    assert np.isnan(ratio_interval(np.array(own), np.array(base))).all()
+def test_too_few_or_equal_tiles_have_no_interval(values, base):
+    assert np.isnan(ratio_interval(np.array(values), np.array(base))).all()
 
 
-def test_a_tile_without_lanes_counts_as_any_other():
-    own, base = np.array([0.0, 7, 9, 4, 8, 3, 6]), np.array([0.0, 9, 12, 6, 9, 4, 9])
-    low, high = ratio_interval(own, base)
-    assert low < own.sum() / base.sum() < high
+def test_tile_without_lanes_is_included():
+    values, base = np.array([0.0, 7, 9, 4, 8, 3, 6]), np.array([0.0, 9, 12, 6, 9, 4, 9])
+    low, high = ratio_interval(values, base)
+    assert low < values.sum() / base.sum() < high
 
 
-def test_figures_are_sums_over_views_and_intervals_over_views():
+def test_statistics_are_sums_with_intervals_over_views():
     over = compare_views(OTHER, BASE)
     lanes = np.array(OTHER[VIEWS]["helper_lanes"], float)
     usual = np.array(BASE[VIEWS]["helper_lanes"], float)
@@ -94,37 +98,38 @@ def test_figures_are_sums_over_views_and_intervals_over_views():
     assert row["views"] == 8
     assert row["view_ratio_low"] == over.ratio_low
     assert row["view_mean_high"] == over.mean_high
-    line, quads = said([BASE, OTHER])
+    line, quads = describe([BASE, OTHER])
     assert quads.startswith("quads relative to ear-clipping (95 % CI over 8 tiles): ")
     assert line == (
         "helper lanes relative to ear-clipping (95 % CI over 8 tiles): "
         f"flips:l1 0.769 ({over.ratio_low:.3f}-{over.ratio_high:.3f})"
     )
-    fewest = [record(name, [*range(9, 9 + MIN_VALUES)]) for name in "ab"]
-    assert f"(95 % CI over {MIN_VALUES} tiles)" in said(fewest)[0]
-    tests = [{**each, VIEWS: {"bbox_tests": each[VIEWS]["quads"]}} for each in (BASE, OTHER)]
-    assert said(tests)[0].startswith("bounding-box tests relative to")
+    records = [record(name, [*range(9, 9 + MIN_VALUES)]) for name in "ab"]
+    assert f"(95 % CI over {MIN_VALUES} tiles)" in describe(records)[0]
+    tests = [{**fields, VIEWS: {"bbox_tests": fields[VIEWS]["quads"]}} for fields in (BASE, OTHER)]
+    assert describe(tests)[0].startswith("bounding-box tests relative to")
 
 
 @pytest.mark.parametrize(
-    ("tiles", "few"),
+    ("tiles", "note"),
     [(1, "1 tile,"), (MIN_VALUES - 1, f"{MIN_VALUES - 1} tiles,")],
 )
-def test_few_tiles_tell_no_interval(tiles, few):
+def test_few_tiles_have_no_interval(tiles, note):
     base, other = (
-        record(each["triangulator"], each[VIEWS]["helper_lanes"][:tiles]) for each in (BASE, OTHER)
+        record(fields["triangulator"], fields[VIEWS]["helper_lanes"][:tiles])
+        for fields in (BASE, OTHER)
     )
-    line = said([base, other])[0]
-    assert f"({few} too few for intervals): flips:l1 0." in line
+    line = describe([base, other])[0]
+    assert f"({note} too few for intervals): flips:l1 0." in line
     assert line.count("(") == 1
     row = row_of(other, base)
     assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 
 def test_views_of_other_polygons_are_not_compared():
-    assert said([{**BASE, VIEWS: None}, OTHER]) == []
+    assert describe([{**BASE, VIEWS: None}, OTHER]) == []
     assert compare_views({**OTHER, "polygons": 8}, BASE) is None
-    assert said([BASE]) == []
+    assert describe([BASE]) == []
     short = record("flips:l1", [1, 2])
     assert compare_views(short, BASE) is None
 
@@ -144,4 +149,4 @@ def test_depth_ties_are_reported():
     base = record("ear-clipping", [9, 7])
     base["counters"]["depth_ties"] = 5
     tied = "5 depth tests of ear-clipping are ties: rounding decides them"
-    assert tied in said([base, OTHER])
+    assert tied in describe([base, OTHER])

@@ -1,4 +1,4 @@
-"""Runs are grouped by the processors that drew; what no processor draws on is left as it is."""
+"""Times of software devices are separated by processor; other devices are unchanged."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from tests.records import make_record, make_run
         ("gpu0", None, False),
     ],
 )
-def test_the_renderer_says_who_draws_and_else_the_name(device, renderer, drawn):
+def test_software_devices_are_recognised_by_renderer_or_name(device, renderer, drawn):
     details = {} if renderer is None else {"details": {"renderer": renderer}}
     name, _, host = device.partition("@")
     record = make_record(device=name, host=host or None)
@@ -39,30 +39,30 @@ def test_the_renderer_says_who_draws_and_else_the_name(device, renderer, drawn):
 
 
 def runs_of(*labels: str) -> list[Run]:
-    """A run a processor, of a device that it draws on, once untimed, and of a GPU."""
+    """Return a run for each processor: timed on llvmpipe and a GPU, untimed on the CPU."""
     records = [
         make_record(device=device, time={"timer": timer, "samples_s": [1.0]})
         for device, timer in (("llvmpipe", "wall"), ("gpu0", "gpu"))
     ]
     untimed = make_record(rasteriser="reference", device="cpu")
-    return [make_run([*records, untimed], cpu={"label": each}) for each in labels]
+    return [make_run([*records, untimed], cpu={"label": label}) for label in labels]
 
 
 def mark(case, processor):
     return replace(case, device=f"{case.device} ({processor})")
 
 
-def test_only_what_processors_were_timed_on_is_kept_apart():
+def test_only_timed_software_devices_are_marked():
     runs = runs_of("Xeon", "EPYC")
     mixed = find_mixed_processors(runs)
     assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
     assert format_processors(mixed) == "llvmpipe on EPYC, Xeon"
     assert find_mixed_processors(runs[:1]) == {}
-    devices = [[each.id.device for each in run.records] for run in mark_processors(runs, mark)]
+    devices = [[record.id.device for record in run.records] for run in mark_processors(runs, mark)]
     assert devices == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
 
 
-def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
+def test_gpu_with_the_name_of_a_software_device_is_not_marked():
     runs = runs_of("Xeon", "EPYC")
     facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
     real = Run(Path("run"), facts, runs[0].records)

@@ -1,4 +1,4 @@
-"""One registry: what is added in one place shows up wherever figures are shown."""
+"""The registry of metrics: an added metric appears in all outputs."""
 
 import hashlib
 import io
@@ -40,8 +40,8 @@ from triangulators import criteria
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter", "greedy", "fan")
 
 
-def a_record(name: str, number: int, counted: dict[str, int], **changes: Any) -> dict[str, Any]:
-    """Return a complete record of a triangulator whose every figure grows with `number`."""
+def make_fields(name: str, number: int, counted: dict[str, int], **changes: Any) -> dict[str, Any]:
+    """Return a complete record of a triangulator, with metrics that grow with `number`."""
     predicted = dict.fromkeys(
         [*list_predictions(), *criteria.AUXILIARY_FEATURES], 100.0 + 7 * number
     )
@@ -60,18 +60,18 @@ def a_record(name: str, number: int, counted: dict[str, int], **changes: Any) ->
     )
 
 
-def a_run(folder: Path, records: list[dict[str, Any]]) -> Path:
+def write_run_of(folder: Path, records: list[dict[str, Any]]) -> Path:
     folder.mkdir()
     facts = {"schema_version": 1, "plan": {"triangulators": [r["triangulator"] for r in records]}}
     (folder / "run.json").write_text(json.dumps(facts))
-    lines = [json.dumps(record_to_json(make_record(**each))) for each in records]
+    lines = [json.dumps(record_to_json(make_record(**fields))) for fields in records]
     (folder / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
     return folder
 
 
 @pytest.fixture
 def sparkle(monkeypatch: pytest.MonkeyPatch) -> criteria.Criterion:
-    """A criterion that somebody adds."""
+    """A criterion added by a plugin."""
     half = criteria.CRITERIA["half-perimeter"]
     new = replace(half, name="sparkle-length", label="sparkle", symbol="K", unit="px")
     monkeypatch.setitem(criteria.CRITERIA, new.name, new)
@@ -80,7 +80,7 @@ def sparkle(monkeypatch: pytest.MonkeyPatch) -> criteria.Criterion:
 
 @pytest.fixture
 def glow(monkeypatch: pytest.MonkeyPatch) -> Metric:
-    """A metric that somebody adds."""
+    """A metric added by a plugin."""
     read = lambda record: record.counters.get("quads")  # noqa: E731
     new = Metric(
         "glow", "glow of quads", "lumens", read, kind="ratio", best_case=0.0, heading="glow"
@@ -98,15 +98,17 @@ def printed(records: list[dict[str, Any]]) -> str:
 def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
     import numpy as np
 
-    corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]])
-    assert criteria.predict(corners, np.array([[0, 1, 2]]))["sparkle_length"] == 7.0
+    vertices = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]])
+    assert criteria.predict(vertices, np.array([[0, 1, 2]]))["sparkle_length"] == 7.0
     records = [
-        a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
+        make_fields(
+            name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1"
+        )
         for number, name in enumerate(NAMES)
     ]
-    found = correlations.correlate(correlations.make_measure_table(make_run(records).records))
-    assert "sparkle-length" in set(found["criterion"])
-    content = make_content(read_run(a_run(tmp_path / "run", records)))
+    table = correlations.correlate(correlations.make_measure_table(make_run(records).records))
+    assert "sparkle-length" in set(table["criterion"])
+    content = make_content(read_run(write_run_of(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
     assert content["figures"]["sparkle_length"]["title"] == "sparkle K"
     write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
@@ -129,34 +131,36 @@ def test_summary_states_the_options_of_each_case(tmp_path):
 
 
 def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
-    records = [a_record(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
+    records = [make_fields(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
     assert "glow" in printed(records)
     write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
     assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
-    base = read_run(a_run(tmp_path / "base", records))
+    base = read_run(write_run_of(tmp_path / "base", records))
     assert make_content(base)["figures"]["glow"]["unit"] == "lumens"
-    found = compare_runs(base, base, Settings())
-    assert "glow" in {change.metric for case in found.cases for change in case.counters}
+    comparison = compare_runs(base, base, Settings())
+    assert "glow" in {change.metric for case in comparison.cases for change in case.counters}
 
 
-def test_a_counter_that_nobody_declared_is_ranked_gated_and_named(tmp_path):
-    records = [a_record(name, k, {"wave_fronts": 100 + k}) for k, name in enumerate(NAMES[:3])]
+def test_undeclared_counter_is_ranked_gated_and_named(tmp_path):
+    records = [make_fields(name, k, {"wave_fronts": 100 + k}) for k, name in enumerate(NAMES[:3])]
     text = printed(records)
     assert "wave fronts" in text
     assert "102" in text
     worse = [
         {**r, "counters": {"wave_fronts": r["counters"]["wave_fronts"] * 3 // 2}} for r in records
     ]
-    base, head = (a_run(tmp_path / name, rows) for name, rows in (("b", records), ("h", worse)))
-    found = compare_runs(read_run(base), read_run(head), Settings(gates=("counters",)))
-    assert found.verdict == "regression"
+    base, head = (
+        write_run_of(tmp_path / name, rows) for name, rows in (("b", records), ("h", worse))
+    )
+    comparison = compare_runs(read_run(base), read_run(head), Settings(gates=("counters",)))
+    assert comparison.verdict == "regression"
     equal = compare_runs(read_run(base), read_run(base), Settings(gates=("counters",)))
     assert equal.verdict != "regression"
 
 
-def test_binning_is_ranked_with_its_figures():
+def test_counters_of_binning_are_printed():
     rows = [
-        a_record(name, k, {"tiles_16": 700 + k, "tiles_32": 300 + k}, time=None)
+        make_fields(name, k, {"tiles_16": 700 + k, "tiles_32": 300 + k}, time=None)
         for k, name in enumerate(NAMES[:3])
     ]
     text = printed(rows)
@@ -164,27 +168,27 @@ def test_binning_is_ranked_with_its_figures():
     assert "702" in text
 
 
-def test_a_rasteriser_says_how_its_counters_are_shown():
+def test_rasteriser_declares_its_counters():
     counters.register([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find_metric("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
     assert list_costs(["mirror_hits", "quads", LEAST]) == ["quads"], (
-        "the fewest are no cost of theirs"
+        "the minimum is not a counter of cost"
     )
     of_order = ["vertex_batches", "transformed_vertices"]
     assert list_costs([*of_order, "quads"]) == ["quads"]
     assert list_costs([*of_order, "quads"], of_order=True) == ["quads", *of_order]
     counters.register([counters.Counter("quads", "stolen", "x")])
-    assert find_metric("quads").label == "quads", "what is built in stays as it is"
+    assert find_metric("quads").label == "quads", "a built-in counter is not replaced"
 
 
-def test_a_criterion_is_found_however_it_is_written():
+def test_criterion_is_found_by_name_or_column():
     for name in ("half-perimeter", "half_perimeter", "predicted_half_perimeter"):
         assert find_metric(name) is find_metric("half_perimeter")
-    assert find_metric("predicted_area").kind == "prediction", "a term of fits is no counter"
+    assert find_metric("predicted_area").kind == "prediction", "a term of fits is a prediction"
 
 
-def test_every_figure_has_a_label_and_a_unit():
+def test_every_metric_has_a_label_and_a_unit():
     for figure in registry.list_metrics().values():
         assert figure.label
         assert figure.unit
@@ -193,17 +197,17 @@ def test_every_figure_has_a_label_and_a_unit():
 
 def test_find_metrics_lists_metrics_of_the_records():
     assert list(find_metrics([])) == []
-    rows = [a_record("fan", 0, {"quads": 5, "samples_passed": 2})]
-    found = find_metrics(make_run(rows).records)
-    assert next(iter(found)) == "quads"
-    assert found["samples_passed"].better == "none"
-    assert "bbox_overdraw" not in found
-    assert "draw_ms" in found
+    rows = [make_fields("fan", 0, {"quads": 5, "samples_passed": 2})]
+    metrics = find_metrics(make_run(rows).records)
+    assert next(iter(metrics)) == "quads"
+    assert metrics["samples_passed"].better == "none"
+    assert "bbox_overdraw" not in metrics
+    assert "draw_ms" in metrics
 
 
-def test_a_triangulator_looks_the_same_in_every_company():
-    alone = choose_looks(["delaunay"])["delaunay"]
-    assert choose_looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == alone
+def test_style_of_a_triangulator_is_independent_of_the_others():
+    look_of_one = choose_looks(["delaunay"])["delaunay"]
+    assert choose_looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == look_of_one
     many = choose_looks([f"random#{k}" for k in range(30)] + ["a:b", "c:d"])
     assert len({(look.colour, look.marker) for look in many.values()}) == 3
     for defaults in (DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS):
@@ -219,7 +223,7 @@ def registry_names() -> list[str]:
 
 
 def test_shaded_lanes_are_four_a_quad():
-    shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
+    shaded = make_fields("fan", 0, {"quads": 300, "fragments": 900})
     assert find_metric("overshading")(make_record(**shaded)) == pytest.approx(4 * 300 / 900)
     assert find_metric("overshading")(make_record(counters={"fragments": 900})) is None
     assert find_metric("draw_ms")(make_record(time={"samples_s": [0.5]})) == 500.0
@@ -229,26 +233,28 @@ def test_shaded_lanes_are_four_a_quad():
 
 
 def test_regret_needs_a_triangulation_with_a_helper_lane():
-    record = a_record("fan", 0, {"quads": 9, "fragments": 20})
-    least = {"polygons": 1, "quads": 6, "shaded": 9, "fragments": 20}
+    record = make_fields("fan", 0, {"quads": 9, "fragments": 20})
+    minimum = {"polygons": 1, "quads": 6, "shaded": 9, "fragments": 20}
     assert (
-        find_metric("regret")(make_record(**{**record, "least": least}))
+        find_metric("regret")(make_record(**{**record, "least": minimum}))
         == (36 - 20) / (24 - 20) - 1
     )
-    assert find_metric("regret")(make_record(**{**record, "least": {**least, "quads": 5}})) is None
+    assert (
+        find_metric("regret")(make_record(**{**record, "least": {**minimum, "quads": 5}})) is None
+    )
 
 
 def test_lower_bound_is_the_outline_drawn_in_one_piece():
-    known = {"counters": {"fragments": 30}, "outline_quads": 11}
-    limit = compute_lower_bound(make_record(**known))
+    fields = {"counters": {"fragments": 30}, "outline_quads": 11}
+    limit = compute_lower_bound(make_record(**fields))
     assert limit.counters == {"fragments": 30, "quads": 11, "helper_lanes": 14}
-    assert compute_lower_bound(make_record(**{**known, "counters": {}})) is None
+    assert compute_lower_bound(make_record(**{**fields, "counters": {}})) is None
     assert compute_lower_bound(make_record(counters={"fragments": 30})) is None
 
 
 def test_counters_equal_for_all_triangulations_have_no_direction():
-    known = {**{name: find_metric(name) for name in ("fragments", "helper_lanes")}, **METRICS}
-    shared = {name for name, figure in known.items() if figure.is_shared}
+    metrics = {**{name: find_metric(name) for name in ("fragments", "helper_lanes")}, **METRICS}
+    shared = {name for name, figure in metrics.items() if figure.is_shared}
     assert "fragments" in shared
     assert not shared & {"helper_lanes", "outline_quads"}
 
@@ -256,13 +262,13 @@ def test_counters_equal_for_all_triangulations_have_no_direction():
 def test_metric_description_is_its_docstring():
     figure = METRICS["above_limit"]
     assert figure.description.startswith("lanes shaded per covered pixel beyond those of the")
-    told = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
-    assert figure(make_record(**told)) == 4 * (30 - 25) / 80
-    assert figure(make_record(**{**told, "outline_quads": None})) is None
+    fields = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
+    assert figure(make_record(**fields)) == 4 * (30 - 25) / 80
+    assert figure(make_record(**{**fields, "outline_quads": None})) is None
 
 
 def test_a_counter_without_a_description_is_described_by_its_label():
     plain = counters.Counter("walked", "squares walked", "squares")
     assert registry._of_counter(plain).description == "squares walked"
-    told = replace(plain, description="squares that were looked at")
-    assert registry._of_counter(told).description == told.description
+    described = replace(plain, description="squares that were looked at")
+    assert registry._of_counter(described).description == described.description

@@ -1,4 +1,4 @@
-"""A run's state is told by one rule, and intervals hold on machines that are in use."""
+"""The state of a run, and intervals on disturbed machines."""
 
 import json
 import math
@@ -30,19 +30,19 @@ from tests.records import make_group, make_run, make_time
 
 
 @pytest.mark.parametrize("name", ["quiet", "time_slices", "two_speeds"])
-def test_the_best_of_several_is_not_shown_by_chance(name):
-    """Seven that cost the same: of the runs, at most one in twenty says that one saves."""
+def test_best_of_equal_triangulators_is_rarely_significant(name):
+    """Of runs with seven equal triangulators, at most 5 % recommend one as faster."""
     rng = np.random.default_rng(3)
     count = 150
-    shown = sum(
+    false_positives = sum(
         decide(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).reason
         == "faster"
         for _ in range(count)
     )
-    assert shown / count <= 0.05
+    assert false_positives / count <= 0.05
 
 
-def test_samples_that_waited_are_left_out_if_others_are_enough():
+def test_disturbed_samples_are_excluded_if_enough_remain():
     time = make_time(
         samples_s=[1.0] * 20, waited_s=[0.0] * MIN_QUIET_ROUNDS + [0.021] * (20 - MIN_QUIET_ROUNDS)
     )
@@ -60,20 +60,20 @@ def test_samples_that_waited_are_left_out_if_others_are_enough():
 
 
 def test_threads_that_wait_for_each_other_are_not_disturbed():
-    """Vulkan's on the CPU do; what they wait for takes no longer by the wall clock."""
+    """Threads of Vulkan on the CPU wait for each other without a longer wall clock."""
     rng = np.random.default_rng(11)
     cpu = 1e-3 * np.exp(0.01 * rng.standard_normal(40))
     time = make_time(samples_s=cpu.tolist(), waited_s=(0.95 * cpu).tolist())
     late = np.where(np.arange(40) < 10, 0.5 * cpu, 0.0)  # by another program
     assert not find_undisturbed(time).any()
     assert find_undisturbed(replace(time, wall_s=tuple(1.001 * cpu))).all()
-    for usual in (0.5, 1.001):  # side by side, one after the other
+    for usual in (0.5, 1.001):  # parallel and sequential threads
         quiet_samples = find_undisturbed(replace(time, wall_s=tuple(usual * cpu + late)))
         assert quiet_samples.tolist() == (late == 0).tolist()
     assert not find_undisturbed(replace(time, wall_s=tuple(1.5 * cpu))).any()
 
 
-def test_few_drawings_of_two_modes_disturb_no_run():
+def test_few_drawings_with_two_modes_do_not_disturb_a_run():
     rng = np.random.default_rng(12)
     one, another = (
         simulate_run(rng, machine, (1.0,))[0] for machine in (machines.two_speeds, machines.quiet)
@@ -92,17 +92,17 @@ def test_few_drawings_of_two_modes_disturb_no_run():
 
 
 def with_time(record, **fields):
-    """Return the record with other fields of its times."""
+    """Return the record with changed fields of the times."""
     return replace(record, time=replace(record.time, **fields))
 
 
-def test_two_modes_are_found_and_one_is_one():
+def test_two_modes_are_distinguished_from_one():
     rng = np.random.default_rng(1)
     for samples in (
         np.exp(0.02 * rng.standard_normal(200)),
         rng.uniform(1, 2, 200),
         1 + rng.exponential(0.2, 200),
-        np.r_[np.ones(190), 5 * np.ones(10)],  # a few that are slow
+        np.r_[np.ones(190), 5 * np.ones(10)],  # a few slow samples
         np.linspace(1.0, 1.3, 60),  # a drift
     ):
         assert find_two_modes(samples) is None
@@ -110,9 +110,12 @@ def test_two_modes_are_found_and_one_is_one():
     assert modes == pytest.approx((1, 2), rel=0.02)
     assert find_two_modes([1.0] * 9 + [2.0] * 3) == pytest.approx((1, 2))
     assert find_two_modes([1.0] * 8 + [2.0] * 3) is None
-    for scatter, found in ((0.03, True), (0.09, False)):  # five of their widths have to fit between
+    for scatter, has_two in (
+        (0.03, True),
+        (0.09, False),
+    ):  # the distance is at least five standard deviations
         noise = np.exp(scatter * rng.standard_normal(400))
-        assert (find_two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
+        assert (find_two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == has_two
 
 
 def test_state_follows_one_rule():
@@ -123,8 +126,8 @@ def test_state_follows_one_rule():
     assert "samples waited for a core" in sliced_run.warnings[0]
     for others_s, state in ((0.05, QUIET), (0.5, DISTURBED)):
         drawings = simulate_run(rng, machines.time_slices, (1.0, 0.9))
-        alone = [with_time(each, timing_s=1.0, others_s=others_s) for each in drawings]
-        assert assess_records(alone).state == state
+        records = [with_time(r, timing_s=1.0, others_s=others_s) for r in drawings]
+        assert assess_records(records).state == state
     two = assess_records(simulate_run(rng, machines.two_speeds, (1.0, 0.9)))
     assert two.state == DISTURBED
     assert "two modes" in two.warnings[0]
@@ -141,14 +144,14 @@ def test_state_follows_one_rule():
 
 
 @pytest.mark.parametrize("levels", [(1.0, 1.5), (1.0, 1.5, 1.5, 1.0)])
-def test_processes_that_differ_are_no_two_modes(levels):
-    each = ROUNDS // len(levels)
+def test_levels_of_processes_are_not_modes(levels):
+    rounds = ROUNDS // len(levels)
     rng = np.random.default_rng(8)
     record = simulate_run(rng, machines.quiet, (1.0,))[0]
-    samples = tuple(np.array(record.time.samples_s) * np.repeat(levels, each))
+    samples = tuple(np.array(record.time.samples_s) * np.repeat(levels, rounds))
     record = with_time(record, samples_s=samples)
     assert assess_records([record]).state == DISTURBED
-    assert assess_records([with_time(record, processes=(each,) * len(levels))]).state == QUIET
+    assert assess_records([with_time(record, processes=(rounds,) * len(levels))]).state == QUIET
 
 
 def test_stored_state_is_used():
@@ -167,7 +170,11 @@ def test_counters_decide_in_a_disturbed_run():
     assert decide(make_group(records)).choice.name == "rival 1"
     decision = decide(make_group(records, state=DISTURBED))
     assert (decision.reason, decision.choice.name) == ("counter", "rival 2")
-    assert [each.name for each in decision.standings] == ["rival 2", "ear-clipping", "rival 1"]
+    assert [standing.name for standing in decision.standings] == [
+        "rival 2",
+        "ear-clipping",
+        "rival 1",
+    ]
     sentence = format_advice(decision)
     assert "times are disturbed and not used" in sentence
     assert "measure again" in sentence
@@ -186,7 +193,8 @@ def test_runs_in_different_states_are_not_compared():
     assert "--beside" in explain_incomparable(slower, base, machines_differ=False)
     assert explain_incomparable(base, slower, machines_differ=True) == ""
     first, last = (
-        replace(head, reference_s=(each,) * ROUNDS) for each in (1.0, MAX_REFERENCE_RATIO)
+        replace(head, reference_s=(reference_s,) * ROUNDS)
+        for reference_s in (1.0, MAX_REFERENCE_RATIO)
     )
     assert explain_incomparable(first, last, machines_differ=False) == ""
     waiting = replace(head, waited_s=(1.0,) * ROUNDS)
@@ -195,7 +203,7 @@ def test_runs_in_different_states_are_not_compared():
     )
 
 
-def test_a_run_keeps_what_it_was_compared_with(block, tmp_path):
+def test_run_stores_its_reference_draws(block, tmp_path):
     measure(plan_for(block), tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "run.json").read_text())
     (entry,) = facts["state"]["draws"]

@@ -24,21 +24,21 @@ from tests.paths import ROOT
 
 
 @pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600)])
-def test_a_file_appears_with_its_content_and_usual_rights(tmp_path, mask, rights):
-    place = tmp_path / "a.txt"
+def test_file_has_its_content_and_default_permissions(tmp_path, mask, rights):
+    path = tmp_path / "a.txt"
     before = os.umask(mask)
-    atomic.write(place, b"one")
-    atomic.write(place, b"two", forced=True)
+    atomic.write(path, b"one")
+    atomic.write(path, b"two", forced=True)
     os.umask(before)
-    assert place.read_bytes() == b"two"
-    assert place.stat().st_mode & 0o777 == rights
-    assert list(tmp_path.iterdir()) == [place]
+    assert path.read_bytes() == b"two"
+    assert path.stat().st_mode & 0o777 == rights
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
 def test_full_disk_leaves_the_existing_file(tmp_path, monkeypatch, step):
-    place = tmp_path / "a.txt"
-    atomic.write(place, b"one")
+    path = tmp_path / "a.txt"
+    atomic.write(path, b"one")
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -46,9 +46,9 @@ def test_full_disk_leaves_the_existing_file(tmp_path, monkeypatch, step):
     monkeypatch.setattr(os, step, full)
     monkeypatch.setattr("pathlib.Path.replace", lambda *_: full())
     with pytest.raises(OSError, match="No space left"):
-        atomic.write(place, b"two", forced=True)
-    assert place.read_bytes() == b"one"
-    assert list(tmp_path.iterdir()) == [place]
+        atomic.write(path, b"two", forced=True)
+    assert path.read_bytes() == b"one"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("state", ["abandoned", "in use", "a link"])
@@ -83,39 +83,39 @@ def test_temporary_folder_of_a_killed_process_is_used_again(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_folder_is_added_to_another_file_by_file_the_outermost_last(tmp_path, monkeypatch):
-    place = tmp_path / "out"
-    (place / "plots").mkdir(parents=True)
-    (place / "own.txt").write_text("own")
-    (place / "table.csv").write_text("old")
+def test_folder_is_merged_file_by_file_outermost_last(tmp_path, monkeypatch):
+    path = tmp_path / "out"
+    (path / "plots").mkdir(parents=True)
+    (path / "own.txt").write_text("own")
+    (path / "table.csv").write_text("old")
     moved = []
     rename = atomic.move
     monkeypatch.setattr(atomic, "move", lambda one, two: (moved.append(two.name), rename(one, two)))
-    with atomic.create_folder(place, merge=True) as made:
-        (made / "plots").mkdir()
-        (made / "plots" / "a.png").write_text("new")
-        (made / "table.csv").write_text("new")
-        assert (place / "table.csv").read_text() == "old"
+    with atomic.create_folder(path, merge=True) as folder:
+        (folder / "plots").mkdir()
+        (folder / "plots" / "a.png").write_text("new")
+        (folder / "table.csv").write_text("new")
+        assert (path / "table.csv").read_text() == "old"
     assert moved == ["a.png", "table.csv"]
-    assert [each.read_text() for each in sorted(place.rglob("*.*"))] == ["own", "new", "new"]
-    assert list(tmp_path.iterdir()) == [place]
+    assert [file.read_text() for file in sorted(path.rglob("*.*"))] == ["own", "new", "new"]
+    assert list(tmp_path.iterdir()) == [path]
 
 
-def half_of_it(place):
+def write_half(place):
     with atomic.create_folder(place, merge=True) as made:
         (made / "table.csv").write_text("ha")
         raise KeyboardInterrupt
 
 
 def test_interrupted_output_leaves_existing_files_unchanged(tmp_path):
-    place = tmp_path / "out"
-    with atomic.create_folder(place, merge=True) as made:  # nothing is there yet
-        (made / "table.csv").write_text("old")
+    path = tmp_path / "out"
+    with atomic.create_folder(path, merge=True) as folder:  # the folder does not exist yet
+        (folder / "table.csv").write_text("old")
     with pytest.raises(KeyboardInterrupt):
-        half_of_it(place)
-    assert (place / "table.csv").read_text() == "old"
-    assert list(tmp_path.iterdir()) == [place]
-    with pytest.raises(HarnessError, match="already exists"), atomic.create_folder(place):
+        write_half(path)
+    assert (path / "table.csv").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(HarnessError, match="already exists"), atomic.create_folder(path):
         pass
 
 
@@ -128,10 +128,10 @@ def test_the_content_is_on_the_disk_before_the_name(tmp_path, monkeypatch):
 
 @pytest.fixture
 def endpoint(tmp_path, monkeypatch):
-    """A socket is not a regular file, as a device node, and any user can create one."""
+    """Return a socket: like a device node not a regular file, and any user can create a socket."""
     monkeypatch.chdir(tmp_path)
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind("endpoint")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("endpoint")
         yield tmp_path / "endpoint"
 
 
@@ -141,18 +141,18 @@ def test_devices_and_sockets_stay(endpoint):
     with pytest.raises(FileExistsError):
         atomic.write(endpoint, b"text")
     assert stat.S_ISSOCK(endpoint.stat().st_mode)
-    assert [each.name for each in endpoint.parent.iterdir()] == ["endpoint"]
+    assert [file.name for file in endpoint.parent.iterdir()] == ["endpoint"]
 
 
 def test_a_pipe_is_written_into(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    found = []
-    reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
+    received = []
+    reader = threading.Thread(target=lambda: received.append(pipe.read_text()))
     reader.start()
     write_atomically(pipe, "text")
     reader.join(10)
-    assert found == ["text"]
+    assert received == ["text"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
@@ -184,7 +184,7 @@ def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, c
     assert_refused(harness(*command.format(folder, folder).split()), f"{name}: not a regular file")
 
 
-def test_a_pipe_is_no_calibration_no_summary_no_pages_result_and_no_columns(tmp_path):
+def test_pipes_are_refused_by_all_readers(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for read in (read_coefficients, device_summaries._read_summary, read_result):
         with pytest.raises(InputError, match=r"not a regular file|pipe or device, not a file"):

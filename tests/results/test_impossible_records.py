@@ -1,4 +1,4 @@
-"""A record that cannot be costs itself alone, and every command that reads runs names it."""
+"""Every command that reads runs skips an impossible record and names it."""
 
 import json
 from pathlib import Path

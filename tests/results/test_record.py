@@ -1,4 +1,4 @@
-"""One identity for a case: independent of the scene's content, ordered, found again by key."""
+"""The identity of a case: independent of the scene's content, sortable, and with a key."""
 
 import json
 from dataclasses import replace
@@ -14,7 +14,7 @@ from tests.records import CASE, make_record
 CITY = CaseId("city", View(64, 30.0), "fan", "opengl", "llvmpipe", Options(work=8))
 
 
-def test_the_content_of_the_scene_changes_the_key_alone():
+def test_scene_content_changes_only_the_key():
     changed = replace(CITY, scene_hash="1")
     assert changed == CITY
     assert hash(changed) == hash(CITY)
@@ -23,15 +23,15 @@ def test_the_content_of_the_scene_changes_the_key_alone():
     assert CITY.key == "6d54e161525d05e7"  # as the first version computed it
 
 
-def test_marks_and_hosts_are_fields_that_names_show():
+def test_names_include_marks_and_hosts():
     case = replace(CITY, triangulator="random", number=7, upright=True, host="lab")
     assert case.name == "random#7@0"
     assert str(case) == "random#7@0, city 64 px, turned 30°, work 8, opengl on llvmpipe@lab"
     assert replace(case, version="base").name == "BASE random#7@0"
-    assert len({each.key for each in (case, CITY, replace(case, version="base"))}) == 3
+    assert len({id_.key for id_ in (case, CITY, replace(case, version="base"))}) == 3
 
 
-def test_cases_are_in_order_of_their_numbers():
+def test_cases_are_sorted_by_number():
     sizes = [replace(CITY, view=View(size)) for size in (1024, 64, 256)]
     assert [case.view.resolution for case in sorted(sizes)] == [64, 256, 1024]
     assert sorted([replace(CITY, triangulator="greedy"), CITY])[0] == CITY

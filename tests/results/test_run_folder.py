@@ -26,8 +26,8 @@ from tests.records import lines_of, make_record
 
 def record(letter: str, **more: object) -> dict[str, object]:
     names = ("scene", "triangulator", "rasteriser", "device")
-    place = {"resolution": 64, "rotation": 0.0}
-    return {"key": letter * 16, **dict.fromkeys(names, "x"), **place, "status": "ok", **more}
+    view = {"resolution": 64, "rotation": 0.0}
+    return {"key": letter * 16, **dict.fromkeys(names, "x"), **view, "status": "ok", **more}
 
 
 def stored(letter: str, **more: object) -> Record:
@@ -57,7 +57,7 @@ def test_appended_records_are_read_back(tmp_path):
 
 @pytest.mark.parametrize("when", ["meanwhile", "after", "never", "instead"])
 def test_records_modified_after_the_run_are_reported(tmp_path, when):
-    """As a triangulator could that knows where the run is: it says that it has done well."""
+    """A plugin may modify the records and claim success."""
     forged = json.dumps(record("b")) + "\n"
     with RunFolder.create(tmp_path) as store:
         store.append(stored("a"))
@@ -72,8 +72,8 @@ def test_records_modified_after_the_run_are_reported(tmp_path, when):
     if when == "instead":
         content = (tmp_path / "cases.jsonl").read_text()
         (tmp_path / "cases.jsonl").write_text(content.replace("cccc", "bbbb"))
-    told = "".join(read_run(tmp_path).problems)
-    assert ("modified after the run" in told) == (when != "never")
+    problems = "".join(read_run(tmp_path).problems)
+    assert ("modified after the run" in problems) == (when != "never")
     with RunFolder.resume(tmp_path) as store:  # whoever goes on with it was told
         store.append(stored("d"))
         store.write_facts({"interrupted": False})
@@ -96,8 +96,8 @@ def test_modified_arrays_are_reported_and_ignored(tmp_path, when):
         forge()
     for _ in range(2):
         run = read_run(tmp_path)
-        told = f"polygons/{A}.npz: modified after the run (checksum mismatch); ignored"
-        assert (told in "".join(run.problems)) == (when != "never")
+        message = f"polygons/{A}.npz: modified after the run (checksum mismatch); ignored"
+        assert (message in "".join(run.problems)) == (when != "never")
         assert (read_arrays(run, A) is None) == (when != "never")
         assert read_arrays(run, B) is not None
         with RunFolder.resume(tmp_path) as store:  # what was not written again is still the other's
@@ -127,19 +127,19 @@ def test_truncated_records_are_refused_by_compare_and_report(tmp_path):
             store.write_facts({"interrupted": False})
     base = read_run(tmp_path / "base")
     cases = tmp_path / "head" / "cases.jsonl"
-    whole = cases.read_bytes()
-    for kept in (whole[: len(whole) // 2 + 9], whole[:7], b""):
-        cases.write_bytes(kept)
+    content = cases.read_bytes()
+    for part in (content[: len(content) // 2 + 9], content[:7], b""):
+        cases.write_bytes(part)
         head = read_run(tmp_path / "head")
-        sizes = f"{len(kept):,} of {len(whole):,} bytes"
-        told = f"{cases}: incomplete, {sizes} (truncated, or modified after the run)"
-        assert head.problems == [told]
+        sizes = f"{len(part):,} of {len(content):,} bytes"
+        message = f"{cases}: incomplete, {sizes} (truncated, or modified after the run)"
+        assert head.problems == [message]
         for pair in ((base, head), (head, base)):
             with pytest.raises(InputError, match=r"incomplete.*measure again"):
                 compare_runs(*pair)
     with pytest.raises(InputError, match=r"neither a case nor a study .*incomplete"):
         write_report(head)
-    cases.write_bytes(whole)
+    cases.write_bytes(content)
     assert read_run(tmp_path / "head").truncation == ""
 
 
@@ -166,12 +166,12 @@ def test_corrupt_line_is_reported_and_other_lines_are_read(tmp_path):
     assert "line 2" in run.problems[0]
 
 
-def test_the_later_record_of_a_case_counts(tmp_path):
+def test_later_record_of_a_case_is_used(tmp_path):
     with RunFolder.create(tmp_path) as store:
         for letter, status in (("a", "failed"), ("b", "ok"), ("a", "ok")):
             store.append(stored(letter, status=status))
-    found = lines_of(read_run(tmp_path))
-    assert [(each["key"], each["status"]) for each in found] == [(B, "ok"), (A, "ok")]
+    records = lines_of(read_run(tmp_path))
+    assert [(r["key"], r["status"]) for r in records] == [(B, "ok"), (A, "ok")]
 
 
 def test_a_single_file_of_records_is_a_run(tmp_path):
@@ -193,7 +193,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path, call):
         call(tmp_path)
 
 
-def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+def test_folder_that_cannot_be_created_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match=r"cannot use .*file/run: Not a directory"):
         RunFolder.create(tmp_path / "file" / "run")
@@ -238,7 +238,7 @@ def test_invalid_keys_are_refused(tmp_path, key):
     for name in ("cases.jsonl", "counted.jsonl"):
         (tmp_path / name).write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [each["key"] for each in lines_of(run)] == [A]
+    assert [r["key"] for r in lines_of(run)] == [A]
     assert "line 2: key: is " in run.problems[0]
     assert list(read_counted(tmp_path)) == [A]
 
@@ -248,14 +248,14 @@ def test_nan_and_infinity_are_read_as_missing(tmp_path):
     assert read_run(tmp_path).facts["seconds"] == {"all": None, "count": None}
 
 
-def test_a_time_without_its_median_gets_it_from_its_samples(tmp_path):
+def test_missing_median_is_computed_from_the_samples(tmp_path):
     times = {"samples_s": [3.0, 1.0, 2.0, 9.0]}, {"samples_s": [1.0], "median_s": 7.0}
     lines = [json.dumps(record(name, time=time)) for name, time in zip("ab", times, strict=True)]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
-    assert [each["time"]["median_s"] for each in lines_of(read_run(tmp_path))] == [2.5, 7.0]
+    assert [r["time"]["median_s"] for r in lines_of(read_run(tmp_path))] == [2.5, 7.0]
 
 
-def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
+def test_run_is_locked_by_the_writing_process(tmp_path):
     with RunFolder.create(tmp_path) as store:
         store.write_facts({})
         store.append(stored("a"))
@@ -263,21 +263,21 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
             RunFolder.resume(tmp_path)
     with RunFolder.resume(tmp_path) as store:
         store.append(stored("b"))
-    assert [each["key"] for each in lines_of(read_run(tmp_path))] == [A, B]
+    assert [r["key"] for r in lines_of(read_run(tmp_path))] == [A, B]
 
 
 @pytest.mark.parametrize(
-    ("options", "kept"),
+    ("options", "is_valid"),
     [({"samples": 4}, 1), ({}, 1), ({"samplec": 4}, 0), ({"work": 1.5}, 0), ({"seed": True}, 0)],
 )
-def test_unknown_options_invalidate_a_record(tmp_path, options, kept):
+def test_unknown_options_invalidate_a_record(tmp_path, options, is_valid):
     with RunFolder.create(tmp_path / "run") as store:
         store.write_facts({})
     line = json.dumps(record("a", options=options)) + "\n"
     (tmp_path / "run" / "cases.jsonl").write_text(line)
     run = read_run(tmp_path / "run")
-    assert len(lines_of(run)) == kept
-    assert len(run.problems) == 1 - kept
+    assert len(lines_of(run)) == is_valid
+    assert len(run.problems) == 1 - is_valid
 
 
 def _write_more(folder: Path) -> None:
@@ -288,8 +288,8 @@ def _write_more(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cases.jsonl", "counted.jsonl", "run.json", "polygons"])
 @pytest.mark.parametrize("hard", [False, True])
-def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
-    """A foreign file would lose its last line, or get records."""
+def test_links_out_of_the_folder_are_not_followed(tmp_path, name, hard):
+    """Otherwise a file outside the folder would lose a line or get records."""
     foreign = tmp_path / "foreign"
     foreign.write_text("a line\nthe last, without a line break")
     with RunFolder.create(tmp_path / "run") as store:
@@ -313,7 +313,7 @@ def test_follows_no_link_out_of_the_folder(tmp_path, name, hard):
 
 
 @pytest.mark.parametrize("name", ["/proc/self/status", "../outside.npz", "polygons/link.npz"])
-def test_reads_only_inside_the_folder(tmp_path, name):
+def test_arrays_are_read_only_inside_the_folder(tmp_path, name):
     (tmp_path / "outside.npz").write_bytes(b"")
     with RunFolder.create(tmp_path / "run") as store:
         (tmp_path / "run/polygons").mkdir()
@@ -327,7 +327,7 @@ def test_reads_only_inside_the_folder(tmp_path, name):
 
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
-    """As of a file with holes, or an archive of zeros that are compressed a thousandfold."""
+    """Sparse files and highly compressed archives of zeros are rejected."""
     with RunFolder.create(tmp_path) as store:
         store.write_arrays(A, {"fragments": np.zeros(100_000, np.int64)})
     run = read_run(tmp_path)
@@ -341,7 +341,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 
 
 def test_full_disk_while_merging_reports_a_remedy(tmp_path, monkeypatch):
-    """What is half merged cannot be resumed."""
+    """A partial merge cannot be resumed."""
     with RunFolder.create(
         tmp_path / "merged", "remove merged and run the same command again"
     ) as store:

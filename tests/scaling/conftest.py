@@ -1,4 +1,4 @@
-"""Small data sets of many parts, cut finely, and a cluster that a module shares."""
+"""Fixtures: small data sets of many parts, and a cluster shared by a module."""
 
 import json
 from collections.abc import Iterator
@@ -51,7 +51,7 @@ def footprints() -> np.ndarray:
 
 @pytest.fixture
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a row group of 40 be a part."""
+    """Make each row group of 40 a part."""
     monkeypatch.setattr("scenes.slices.MIN_ROWS", ROW_GROUP // 2)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", ROW_GROUP)
 
@@ -76,7 +76,7 @@ def two_workers() -> Iterator[DaskExecutor]:
 
 
 def rows(folder: Path, *columns: str) -> list[pa.Table]:
-    """The tables of all parts in a folder, in the order of the ids."""
+    """Return the tables of all parts in a folder, by id."""
     read = [parquet.read_table(file, columns=list(columns) or None) for file in parts_in(folder)]
     return sorted(read, key=lambda table: table["id"].to_pylist() or [-1])
 
@@ -86,10 +86,10 @@ def parts_in(folder: Path) -> list[Path]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """What is in each part."""
+    """Return the content of each part."""
     return {file.name: file.read_bytes() for file in parts_in(folder)}
 
 
 def ids(folder: Path) -> list[int]:
-    """The numbers of all footprints in a folder, each as often as it is there."""
+    """Return the ids of all footprints in a folder, with repetitions."""
     return sorted(number for table in rows(folder, "id") for number in table["id"].to_pylist())

@@ -1,4 +1,4 @@
-"""Work whose process ends at a footprint that is far away."""
+"""Triangulation that crashes at a distant footprint."""
 
 import ctypes
 from pathlib import Path
@@ -12,18 +12,18 @@ FAR = 100_000.0
 
 
 class CrashingOnFar(Triangulating):
-    """A footprint east of `FAR` ends the process as a fault in C would."""
+    """Triangulate, or end the process at a footprint east of `FAR`, like a fault in C."""
 
-    def make(self, part: FilePart, place: Path, threads: int | None) -> PartResult:
+    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         triangulate = export.triangulate_many
 
-        def triangulate_or_crash(polygons: Any, *more: Any, **how: Any) -> Any:
+        def triangulate_or_crash(polygons: Any, *more: Any, **keywords: Any) -> Any:
             if (polygons.coords[:, 0] > FAR).any():
                 ctypes.string_at(0)
-            return triangulate(polygons, *more, **how)
+            return triangulate(polygons, *more, **keywords)
 
         export.triangulate_many = triangulate_or_crash
         try:
-            return super().make(part, place, threads)
+            return super().make(part, path, threads)
         finally:
             export.triangulate_many = triangulate

@@ -1,4 +1,4 @@
-"""Tasks for crews: some fail, some end their process."""
+"""Tasks for executors: some fail, and some end the process."""
 
 import os
 import time
@@ -8,7 +8,7 @@ from harness.errors import UsageError
 
 
 def note(folder: str, name: str, seconds: float = 0.0) -> int:
-    """Note that this was carried out; returns the process's number."""
+    """Record the execution in a file; return the process id."""
     time.sleep(seconds)
     with (Path(folder) / name).open("a") as file:
         file.write("x")
@@ -26,5 +26,5 @@ def crash(folder: str, name: str) -> None:
 
 
 def times(folder: Path) -> dict[str, int]:
-    """How often each task was carried out."""
+    """Return the number of executions of each task."""
     return {file.name: len(file.read_text()) for file in folder.iterdir()}

@@ -1,4 +1,4 @@
-"""A census: counters of the reference, gains by footprint, sums over parts, and what is written."""
+"""Census: counters of the reference, gains per footprint, sums over parts, output files."""
 
 import csv
 
@@ -34,34 +34,34 @@ def on_the_grid(xy):
     return np.rint((xy + 4000.0) * 4 * SUBPIXEL) / SUBPIXEL
 
 
-def counted_one_by_one(footprints, name):
+def count_footprints(footprints, name):
     """(p, 3) `COUNTED` of footprints drawn where they are on the map.
 
     But 4 km further, by a multiple of 4 px, since a viewport has no negative pixels.
     """
-    found = []
+    rows = []
     for footprint in footprints:
         rounded = shapely.transform(footprint, on_the_grid)
-        each = predict(to_grid([rounded]).coords, triangulate(rounded, name))
-        found.append([each[measure].sum() for measure in COUNTED])
-    return np.array(found)
+        counts = predict(to_grid([rounded]).coords, triangulate(rounded, name))
+        rows.append([counts[measure].sum() for measure in COUNTED])
+    return np.array(rows)
 
 
-def test_each_footprint_is_counted_as_if_drawn_on_the_map(parts, tmp_path, footprints):
+def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprints):
     summary, counted = census(parts, tmp_path / "out")
     sums = counted.sum_groups()
     assert sums.count("polygons") == summary.polygons == EVERY
     table = rows(sums, NAMES).set_index(["triangulator", "measure"])
-    base = counted_one_by_one(footprints, NAMES[0])
+    base = count_footprints(footprints, NAMES[0])
     for number, name in enumerate(NAMES):
-        own = counted_one_by_one(footprints, name)
+        expected = count_footprints(footprints, name)
         for column, measure in enumerate(COUNTED):
-            assert sums.total(measure)[number] == own[:, column].sum()
-            gained = gains(base[:, column].astype(float), own[:, column].astype(float))
+            assert sums.total(measure)[number] == expected[:, column].sum()
+            gained = gains(base[:, column].astype(float), expected[:, column].astype(float))
             assert sums.bins[number, GAINED.index(measure)].sum() == EVERY
             row = table.loc[name, measure]
             assert (row["total"], row["total_of_base"]) == (
-                own[:, column].sum(),
+                expected[:, column].sum(),
                 sums.total(measure)[0],
             )
             for share in (0.01, 0.1, 0.3):
@@ -78,18 +78,18 @@ def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
     assert (triangles == triangles[1]).all()
 
 
-def test_parts_add_up_and_cells_hold_all(parts, tmp_path):
-    _, both = census(parts, tmp_path / "both")
+def test_parts_and_cells_sum_to_the_total(parts, tmp_path):
+    _, total = census(parts, tmp_path / "both")
     _, first = census(parts / "0.parquet", tmp_path / "first")
     _, second = census(parts / "1.parquet", tmp_path / "second")
     for group, sums in second.groups.items():
         first.add(group, sums)
-    for name, values in both.sum_groups()._asdict().items():
+    for name, values in total.sum_groups()._asdict().items():
         assert getattr(first.sum_groups(), name) == pytest.approx(values), name
-    (cells,) = both.cells
+    (cells,) = total.cells
     halves = pd.concat([*first.cells, *second.cells]).groupby(["x", "y"], as_index=False).sum()
     pd.testing.assert_frame_equal(cells, halves)
-    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *both.sum_groups().total("helper_lanes")]
+    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *total.sum_groups().total("helper_lanes")]
     assert not cells.duplicated(["x", "y"]).any()
 
 
@@ -102,7 +102,7 @@ def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
     assert shapely.equals_exact(near, moved, tolerance=0).all()
 
 
-def test_what_vanishes_on_the_grid_is_counted_as_dropped():
+def test_footprints_without_area_on_the_grid_are_dropped():
     thin = shapely.Polygon([(0, 0), (10, 0), (10, 1e-7)])
     bow = shapely.Polygon([(0, 0), (3, 0), (3, 3), (1.5, 1e-7)])
     pieces, owners = on_pixels(np.array([thin, shapely.box(0, 0, 1, 1), bow]), 1.0)
@@ -111,8 +111,8 @@ def test_what_vanishes_on_the_grid_is_counted_as_dropped():
 
 
 def test_gains_are_relative_to_the_base():
-    found = gains(np.array([4.0, 4.0, 0.0, 0.0]), np.array([3.0, 5.0, 0.0, 2.0]))
-    assert found.tolist() == [0.25, -0.25, 0.0, -np.inf]
+    values = gains(np.array([4.0, 4.0, 0.0, 0.0]), np.array([3.0, 5.0, 0.0, 2.0]))
+    assert values.tolist() == [0.25, -0.25, 0.0, -np.inf]
 
 
 def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path):
@@ -141,7 +141,7 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     )
 
 
-def test_where_no_footprint_is_done_by_all_there_is_no_census(harness, parts, no_plots):
+def test_census_needs_a_footprint_of_all_triangulators(harness, parts, no_plots):
     names = "fan,tests.broken:raise_error"
     code, _, error = harness("census", f"{parts}", "-o", "out", "--triangulators", names)
     assert code == 4
@@ -152,7 +152,7 @@ SQUARE = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
 POINT = {"type": "Point", "coordinates": [5, 5]}
 
 
-def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
+def test_skipped_footprints_are_listed_with_reasons(harness, tmp_path, no_plots):
     bent = [[0, 0], [9, 0], [9, 3], [3, 3], [3, 9], [9, 9], [9, 12], [0, 12], [0, 0]]
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in (SQUARE, bent)]
     (tmp_path / "a.geojson").write_text(make_geojson([shapes[0], POINT, shapes[1]]))
@@ -181,5 +181,5 @@ def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
 )
 def test_a_file_without_a_polygon_is_bad_input(harness, tmp_path, no_plots, text, message):
     (tmp_path / "a.geojson").write_text(text)
-    where = ["--where", "id > 7"] if "widen" in message else []
-    assert_refused(harness("census", "a.geojson", "-o", "out", *where), message)
+    options = ["--where", "id > 7"] if "widen" in message else []
+    assert_refused(harness("census", "a.geojson", "-o", "out", *options), message)

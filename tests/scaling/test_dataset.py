@@ -1,4 +1,4 @@
-"""Many files into a folder: exactly once, resumed, faults named, and what is never mixed."""
+"""Data sets: each footprint once, resumption, reported faults, incompatible results."""
 
 import errno
 import json
@@ -31,17 +31,17 @@ def complete(pattern, out, work=WORK):
     return Dataset(str(pattern), out, work).complete(Executor(), Reporter(quiet=True))
 
 
-def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footprints):
+def test_each_footprint_is_triangulated_once(parts, tmp_path, footprints):
     summary = complete(parts, tmp_path / "out")
     assert ids(tmp_path / "out") == list(range(EVERY))
     assert summary.polygons == summary.proven == EVERY
-    found = triangulate_many(footprints, WORK.triangulator)
-    assert summary.triangles == len(found.triangles)
+    expected = triangulate_many(footprints, WORK.triangulator)
+    assert summary.triangles == len(expected.triangles)
     tables = pa.concat_tables(rows(tmp_path / "out"))
     areas = shapely.area(shapely.from_wkb(tables["geometry"].to_numpy()))
     assert areas == pytest.approx(shapely.area(footprints))
     counts = shapely.get_num_geometries(shapely.from_wkb(tables["geometry"].to_numpy()))
-    assert counts.tolist() == np.diff(found.triangle_offsets).tolist()
+    assert counts.tolist() == np.diff(expected.triangle_offsets).tolist()
 
 
 def test_all_parts_have_one_schema_and_the_sources_types(parts, tmp_path):
@@ -54,7 +54,7 @@ def test_all_parts_have_one_schema_and_the_sources_types(parts, tmp_path):
     assert storeys == [None if n % 7 == 3 else n % 5 for n in range(EVERY)]
 
 
-def test_a_rerun_does_what_is_missing_and_nothing_else(parts, tmp_path):
+def test_rerun_completes_only_missing_parts(parts, tmp_path):
     out = tmp_path / "out"
     complete(parts, out)
     before = contents(out)
@@ -68,14 +68,14 @@ def test_a_rerun_does_what_is_missing_and_nothing_else(parts, tmp_path):
     assert (summary.fresh, summary.parts_done) == (2, 6)
     assert contents(out) == before
     assert third.stat().st_mtime_ns == stamp
-    again = json.loads((out / MANIFEST).read_text())
-    for content in (manifest, again):
+    manifest_after = json.loads((out / MANIFEST).read_text())
+    for content in (manifest, manifest_after):
         for part in content["parts"]:
             del part["seconds"]
-    assert again == manifest
+    assert manifest_after == manifest
 
 
-def test_keys_follow_the_content_not_the_place(parts, tmp_path, footprints):
+def test_keys_depend_on_content_and_not_on_the_path(parts, tmp_path, footprints):
     complete(parts, tmp_path / "out")
     moved = parts.rename(tmp_path / "elsewhere")
     complete(moved, tmp_path / "moved")
@@ -84,7 +84,7 @@ def test_keys_follow_the_content_not_the_place(parts, tmp_path, footprints):
     assert not set(contents(tmp_path / "other")) & set(contents(tmp_path / "out"))
 
 
-def test_the_same_file_twice_is_done_twice(parts, tmp_path):
+def test_repeated_file_is_processed_twice(parts, tmp_path):
     (parts / "again").mkdir()
     target = parts / "again" / "0.parquet"
     target.write_bytes((parts / "0.parquet").read_bytes())
@@ -110,9 +110,7 @@ def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, f
         complete(parts, stranger)
 
 
-def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
-    harness, parts, tmp_path, footprints
-):
+def test_invalid_files_are_reported_and_the_exit_code_is_5(harness, parts, tmp_path, footprints):
     torn = parts / "2-torn.parquet"
     torn.write_bytes((parts / "0.parquet").read_bytes()[:5000])
     write_parquet(parts / "3-plain.parquet", footprints[:10], 0, geo=None)
@@ -128,19 +126,19 @@ def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
     assert set(aside) == {str(torn), str(parts / "3-plain.parquet")}
 
 
-def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monkeypatch):
+def test_rerun_after_a_full_disk_completes_the_part(parts, tmp_path, monkeypatch):
     out = tmp_path / "out"
     refused = []
     move = atomic.move
 
-    def full(made, place, *, forced=False):
-        if place.suffix == ".parquet" and place.stem == chosen:
-            refused.append(place)
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
-        move(made, place, forced=forced)
+    def full(output, path, *, forced=False):
+        if path.suffix == ".parquet" and path.stem == key:
+            refused.append(path)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        move(output, path, forced=forced)
 
     dataset = Dataset(str(parts), out, WORK)
-    chosen = dataset.missing[2].key
+    key = dataset.missing[2].key
     with monkeypatch.context() as patch:
         patch.setattr(atomic, "move", full)
         summary = dataset.complete(Executor(), Reporter(quiet=True))
@@ -155,7 +153,7 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
     assert ids(out) == list(range(EVERY))
 
 
-def test_what_is_dropped_is_counted_by_reason(tmp_path, footprints, finely):
+def test_dropped_features_are_counted_by_reason(tmp_path, footprints, finely):
     odd = footprints[:90].copy()
     odd[[3, 50]] = shapely.Point(0, 0)
     odd[60] = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
@@ -168,15 +166,15 @@ def test_what_is_dropped_is_counted_by_reason(tmp_path, footprints, finely):
     assert summary.polygons == 89
 
 
-def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tmp_path, footprints):
+def test_condition_prunes_and_filters_rows(harness, parts, tmp_path, footprints):
     edge = float(shapely.bounds(footprints)[100, 0])
-    where = f"bbox.xmin < {edge!r} AND storeys < 0"
+    condition = f"bbox.xmin < {edge!r} AND storeys < 0"
     _, error = require_ok(
-        harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
+        harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", condition)
     )
     assert "skipped 240 rows unread" in error
-    where = "id < 50 AND storeys IS NULL"
-    require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where))
+    condition = "id < 50 AND storeys IS NULL"
+    require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", condition))
     assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
     assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
 
@@ -197,7 +195,7 @@ def test_certificates_are_summed_over_parts(parts, tmp_path):
     assert 0 < summary.proven < 45
 
 
-def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_path, monkeypatch):
+def test_ctrl_c_keeps_completed_parts_and_names_the_remedy(harness, parts, tmp_path, monkeypatch):
     make = Triangulating.make
     calls = []
 
@@ -217,7 +215,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
     assert ids(tmp_path / "out") == list(range(EVERY))
 
 
-def test_wrong_uses_are_one_line(harness, parts):
+def test_usage_errors_are_one_line(harness, parts):
     for arguments, message in (
         (["nothing-*.parquet", "-o", "out"], "nothing-*.parquet: no such file"),
         ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, to which a file per part goes"),
@@ -234,15 +232,15 @@ def polygons_of(path, rows, **options):
     return np.concatenate([chunk.cleaned.polygons for chunk in chunks])
 
 
-def test_row_groups_are_slices_and_give_the_file(parts, footprints):
-    found = cut_file(str(parts / "0.parquet"))
-    assert found.rows == [(0, 40), (40, 80), (80, 120)]
-    assert found.sizes == [40, 40, 40]
-    read = np.concatenate([polygons_of(parts / "0.parquet", rows) for rows in found.rows])
+def test_row_groups_are_slices_of_the_file(parts, footprints):
+    slices = cut_file(str(parts / "0.parquet"))
+    assert slices.rows == [(0, 40), (40, 80), (80, 120)]
+    assert slices.sizes == [40, 40, 40]
+    read = np.concatenate([polygons_of(parts / "0.parquet", rows) for rows in slices.rows])
     assert shapely.equals_exact(shapely.normalize(read), shapely.normalize(footprints[:120])).all()
 
 
-def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
+def test_small_row_groups_are_joined_and_large_groups_split(parts, monkeypatch):
     monkeypatch.setattr("scenes.slices.MIN_ROWS", 60)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", 80)
     assert cut_file(str(parts / "0.parquet")).rows == [(0, 80), (80, 120)]
@@ -250,27 +248,27 @@ def test_small_row_groups_are_joined_and_large_ones_are_cut(parts, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_ROWS", 15)
     rows = cut_file(str(parts / "0.parquet")).rows
     assert rows == [*pairwise([0, 13, 26, 40, 53, 66, 80, 93, 106, 120])]
-    read = [polygons_of(parts / "0.parquet", each) for each in rows]
-    assert [len(each) for each in read] == [end - start for start, end in rows]
-    whole = polygons_of(parts / "0.parquet", (0, PER_FILE))
-    assert (np.concatenate(read) == whole).all()
+    read = [polygons_of(parts / "0.parquet", rows_of_part) for rows_of_part in rows]
+    assert [len(rows_of_part) for rows_of_part in read] == [end - start for start, end in rows]
+    complete = polygons_of(parts / "0.parquet", (0, PER_FILE))
+    assert (np.concatenate(read) == complete).all()
 
 
-def test_statistics_prune_and_the_rest_is_filtered(parts, footprints):
+def test_statistics_prune_row_groups_and_rows_are_filtered(parts, footprints):
     edge = float(np.sort(shapely.bounds(footprints[:PER_FILE])[:, 0])[50])
     where = f"bbox.xmin < {edge!r}"
-    found = cut_file(str(parts / "0.parquet"), where=where)
-    assert found.rows == [(0, 40), (40, 80)]
-    assert found.pruned == 40
-    read = [polygons_of(parts / "0.parquet", rows, where=where) for rows in found.rows]
-    assert [len(each) for each in read] == [40, 10]
+    slices = cut_file(str(parts / "0.parquet"), where=where)
+    assert slices.rows == [(0, 40), (40, 80)]
+    assert slices.pruned == 40
+    read = [polygons_of(parts / "0.parquet", rows, where=where) for rows in slices.rows]
+    assert [len(polygons) for polygons in read] == [40, 10]
 
 
 @pytest.mark.parametrize(
     "where",
     ["bbox.xmin > 1e9 OR id = 1", "NOT bbox.xmin > 1e9", "id IN (1, 2)", "storeys = '3'", None],
 )
-def test_what_is_no_plain_comparison_prunes_nothing(parts, where):
+def test_only_plain_comparisons_prune(parts, where):
     assert parse_comparisons(where) == []
     assert len(cut_file(str(parts / "0.parquet"), where=where).rows) == 3
 
@@ -293,8 +291,8 @@ def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
         geometry_type="Polygon",
         crs="EPSG:3067",
     )
-    found = cut_file(str(file))
-    assert found.rows == [(0, 40), (40, 80), (80, 100)]
-    tables = [next(read_chunks(str(file), rows=rows)).attributes for rows in found.rows]
+    slices = cut_file(str(file))
+    assert slices.rows == [(0, 40), (40, 80), (80, 100)]
+    tables = [next(read_chunks(str(file), rows=rows)).attributes for rows in slices.rows]
     assert pd.concat(tables)["id"].tolist() == list(range(100))
     assert cut_file(str(file), where="id > 3").rows == [None]

@@ -1,4 +1,4 @@
-"""Two workers on this machine: what dies, what fails, and what that costs the others."""
+"""Executors with two workers: crashes and failures of tasks, workers and schedulers."""
 
 import os
 import re
@@ -35,11 +35,11 @@ def quiet() -> Reporter:
     return Reporter(quiet=True)
 
 
-def test_what_crashes_is_named_and_costs_nobody_else(two_workers, tmp_path):
-    wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
-    wanted["t4"] = (tasks.crash, (str(tmp_path), "t4"))
-    wanted["t7"] = (tasks.fail, (str(tmp_path), "t7"))
-    answers = list(two_workers.run_all(wanted))
+def test_crashed_task_is_reported_and_others_complete(two_workers, tmp_path):
+    work = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
+    work["t4"] = (tasks.crash, (str(tmp_path), "t4"))
+    work["t7"] = (tasks.fail, (str(tmp_path), "t7"))
+    answers = list(two_workers.run_all(work))
     assert Counter(name for name, _ in answers) == Counter(NAMES)
     aside = {name: answer.failed for name, answer in answers if answer.failed}
     assert set(aside) == {"t4", "t7"}
@@ -48,10 +48,10 @@ def test_what_crashes_is_named_and_costs_nobody_else(two_workers, tmp_path):
     assert tasks.times(tmp_path) == {n: MAX_ATTEMPTS if n in aside else 1 for n in NAMES}
 
 
-def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
-    wanted = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
+def test_tasks_of_a_killed_worker_are_repeated(two_workers, tmp_path):
+    work = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
     done: Counter[str] = Counter()
-    for name, answer in two_workers.run_all(wanted):
+    for name, answer in two_workers.run_all(work):
         assert not answer.failed
         done[name] += 1
         if len(done) in (2, 5):
@@ -62,7 +62,7 @@ def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
     assert set(tasks.times(tmp_path)) == set(NAMES)
 
 
-def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts, tmp_path):
+def test_command_after_a_killed_scheduler_completes_the_rest(parts, tmp_path):
     dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
     executor = DaskExecutor("local:1")
     try:
@@ -70,23 +70,23 @@ def test_a_scheduler_that_dies_ends_the_command_and_the_next_does_the_rest(parts
             dataset.complete(executor, quiet(), lambda: executor._cluster.close(timeout=60))
     finally:
         executor.close()
-    again = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
-    there = len(again.done)
-    summary = again.complete(Executor(), quiet())
-    assert 1 <= there == summary.parts_done - summary.fresh < summary.parts_done == 6
+    dataset_after = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
+    done_before = len(dataset_after.done)
+    summary = dataset_after.complete(Executor(), quiet())
+    assert 1 <= done_before == summary.parts_done - summary.fresh < summary.parts_done == 6
 
 
-def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
+def test_files_of_workers_equal_those_of_one_process(two_workers, parts, tmp_path):
     pattern = str(parts / "*.parquet")
-    alone = Dataset(pattern, tmp_path / "alone", WORK)
-    alone.complete(Executor(), quiet())
+    in_one_process = Dataset(pattern, tmp_path / "alone", WORK)
+    in_one_process.complete(Executor(), quiet())
     spread = Dataset(pattern, tmp_path / "spread", WORK)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
     assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
 
 
-def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints, tmp_path):
+def test_crashing_footprint_fails_its_part(two_workers, parts, footprints, tmp_path):
     odd = footprints[:120].copy()
     odd[57] = shapely.box(2 * FAR, 0, 2 * FAR + 9, 9)
     write_parquet(parts / "0.parquet", odd, 0)
@@ -106,11 +106,11 @@ def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path,
     assert all("another version of raster-harness" in why for why in summary.set_aside.values())
 
 
-@pytest.mark.parametrize("where", ["nonsense", "local:0"])
-def test_a_wrong_address_is_one_line(harness, parts, where):
-    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--dask", where)
+@pytest.mark.parametrize("address", ["nonsense", "local:0"])
+def test_a_wrong_address_is_one_line(harness, parts, address):
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--dask", address)
     assert code == 2
-    assert error.startswith(f"error: --dask {where}: give ")
+    assert error.startswith(f"error: --dask {address}: give ")
 
 
 def test_without_the_extra_one_line_says_what_to_install(harness, parts, monkeypatch):
@@ -137,7 +137,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_cluster_that_is_stopped_as_it_starts_ends_in_order(tmp_path):
+def test_cluster_stopped_during_start_exits_cleanly(tmp_path):
     (tmp_path / "in").mkdir()
     for name, size in (("a", 4), ("b", 5)):
         text = f"POLYGON ((0 0, {size} 0, {size} 4, 0 4, 0 0))\n"
@@ -149,50 +149,52 @@ def test_a_cluster_that_is_stopped_as_it_starts_ends_in_order(tmp_path):
     assert done.stderr.splitlines()[-1].startswith("stopped")
 
 
-def test_no_other_machine_reaches_the_cluster(two_workers):
-    """Neither its dashboard, nor its scheduler, nor its workers."""
+def test_cluster_is_not_reachable_from_other_machines(two_workers):
+    """Dashboard, scheduler and workers listen on the loopback interface only."""
     assert two_workers.dashboard.startswith("http://127.0.0.1:")
-    own = psutil.Process()
+    process = psutil.Process()
     open_at = {
         connection.laddr.ip
-        for process in [own, *own.children(recursive=True)]
-        for connection in process.net_connections("tcp")
+        for member in [process, *process.children(recursive=True)]
+        for connection in member.net_connections("tcp")
         if connection.status == psutil.CONN_LISTEN
     }
     assert open_at == {"127.0.0.1"}
 
 
-def test_few_tasks_wait_at_the_workers(two_workers, tmp_path, monkeypatch):
+def test_number_of_queued_tasks_is_bounded(two_workers, tmp_path, monkeypatch):
     sent = []
     submit = two_workers._client.submit
     monkeypatch.setattr(
-        two_workers._client, "submit", lambda *task, **how: sent.append(1) or submit(*task, **how)
+        two_workers._client,
+        "submit",
+        lambda *task, **keywords: sent.append(1) or submit(*task, **keywords),
     )
-    wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
-    for ended, _ in enumerate(two_workers.run_all(wanted)):
+    work = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
+    for ended, _ in enumerate(two_workers.run_all(work)):
         assert len(sent) <= ended + (1 + QUEUED_TASKS) * 2
     assert len(sent) == len(NAMES)
 
 
 def failing(times: int) -> Callable[[], str]:
-    """A task that fails so many times and then works."""
-    left = [UsageError("no space")] * times
+    """Return a task that fails `times` times and then succeeds."""
+    errors = [UsageError("no space")] * times
 
     def task() -> str:
-        if left:
-            raise left.pop()
+        if errors:
+            raise errors.pop()
         return "done"
 
     return task
 
 
 @pytest.mark.parametrize("times", [0, MAX_ATTEMPTS - 1, MAX_ATTEMPTS])
-def test_a_task_that_fails_twice_and_then_works_is_done(times):
+def test_failed_task_is_repeated(times):
     ((name, answer),) = Executor().run_all({"a": (failing(times), ())})
     assert (name, *answer) == ("a", *(("done", "") if times < MAX_ATTEMPTS else (None, "no space")))
 
 
-def test_alone_a_defect_is_no_answer():
+def test_exception_in_this_process_is_raised():
     def worse() -> None:
         raise ZeroDivisionError
 

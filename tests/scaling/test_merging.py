@@ -1,4 +1,4 @@
-"""Runs merged by case: whatever the order, conflicts named, counters of hosts compared."""
+"""Merging of runs: order, conflicts, comparison of hosts."""
 
 import json
 import shutil
@@ -21,21 +21,21 @@ TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Three runs: of two views, of one of them with another triangulator, and the first again."""
-    place = tmp_path_factory.mktemp("runs")
-    scene = place / "block.geojson"
+    """Write three runs: of two views, of one view with a third triangulator, the first again."""
+    folder = tmp_path_factory.mktemp("runs")
+    scene = folder / "block.geojson"
     square = [[0, 0], [9, 0], [9, 9], [5, 4], [0, 9], [0, 0]]
     geometry = {
         "type": "MultiPolygon",
         "coordinates": [[square], [[[x + 20, y] for x, y in square]]],
     }
     scene.write_text(make_geojson([geometry], crs=None))
-    both = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
+    plan_of_two_views = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
     other = plan_for(scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),))
-    plans = {"first": both, "second": other, "third": both}
+    plans = {"first": plan_of_two_views, "second": other, "third": plan_of_two_views}
     for name, plan in plans.items():
-        measure(plan, place / name)
-    return {name: place / name for name in plans}
+        measure(plan, folder / name)
+    return {name: folder / name for name in plans}
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -51,12 +51,12 @@ def hosted(runs, *names):
     return [set_host(read_run(runs[name]), name) for name in names]
 
 
-def test_the_order_makes_no_difference(runs, tmp_path):
-    made = []
+def test_result_is_independent_of_the_order(runs, tmp_path):
+    results = []
     for number, order in enumerate(permutations(runs)):
         merge(hosted(runs, *order), tmp_path / str(number))
-        made.append(contents(tmp_path / str(number)))
-    assert all(each == made[0] for each in made)
+        results.append(contents(tmp_path / str(number)))
+    assert all(content == results[0] for content in results)
     merged = read_run(tmp_path / "0")
     assert len(lines_of(merged)) == 6 + 2 + 6
     assert {record["device"] for record in lines_of(merged)} == {
@@ -74,14 +74,14 @@ def test_the_order_makes_no_difference(runs, tmp_path):
     }
 
 
-def test_a_run_merged_with_itself_is_itself(runs, tmp_path):
+def test_merge_of_a_run_with_itself_is_the_run(runs, tmp_path):
     run = read_run(runs["first"])
     merge([run, run], tmp_path / "out")
     merged = read_run(tmp_path / "out")
     assert sorted(map(json.dumps, lines_of(merged))) == sorted(map(json.dumps, lines_of(run)))
 
 
-def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
+def test_different_records_of_a_case_are_refused(runs, tmp_path):
     first = read_run(runs["first"])
 
     def slower(record):
@@ -98,43 +98,43 @@ def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_what_worked_somewhere_wins_over_what_failed(runs, tmp_path):
+def test_measured_record_replaces_a_failed_record(runs, tmp_path):
     first = read_run(runs["first"])
-    kept = ("key", "scene", "scene_hash", "triangulator", "rasteriser", "device", "resolution")
-    kept += ("rotation", "fit", "options")
+    fields = ("key", "scene", "scene_hash", "triangulator", "rasteriser", "device", "resolution")
+    fields += ("rotation", "fit", "options")
 
     def failed(record):
-        return {n: record[n] for n in kept} | {"status": "failed", "reason": "hung"}
+        return {n: record[n] for n in fields} | {"status": "failed", "reason": "hung"}
 
     for number, order in enumerate(permutations([first, with_records(first, failed)])):
         merge(order, tmp_path / str(number))
         assert {r["status"] for r in lines_of(read_run(tmp_path / str(number)))} == {"ok"}
 
 
-def test_which_of_two_failures_is_kept_has_nothing_to_do_with_the_order_of_names(runs, tmp_path):
+def test_choice_between_failures_is_independent_of_names(runs, tmp_path):
     (first,) = hosted(runs, "first")
 
     def failed(reason, *, backwards):
         def change(record):
-            told = {n: v for n, v in record.items() if n not in ("time", "counters")}
-            told |= {"status": "failed", "reason": reason}
-            return dict(sorted(told.items(), reverse=backwards))
+            fields = {n: v for n, v in record.items() if n not in ("time", "counters")}
+            fields |= {"status": "failed", "reason": reason}
+            return dict(sorted(fields.items(), reverse=backwards))
 
         return with_records(first, change)
 
-    both = failed("hung", backwards=True), failed("killed", backwards=False)
-    for number, order in enumerate(permutations(both)):
+    pair = failed("hung", backwards=True), failed("killed", backwards=False)
+    for number, order in enumerate(permutations(pair)):
         merge(order, tmp_path / str(number))
         assert {r["reason"] for r in lines_of(read_run(tmp_path / str(number)))} == {"hung"}
 
 
 @pytest.mark.parametrize("wrong", [["quads"], ["triangles"], ["fragments", "quads"]])
-def test_hosts_that_count_differently_are_named_by_the_first_in_the_alphabet(runs, tmp_path, wrong):
+def test_different_counters_of_hosts_are_refused(runs, tmp_path, wrong):
     def one_more(record):
         if record["triangulator"] == "delaunay":
             counts = record["counters"] = dict(record["counters"])
-            for what in wrong:
-                (counts if what in counts else record)[what] += 1
+            for name in wrong:
+                (counts if name in counts else record)[name] += 1
         return record
 
     first, third = hosted(runs, "first", "third")
@@ -166,7 +166,7 @@ def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plo
     assert_refused(harness("merge", first, third, "--hosts", "a,b/c", "-o", "other"), "host 'b/c'")
 
 
-def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
+def test_run_without_a_scene_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
     with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons .*first"):
@@ -176,32 +176,32 @@ def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_one_run_under_two_hosts_names_is_refused(runs, tmp_path):
+def test_run_with_two_hosts_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     with pytest.raises(IncompatibleRunsError, match=r"two hosts \(here and there\)"):
         merge([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
     # run.json written anew does not hide that the times are the same
-    again = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
+    later = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
     with pytest.raises(IncompatibleRunsError, match=r"same measurements with two hosts"):
-        merge([set_host(first, "here"), set_host(again, "there")], tmp_path / "out")
+        merge([set_host(first, "here"), set_host(later, "there")], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_the_merged_plan_is_that_of_all(runs, tmp_path):
+def test_plan_is_the_union(runs, tmp_path):
     merge(hosted(runs, "first", "second"), tmp_path / "out")
-    found = read_run(tmp_path / "out").facts
+    facts = read_run(tmp_path / "out").facts
     plans = [read_run(runs[name]).facts["plan"] for name in ("first", "second")]
     names = {name for plan in plans for name in plan["triangulators"]}
-    assert found["plan"]["triangulators"] == sorted(names)
-    assert found["plan"]["rasterisers"] == plans[0]["rasterisers"]
-    resolutions = [view["resolution"] for view in found["plan"]["views"]]
+    assert facts["plan"]["triangulators"] == sorted(names)
+    assert facts["plan"]["rasterisers"] == plans[0]["rasterisers"]
+    resolutions = [view["resolution"] for view in facts["plan"]["views"]]
     assert sorted(resolutions) == [64, 128]
-    assert found["plan"]["options"] == plans[0]["options"]
-    assert found["plan"]["seed"] == plans[0]["seed"]
-    assert found["interrupted"] is False
+    assert facts["plan"]["options"] == plans[0]["options"]
+    assert facts["plan"]["seed"] == plans[0]["seed"]
+    assert facts["interrupted"] is False
 
 
-def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
+def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
     harness, runs, monkeypatch, no_plots
 ):
     command = ("merge", str(runs["first"]), str(runs["second"]), "--hosts", "a,b", "-o", "merged")
@@ -216,16 +216,16 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
         code, _, err = harness(*command)
         assert code == 130, err
     assert not Path("merged").exists()
-    left = Path(".merged.unfinished/merged")  # as of one that was killed
-    left.mkdir(parents=True)
-    (left / "cases.jsonl").write_text("half")
+    remainder = Path(".merged.unfinished/merged")  # as of one that was killed
+    remainder.mkdir(parents=True)
+    (remainder / "cases.jsonl").write_text("half")
     assert harness(*command)[0] == 0
     assert len(lines_of(read_run(Path("merged")))) == 8
-    assert not left.parent.exists()
+    assert not remainder.parent.exists()
     assert_refused(harness(*command), "merged: already exists")
 
 
-def test_a_run_without_records_adds_none(runs, tmp_path):
+def test_run_without_records_is_merged(runs, tmp_path):
     first = read_run(runs["first"])
     merge([first, replace(first, records=[])], tmp_path / "out")
     assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
@@ -233,16 +233,16 @@ def test_a_run_without_records_adds_none(runs, tmp_path):
         merge([replace(first, records=[])] * 2, tmp_path / "none")
 
 
-def test_what_both_runs_say_is_said_once_however_it_is_written(runs, tmp_path):
+def test_equal_facts_are_merged_independently_of_key_order(runs, tmp_path):
     first = read_run(runs["first"])
     note = {"step": 256, "why": "snapped"}
     turned = dict(reversed(note.items()))
-    frames = [replace(first, facts=first.facts | {"frames": [each]}) for each in (note, turned)]
+    frames = [replace(first, facts=first.facts | {"frames": [frame]}) for frame in (note, turned)]
     merge(frames, tmp_path / "out")
     assert read_run(tmp_path / "out").facts["frames"] == [note]
 
 
-def test_a_damaged_drawing_costs_that_drawing_alone(runs, tmp_path):
+def test_only_the_damaged_drawing_is_lost(runs, tmp_path):
     damaged = tmp_path / "damaged"
     shutil.copytree(runs["first"], damaged)
     files = sorted((damaged / "frames").glob("*.npz"))
@@ -251,7 +251,7 @@ def test_a_damaged_drawing_costs_that_drawing_alone(runs, tmp_path):
     assert read_arrays(read_run(tmp_path / "out"), files[1].stem, "frames")
 
 
-def test_a_merge_that_was_cut_off_says_so(runs, monkeypatch, tmp_path):
+def test_interrupted_merge_is_marked(runs, monkeypatch, tmp_path):
     def cut_off(store, record):
         raise KeyboardInterrupt
 
@@ -262,28 +262,28 @@ def test_a_merge_that_was_cut_off_says_so(runs, monkeypatch, tmp_path):
     assert read_facts(tmp_path / "out", [])["interrupted"] is True
 
 
-def test_other_devices_may_count_otherwise(runs, tmp_path):
+def test_counters_of_different_devices_may_differ(runs, tmp_path):
     def elsewhere(record):
         counters = {name: count + 1 for name, count in record["counters"].items()}
         return {**record, "device": "other", "counters": counters}
 
-    others = with_records(read_run(runs["third"]), elsewhere)
-    merge([*hosted(runs, "first"), set_host(others, "third")], tmp_path / "out")
+    changed = with_records(read_run(runs["third"]), elsewhere)
+    merge([*hosted(runs, "first"), set_host(changed, "third")], tmp_path / "out")
     devices = {record["device"] for record in lines_of(read_run(tmp_path / "out"))}
     assert devices == {"scripted@first", "other@third"}
 
 
-def test_what_runs_say_of_themselves_is_kept_of_each(runs, tmp_path):
-    """The earliest speaks for all, whatever else it says."""
+def test_facts_of_each_run_are_stored(runs, tmp_path):
+    """The facts of the earliest run are used."""
     early, late = hosted(runs, "first", "second")
     early = replace(early, facts={**early.facts, "created": "2026-01-01", "about": "z"})
-    told = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
-    late = replace(late, facts={**late.facts, **told})
+    given_facts = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
+    late = replace(late, facts={**late.facts, **given_facts})
     merge([late, early], tmp_path / "out")
-    found = read_run(tmp_path / "out").facts
-    assert (found["created"], found["about"]) == ("2026-01-01", "z")
-    assert "hot" in found["warnings"]
-    assert found["interrupted"] is True
-    assert [host["created"] for host in found["merged"]] == ["2026-01-01", "2026-02-01"]
-    for host, name in zip(found["merged"], ("first", "second"), strict=True):
+    facts = read_run(tmp_path / "out").facts
+    assert (facts["created"], facts["about"]) == ("2026-01-01", "z")
+    assert "hot" in facts["warnings"]
+    assert facts["interrupted"] is True
+    assert [host["created"] for host in facts["merged"]] == ["2026-01-01", "2026-02-01"]
+    for host, name in zip(facts["merged"], ("first", "second"), strict=True):
         assert host["devices"] == [f"tests.mock:MockRasteriser on scripted@{name}"]

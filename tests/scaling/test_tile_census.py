@@ -1,4 +1,4 @@
-"""A census of map tiles counts what the scene of the same tiles does, in parts, in any archive."""
+"""Census of map tiles: counters equal those of the scene, for all archives, in parts."""
 
 import csv
 import gzip
@@ -40,19 +40,19 @@ EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "t
 
 
 def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
-    """What the parts say, and the summary."""
-    name, what = parse_tile_selection(text)
-    dataset = Dataset(name, out, TileCensus(names, what))
+    """Run a census; return the counts of the parts and the summary."""
+    name, selection = parse_tile_selection(text)
+    dataset = Dataset(name, out, TileCensus(names, selection))
     summary = dataset.complete(Executor(), Reporter(quiet=True))
     return Counted.read(out / f"{key}.npz" for key in dataset.keys_done), summary
 
 
-def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
-    """The same sums by layer and triangulator, of the scene in which each tile is a view."""
+def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
+    """Return sums by layer and triangulator of the scene with a view per tile."""
     scene = load(text)
     frame = frame_of(scene, view_of(scene))
     layers = scene.attributes["layer"].to_numpy()[frame.source]
-    found = {}
+    sums = {}
     for name in names:
         rows = frame.join(triangulate_polygons(parse(name), frame.polygons).parts)
         counted = predict(frame.points, rows, frame.window)
@@ -61,41 +61,43 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
         counted["half_perimeter"] = width + height
         owner = layers[frame.owner(rows)]
         for layer in set(layers):
-            own = {key: values[owner == layer].sum() for key, values in counted.items()}
-            found[layer, name] = own | {"polygons": len(set(frame.source[layers == layer]))}
-    return found
+            values_of_layer = {key: values[owner == layer].sum() for key, values in counted.items()}
+            sums[layer, name] = values_of_layer | {
+                "polygons": len(set(frame.source[layers == layer]))
+            }
+    return sums
 
 
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
-def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
+def test_sums_equal_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_TILES", 2)
     monkeypatch.setattr("harness.scaling.census.CHUNK_ROWS", 300)
     counted, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
-    expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
+    expected = sum_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
     assert set(counted.groups) == {(zoom, "area"), (zoom, "building")}
-    for (layer, name), own in expected.items():
+    for (layer, name), scene_sums in expected.items():
         sums = counted.groups[zoom, layer]
-        assert sums.count("polygons") == own["polygons"]
+        assert sums.count("polygons") == scene_sums["polygons"]
         for measure in EXACT:
             total = sums.total(measure)[NAMES.index(name)]
-            assert total == own[measure], (layer, name, measure)
+            assert total == scene_sums[measure], (layer, name, measure)
         half = sums.total("half_perimeter")[NAMES.index(name)]
-        assert half == pytest.approx(own["half_perimeter"], rel=1e-12)
+        assert half == pytest.approx(scene_sums["half_perimeter"], rel=1e-12)
 
 
-def test_what_is_lost_is_that_of_the_scene_and_tiles_and_vertices_are_counted(tmp_path):
+def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
     counted, summary = census(f"{FILE}:zoom=14", tmp_path)
-    groups, whole = counted.groups, counted.sum_groups()
+    groups, total = counted.groups, counted.sum_groups()
     scene = load("helsinki-tiles:zoom=14,tiles=999")
     layers = [which.split()[1] for which, _ in scene.dropped]
     assert {layer: sums.count("dropped") for (_, layer), sums in groups.items()} == {
         layer: layers.count(layer) for layer in ("area", "building")
     }
-    assert whole.count("repaired") == len(scene.repaired)
+    assert total.count("repaired") == len(scene.repaired)
     assert [sums.count("tiles") for sums in groups.values()] == [4, 4]
     frame = frame_of(scene, view_of(scene))
-    assert whole.count("vertices") == len(frame.points)
+    assert total.count("vertices") == len(frame.points)
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
 
 
@@ -105,27 +107,27 @@ def same(a: Any, b: Any) -> bool:
     )
 
 
-def test_all_archives_count_the_same(tmp_path):
+def test_archive_formats_have_equal_counts(tmp_path):
     court, box = encoded([COURT]), encoded([shapely.box(-40, 8, 30, 90), COURT], layer="water")
     tiles = {
         TilePosition(3, 4, 2): court,
         TilePosition(3, 4, 3): box,
         TilePosition(2, 1, 1): court + box,
     }
-    found = {
+    groups = {
         kind: census(path, tmp_path / f"out-{kind}")[0].groups
         for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
     }
-    assert set(found["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
-    assert same(found["pmtiles"], found["mbtiles"])
-    assert same(found["pmtiles"], found["folder"])
-    some = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
-    assert set(some) == {(3, "water")}
-    assert some[3, "water"].count("polygons") == 2
+    assert set(groups["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
+    assert same(groups["pmtiles"], groups["mbtiles"])
+    assert same(groups["pmtiles"], groups["folder"])
+    water = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
+    assert set(water) == {(3, "water")}
+    assert water[3, "water"].count("polygons") == 2
 
 
 def written(path: Path, tiles: dict[int, bytes]) -> str:
-    """A PMTiles archive of tiles by their numbers."""
+    """Write a PMTiles archive of tiles by number."""
     with write(str(path)) as writer:
         for number, data in tiles.items():
             writer.write_tile(number, data)
@@ -134,23 +136,23 @@ def written(path: Path, tiles: dict[int, bytes]) -> str:
     return str(path)
 
 
-def test_a_run_of_equal_tiles_counts_as_often_as_it_is_there(tmp_path, monkeypatch):
+def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
     first = first_number(8)
-    once = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
+    single = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
     path = written(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
     read = []
     real = PMTiles.read
     monkeypatch.setattr(PMTiles, "read", lambda self, name: read.append(name) or real(self, name))
     often = census(path, tmp_path / "often")
     assert len(read) == 1
-    one, nine = (found.groups[8, "land"] for found, _ in (once, often))
+    one, nine = (counts.groups[8, "land"] for counts, _ in (single, often))
     assert [nine.count(name) for name in ("polygons", "tiles")] == [9, 9]
     assert np.array_equal(nine.counts, 9 * one.counts)
     assert np.array_equal(nine.totals, 9 * one.totals)
     assert np.array_equal(nine.bins, 9 * one.bins)
 
 
-def test_slices_hold_each_tile_once_and_are_small(tmp_path):
+def test_slices_partition_the_tiles(tmp_path):
     first = first_number(9)
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
     path = written(tmp_path / "a.pmtiles", tiles)
@@ -159,19 +161,19 @@ def test_slices_hold_each_tile_once_and_are_small(tmp_path):
     assert sum(slices.sizes) == len(tiles)
     assert max(slices.sizes) == MAX_TILES
     archive = open_archive(Path(path))
-    found = [run for rows in slices.rows for run in archive.runs(9, *rows)]
-    assert [archive.get_name(run.first) for run in found] == archive.names(9)
+    tile_runs = [run for rows in slices.rows for run in archive.runs(9, *rows)]
+    assert [archive.get_name(run.first) for run in tile_runs] == archive.names(9)
 
 
-def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
+def test_large_tiles_are_separate_slices(tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
     tiles = {first_number(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
     assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
 
 
-def test_entries_beside_leaves_are_in_order(tmp_path):
-    """A root may hold both; the tiles of a leaf come before those of what follows it."""
+def test_entries_next_to_leaves_are_in_order(tmp_path):
+    """A root directory may have entries and leaves, in the order of tile numbers."""
     leaf = serialize_directory(
         [Entry(first_number(3) + 1, 0, 4, 1), Entry(first_number(3) + 2, 4, 4, 1)]
     )
@@ -187,46 +189,46 @@ def test_entries_beside_leaves_are_in_order(tmp_path):
     ]  # fmt: skip
 
 
-def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
-    """Damage may give one number to two entries: a tile is there once."""
-    numbers = [first_number(3) + each for each in (0, 2, 2, 5)]
+def test_repeated_entry_is_skipped(tmp_path):
+    """In a damaged archive two entries may have the same number; the tile is read once."""
+    numbers = [first_number(3) + offset for offset in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    found = [run.first - first_number(3) for run in PMTiles(path).runs(3)]
-    assert found == [0, 2, 5]
+    numbers_read = [run.first - first_number(3) for run in PMTiles(path).runs(3)]
+    assert numbers_read == [0, 2, 5]
     assert len(PMTiles(path).names(3)) == 3
 
 
-def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
+def test_damaged_tile_is_reported_and_others_counted(tmp_path):
     tiles = {TilePosition(5, k, 7): encoded([COURT]) for k in range(4)}
     file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
     good = census(file, tmp_path / "good")[0].groups
     tiles[TilePosition(5, 2, 7)] = tiles[TilePosition(5, 2, 7)][:-3]
     for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items():
-        found, summary = census(path, tmp_path / f"bad-{kind}")
-        ((name, why),) = found.damaged
+        counts, summary = census(path, tmp_path / f"bad-{kind}")
+        ((name, why),) = counts.damaged
         assert name == "5/2/7"
         assert why.startswith("cannot be read: not a vector tile")
-        assert found.layers == {"land"}
+        assert counts.layers == {"land"}
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
-        assert found.groups[5, "land"].count("tiles") == 3
-        assert np.array_equal(4 * found.groups[5, "land"].totals, 3 * good[5, "land"].totals)
+        assert counts.groups[5, "land"].count("tiles") == 3
+        assert np.array_equal(4 * counts.groups[5, "land"].totals, 3 * good[5, "land"].totals)
 
 
-def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
+def test_lost_polygons_are_counted_and_rounding_reported(tmp_path):
     tile = encoded([shapely.box(0, 0, 1, 1), COURT])
     path = written(tmp_path / "a.pmtiles", {0: tile})
-    found, summary = census(f"{path}:pixels=8", tmp_path / "small")
-    assert [found.sum_groups().count(name) for name in ("polygons", "dropped")] == [1, 1]
+    counts, summary = census(f"{path}:pixels=8", tmp_path / "small")
+    assert [counts.sum_groups().count(name) for name in ("polygons", "dropped")] == [1, 1]
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
-    told: list[str] = []
+    lines: list[str] = []
     reporter = Reporter(quiet=True)
-    reporter.once = told.append
+    reporter.once = lines.append
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
-    name, what = parse_tile_selection(path)
-    dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, what))
+    name, selection = parse_tile_selection(path)
+    dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, selection))
     dataset.complete(Executor(), reporter)
-    assert "1/5000 of 512 px" in told[0]
+    assert "1/5000 of 512 px" in lines[0]
 
 
 def table_of(folder: Path) -> list[dict[str, str]]:
@@ -277,7 +279,7 @@ main()
 """
 
 
-def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
+def test_command_after_a_kill_completes_the_rest(harness, tmp_path):
     arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
     arguments += ["--triangulators", ",".join(NAMES)]
     script = KILLED.format(arguments=arguments)
@@ -308,12 +310,12 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["a.gpkg:pixels=512"], "a.gpkg holds no tiles"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_line(harness, tmp_path, arguments, message):
+def test_usage_errors_are_one_line(harness, tmp_path, arguments, message):
     (tmp_path / "bad.pmtiles").write_bytes(bytes(200))
     (tmp_path / "a.mvt").write_bytes(encoded([COURT]))
     (tmp_path / "a.gpkg").write_bytes(b"x")
-    given = [each.replace("FILE", str(FILE)) for each in arguments]
-    err = assert_refused(harness("census", *given, "-o", "out", "-q"), message)
+    options = [argument.replace("FILE", str(FILE)) for argument in arguments]
+    err = assert_refused(harness("census", *options, "-o", "out", "-q"), message)
     assert err.count("\n") == 1
 
 
@@ -330,5 +332,5 @@ def test_which_files_are_map_tiles(tmp_path):
         assert parse_tile_selection(str(tmp_path / name)) is None, name
     with pytest.raises(SceneError, match="has no parameter 'tiles'"):
         parse_tile_selection("a.pmtiles:tiles=4")
-    found, _ = census(str(tmp_path / "packed"), tmp_path / "out")
-    assert list(found.groups) == [(None, "land")]
+    counts, _ = census(str(tmp_path / "packed"), tmp_path / "out")
+    assert list(counts.groups) == [(None, "land")]

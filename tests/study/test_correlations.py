@@ -1,4 +1,4 @@
-"""The statistics of a study, on data whose answer is known."""
+"""Correlations of a study, on data with known results."""
 
 from pathlib import Path
 
@@ -43,10 +43,10 @@ def table_of(records: list[dict]) -> pd.DataFrame:
     return make_measure_table([make_record(**fields) for fields in records])
 
 
-def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estimate:
-    """Return the estimate of (predicted, measured) of each view; `of`: the polygon of each."""
+def within(columns: list[tuple[np.ndarray, np.ndarray]], polygons: str = "") -> Estimate:
+    """Return the estimate of (predicted, measured) of each view of the `polygons`."""
     rows = [
-        (of[view] if of else str(view), view, *pair)
+        (polygons[view] if polygons else str(view), view, *pair)
         for view, (x, y) in enumerate(columns)
         for pair in zip(x, y, strict=True)
     ]
@@ -55,7 +55,7 @@ def within(columns: list[tuple[np.ndarray, np.ndarray]], of: str = "") -> Estima
 
 
 def polygons(number: int, noise: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Columns of polygons of very different size; y follows x within each, with noise."""
+    """Return columns of polygons of different sizes; within each, y follows x with noise."""
     columns = []
     for size in 2.0 ** np.arange(number):
         x = size * RANDOM.uniform(1, 2, 40)
@@ -68,9 +68,9 @@ def test_pooling_makes_a_useless_criterion_look_good():
     rows = [(str(k), *pair) for k, (x, y) in enumerate(columns) for pair in zip(x, y, strict=True)]
     table = pd.DataFrame(rows, columns=["polygon", "overdraw", "quads"])
     table = table.assign(resolution=64, rotation=0.0, samples=1, rasteriser="r", device="d")
-    found = correlate(table).set_index("statistic")["value"]
-    assert abs(found["spearman_within"]) < 0.2
-    assert found["spearman_pooled"] > 0.95
+    values = correlate(table).set_index("statistic")["value"]
+    assert abs(values["spearman_within"]) < 0.2
+    assert values["spearman_pooled"] > 0.95
 
 
 def test_a_constant_criterion_has_no_correlation():
@@ -81,7 +81,7 @@ def test_a_constant_criterion_has_no_correlation():
     assert np.isnan(estimate.value)
 
 
-def test_the_interval_of_a_median_covers_it():
+def test_median_interval_covers_the_median():
     covered = 0
     for seed in range(60):
         values = np.random.default_rng(seed).normal(0.5, 0.1, 25)
@@ -92,7 +92,7 @@ def test_the_interval_of_a_median_covers_it():
 
 
 def test_a_polygon_in_several_views_counts_once():
-    """Two views of four polygons are no eight polygons: there are too few for an interval."""
+    """Two views of four polygons are four polygons, too few for an interval."""
     views = polygons(4, 0.1)
     estimate = within([*views, *views], "abcdabcd")
     assert estimate.polygons == 4
@@ -101,7 +101,7 @@ def test_a_polygon_in_several_views_counts_once():
     assert not np.isnan(within([*views, *views]).low)
 
 
-def test_paired_differences_tell_more_than_two_intervals():
+def test_paired_difference_has_a_narrower_interval():
     level = np.random.default_rng(2).uniform(0.2, 0.9, 24)
     one, two = pd.Series(level + 0.02), pd.Series(level)
     assert not estimate_median(one).low > estimate_median(two).high
@@ -133,33 +133,35 @@ def test_polygons_are_triangulated_in_many_ways(run_folder):
     assert not table.duplicated(["polygon", "triangulator"]).any()
 
 
-def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
+def test_counters_are_those_of_the_polygon_in_its_frame(run_folder):
     table = matrix.read_spread(read_run(run_folder), View(1024))
     frame = make_frame(load(SCENE).polygons, View(1024))
     number = int(table["polygon"].iloc[-1])
     polygon = frame.polygons[frame.source.tolist().index(number)]
     points = np.rint(np.array(polygon.exterior.coords)[:-1] * SUBPIXEL).astype(np.int32)
-    own = table[table["polygon"] == number].set_index("triangulator")
+    rows_of_polygon = table[table["polygon"] == number].set_index("triangulator")
     for name in ("random#0", "random#1", "optimal:half-perimeter"):
         base, _, seed = name.partition("#")
         parameters = {"seed": int(seed)} if seed else {}
         counts = predict(points, triangulate(polygon, base, **parameters))
-        assert own.loc[name, "helper_lanes"] == counts["helper_lanes"].sum()
+        assert rows_of_polygon.loc[name, "helper_lanes"] == counts["helper_lanes"].sum()
 
 
 def test_criteria_are_ranked_within_polygons(run_folder):
     table = matrix.read_spread(read_run(run_folder), View(1024))
-    found = matrix.correlate_spread(table, "helper_lanes")
-    q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
+    spread = matrix.correlate_spread(table, "helper_lanes")
+    q, h, a, d = (
+        spread[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape")
+    )
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
     names = ("expected_quads", "overdraw")
     by_q, by_a = (correlate_within(table, name, "helper_lanes") for name in names)
     assert estimate_median(by_q - by_a).verdict == "better"
-    assert "complexity" not in found, "it is the same for all, and so ranks nothing"
+    assert "complexity" not in spread, "it is the same for all, and so ranks nothing"
 
 
-def test_the_report_says_which_criterion_to_use(run_folder):
+def test_report_recommends_a_criterion(run_folder):
     content = make_content(read_run(run_folder))
     sentence = content["groups"][0]["judged"]
     assert sentence.startswith("Within a polygon, ")
@@ -167,7 +169,7 @@ def test_the_report_says_which_criterion_to_use(run_folder):
     assert "24 polygons; the paper's overdraw A 0." in sentence
 
 
-def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
+def test_run_without_columns_is_readable(run_folder, tmp_path):
     run = read_run(run_folder)
     assert matrix.read_spread(run, View(512)) is None
     for name, content in (("a", "polygon,resolution\n1,256\n"), ("b", "\0\0"), ("c", "")):
@@ -180,19 +182,21 @@ def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
         assert "Within a polygon" not in make_content(read_run(folder))["groups"][0]["judged"]
 
 
-def test_without_a_spread_the_sentence_is_that_of_ratios():
-    words = format_best_criterion("quads", {"quads": {"half_perimeter": 0.5}})
-    assert words == "Of the criteria, half-perimeter H predicts quads best (rank correlation 0.50)."
+def test_sentence_without_a_spread_uses_ratios():
+    sentence = format_best_criterion("quads", {"quads": {"half_perimeter": 0.5}})
+    assert (
+        sentence == "Of the criteria, half-perimeter H predicts quads best (rank correlation 0.50)."
+    )
     assert format_best_criterion("quads", {}) == ""
 
 
-def test_the_table_is_a_plain_file(run_folder):
+def test_table_is_a_csv_file(run_folder):
     table = pd.read_csv(Path(run_folder) / matrix.SPREAD)
     assert {"polygon", "triangulator", "half_perimeter", "helper_lanes", "fit"} <= set(table)
 
 
 def ranked() -> pd.DataFrame:
-    """Polygons at two sizes, whose quads and times follow H exactly and A loosely."""
+    """Return a table of polygons at two sizes; quads and times follow H exactly and A loosely."""
     random = np.random.default_rng(8)
     rows = []
     for polygon, size in [(str(k), size) for k in range(8) for size in (64, 256)]:
@@ -206,14 +210,14 @@ def ranked() -> pd.DataFrame:
     return table.assign(rotation=0.0, samples=1, rasteriser="opengl", device="llvmpipe")
 
 
-def test_two_criteria_differ_by_their_ranks():
+def test_criteria_are_compared_by_rank_correlation():
     table = compare_criteria(ranked()).set_index(["measure", "criterion", "other"])
-    found = table.loc[("helper_lanes", "overdraw", "half-perimeter")]
+    row = table.loc[("helper_lanes", "overdraw", "half-perimeter")]
     one, other = (
         correlate_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
     )
-    assert found["difference"] == np.median(one - other)
-    assert found["verdict"] != NOT_SIGNIFICANT
+    assert row["difference"] == np.median(one - other)
+    assert row["verdict"] != NOT_SIGNIFICANT
 
 
 def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
@@ -223,13 +227,13 @@ def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
     table = pd.concat([rows, rows.assign(rasteriser="cuda")], ignore_index=True)
     correlations = write_correlations(table, tmp_path)
     assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
-    for name, found in (
+    for name, table_written in (
         ("correlations.csv", correlations),
         ("correlations_by_resolution.csv", correlate_by_resolution(table)),
         ("criteria_compared.csv", compare_criteria(table)),
     ):
-        kept = pd.read_csv(tmp_path / name)
-        pd.testing.assert_frame_equal(kept, found, check_dtype=False, rtol=1e-5)
+        table_read = pd.read_csv(tmp_path / name)
+        pd.testing.assert_frame_equal(table_read, table_written, check_dtype=False, rtol=1e-5)
     drawn = {}
 
     def scatter(panel, rows, criterion, measure, _key):
@@ -248,9 +252,9 @@ def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
         for measure in ("helper_lanes", f"{TIME}0")  # the main counter, the time of the least work
         for criterion in ("overdraw", "half_perimeter")  # the paper's, the best
     ]
-    told = correlations.set_index(["statistic", "criterion", "measure"])["value"]
+    values = correlations.set_index(["statistic", "criterion", "measure"])["value"]
     for panel, (_, criterion, measure) in drawn.items():
-        value = told["spearman_within", criterion.replace("_", "-"), measure].iloc[0]
+        value = values["spearman_within", criterion.replace("_", "-"), measure].iloc[0]
         assert panel.get_title() == f"rank correlation {value:.3f}"
         (line,) = panel.lines
         assert line.get_slope() == pytest.approx(0.2)
@@ -266,22 +270,22 @@ def test_failed_cases_and_t_junctions_are_skipped():
     assert table_of(bad).empty
 
 
-def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
+def test_measures_of_some_rows_are_correlated():
     table = ranked()
-    some = table.assign(spills=table["quads"].where(table.index % 2 == 0), hits=np.nan)
-    found = set(correlate(some)["measure"])
-    assert {"spills", "quads"} <= found
-    assert "hits" not in found
+    partial = table.assign(spills=table["quads"].where(table.index % 2 == 0), hits=np.nan)
+    measures = set(correlate(partial)["measure"])
+    assert {"spills", "quads"} <= measures
+    assert "hits" not in measures
 
 
-def test_the_fewest_triangulations_that_rank_are_ranked():
+def test_minimum_number_of_triangulations_is_ranked():
     x = np.arange(1.0, MIN_TRIANGULATIONS + 1)
-    found = within([(x, x**2)] * 6)
-    assert (found.value, found.polygons) == (pytest.approx(1), 6)
+    estimate = within([(x, x**2)] * 6)
+    assert (estimate.value, estimate.polygons) == (pytest.approx(1), 6)
     assert within([(x[1:], x[1:] ** 2)] * 6).polygons == 0
 
 
-def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others():
+def test_equal_triangulations_are_one_row():
     twice = [{**r, "triangulator": f"{r['triangulator']} {k}"} for r in judged() for k in range(2)]
     assert len(table_of(twice)) == len(table_of(judged()))
     backwards = table_of(twice[::-1])["triangulator"]  # the first of the run stands for both
@@ -291,7 +295,7 @@ def test_two_names_of_one_triangulation_are_one_row_and_one_size_has_no_others()
     assert set(correlate_by_resolution(table)["resolution"]) == {64, 256}
 
 
-def test_what_is_counted_exactly_is_that_of_the_rasteriser_that_does_with_one_sample():
+def test_exact_counts_are_of_one_sample_per_pixel():
     good = judged()
     drawn = [{**r, "rasteriser": "opengl", "counters": {"quads": 7}} for r in good]
     four = {"options": {"work": 0, "samples": 4}, "counters": {"quads": 8}}

@@ -1,4 +1,4 @@
-"""What an order of triangles gains is told apart from what diagonals gain."""
+"""Gains of triangulators: the gain of the order is separated from the gain of the diagonals."""
 
 import pandas as pd
 import pytest
@@ -36,16 +36,16 @@ ROWS = [
 
 
 def test_by_order_has_a_column_per_order():
-    found = by_order(pd.DataFrame(ROWS), "ear-clipping").set_index("triangulator")
-    assert list(found.index) == ["optimal:half-perimeter", "delaunay"]
-    best = found.loc["optimal:half-perimeter"]
+    wide = by_order(pd.DataFrame(ROWS), "ear-clipping").set_index("triangulator")
+    assert list(wide.index) == ["optimal:half-perimeter", "delaunay"]
+    best = wide.loc["optimal:half-perimeter"]
     assert (best["native"], best["walk"], best["vertex-cache"]) == (0.82, 0.97, 0.96)
-    assert found.loc["delaunay", "walk"] == pytest.approx(0.94)
-    assert pd.isna(found.loc["delaunay", "vertex-cache"])
+    assert wide.loc["delaunay", "walk"] == pytest.approx(0.94)
+    assert pd.isna(wide.loc["delaunay", "vertex-cache"])
 
 
 def test_faster_triangulators_are_listed_with_their_gain():
-    rows = [{**each, "verdict": FASTER if each["time_ratio"] < 0.95 else SLOWER} for each in ROWS]
+    rows = [{**row, "verdict": FASTER if row["time_ratio"] < 0.95 else SLOWER} for row in ROWS]
     assert list_faster(pd.DataFrame(rows), "ear-clipping").set_index("order")[
         "faster"
     ].to_dict() == {
@@ -57,7 +57,7 @@ def test_faster_triangulators_are_listed_with_their_gain():
 
 def test_by_order_separates_views_and_skips_single_orders():
     more = [row("optimal:half-perimeter", order, 0.7, resolution=512) for order in ("native",)]
-    found = by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
-    assert set(found["resolution"]) == {256}
+    wide = by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
+    assert set(wide["resolution"]) == {256}
     assert by_order(pd.DataFrame(ROWS), "delaunay").empty
     assert by_order(pd.DataFrame(ROWS[:2]), "ear-clipping").empty

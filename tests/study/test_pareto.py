@@ -31,17 +31,23 @@ from triangulators import full_name
 pytestmark = pytest.mark.usefixtures("in_process")
 
 BRIEF = ["--rasterisers", "tests.mock:MockRasteriser", "--budget", "0.001", "--quiet"]
-BOTH = ["--rasterisers", "reference,tests.mock:MockRasteriser", "--budget", "0.01", "--quiet"]
+TWO_RASTERISERS = [
+    "--rasterisers",
+    "reference,tests.mock:MockRasteriser",
+    "--budget",
+    "0.01",
+    "--quiet",
+]
 CITY = "city:buildings=40"
 
 
 @pytest.fixture
 def study(harness, tmp_path):
-    """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
+    """Run the study on a scene; return (folder, pareto.csv, fronts.csv, output)."""
 
     def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
         out, _ = require_ok(
-            harness("study", "pareto", "--scene", scene, "--out", "out", *BOTH, *more)
+            harness("study", "pareto", "--scene", scene, "--out", "out", *TWO_RASTERISERS, *more)
         )
         folder = tmp_path / "out"
         tables = [pd.read_csv(folder / f"{name}.csv") for name in ("pareto", "fronts")]
@@ -73,7 +79,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
 
 
 @pytest.mark.usefixtures("no_plots")
-def test_a_citys_fronts_are_those_of_all_triangulations(study):
+def test_fronts_of_a_city_are_those_of_all_triangulations(study):
     _, table, fronts, _ = study(CITY, "--polygons", "3")
     polygons = load(CITY).polygons
     compared = 0
@@ -81,30 +87,30 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
         polygon = make_frame([polygons[number]], View(512)).polygons[0]
         costs = front[["overdraw", "shape"]].to_numpy()
         measured = table[(table["polygon"] == str(number)) & (table["rasteriser"] == "reference")]
-        chosen = measured[measured["kind"] == "front"]
-        assert len(chosen) == min(MAX_POINTS, len(front)) == front["measured"].sum()
-        assert {0, len(front) - 1} <= set(chosen["triangulator"].str[7:].astype(int))
-        assert chosen["undominated"].all()
+        front_rows = measured[measured["kind"] == "front"]
+        assert len(front_rows) == min(MAX_POINTS, len(front)) == front["measured"].sum()
+        assert {0, len(front) - 1} <= set(front_rows["triangulator"].str[7:].astype(int))
+        assert front_rows["undominated"].all()
         if len(polygon.exterior.coords) <= 13:
             every = triangulation_table(polygon, "conforming")
             listed = np.column_stack((every["overdraw"], every["shape"]))
             assert mark_undominated(costs, listed).all()
-            kept = listed[mark_undominated(listed, listed)]
-            assert np.ptp(kept[:, 0]) == pytest.approx(np.ptp(costs[:, 0]))
-            assert len(np.unique(kept.round(6), axis=0)) == len(costs)
+            undominated = listed[mark_undominated(listed, listed)]
+            assert np.ptp(undominated[:, 0]) == pytest.approx(np.ptp(costs[:, 0]))
+            assert len(np.unique(undominated.round(6), axis=0)) == len(costs)
             compared += 1
     assert compared >= 1
-    whole = table[(table["polygon"] == "all") & (table["rasteriser"] == "reference")]
-    sweep = whole[(whole["kind"] == "sweep") & (whole["gamma"] == 0)]
+    complete = table[(table["polygon"] == "all") & (table["rasteriser"] == "reference")]
+    sweep = complete[(complete["kind"] == "sweep") & (complete["gamma"] == 0)]
     steps = sweep.set_index("triangulator").loc[list(SWEEP)]
     assert (np.diff(steps["overdraw_over_area"]) >= -1e-9).all()
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
     # Neither can cut polygons with holes, so their sums are of less.
-    assert not set(whole["triangulator"]) & {"fan", "max-area"}
+    assert not set(complete["triangulator"]) & {"fan", "max-area"}
 
 
 @pytest.mark.usefixtures("no_plots")
-def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harness):
+def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     run = read_run(folder)
     assert run.problems == []
@@ -116,11 +122,11 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     assert row["bbox_tests"] == record["counters"]["bbox_tests"]
     assert row["overdraw"] == pytest.approx(record["predicted"]["overdraw"])
     end = records[CITY, SWEEP[0], "reference"]
-    times, others = record["time"], end["time"]
-    own = paired_ratio(times["samples_s"], others["samples_s"], times["epochs"])
-    ratio = add_run_scatter(own)
-    found = tuple(row[["time_ratio", "ci_low", "ci_high"]])
-    assert found == pytest.approx((ratio.value, ratio.low, ratio.high))
+    times, base_times = record["time"], end["time"]
+    ratio_of_run = paired_ratio(times["samples_s"], base_times["samples_s"], times["epochs"])
+    ratio = add_run_scatter(ratio_of_run)
+    values = tuple(row[["time_ratio", "ci_low", "ci_high"]])
+    assert values == pytest.approx((ratio.value, ratio.low, ratio.high))
     # The scripted rasteriser takes as long for as many triangles.
     timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
@@ -128,22 +134,32 @@ def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harnes
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in lines_of(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
-    again = ("study", "pareto", "--scene", CITY, "--polygons", "1", "--resume", "out", *BOTH)
-    assert harness(*again)[0] == 0
+    resume_command = (
+        "study",
+        "pareto",
+        "--scene",
+        CITY,
+        "--polygons",
+        "1",
+        "--resume",
+        "out",
+        *TWO_RASTERISERS,
+    )
+    assert harness(*resume_command)[0] == 0
     assert (folder / "cases.jsonl").read_text() == cases
     pd.testing.assert_frame_equal(pd.read_csv(folder / "pareto.csv"), table)
 
 
-def test_a_long_front_is_measured_at_even_steps():
+def test_long_front_is_sampled_evenly():
     parts, fronts = make_parts("city", load("city"), 6, View(512))
     label, front = max(fronts.items(), key=lambda entry: len(entry[1]))
     assert len(front) > 100
-    chosen = front["k"][front["measured"]].tolist()
-    assert len(chosen) == MAX_POINTS
-    assert np.ptp(np.diff(chosen)) <= 1
+    steps = front["k"][front["measured"]].tolist()
+    assert len(steps) == MAX_POINTS
+    assert np.ptp(np.diff(steps)) <= 1
     part = next(part for part in parts if part.label == label)
-    wanted = [*(f"pareto#{k}" for k in chosen), *list_compared()]
-    assert [str(recipe) for recipe in part.triangulators] == wanted
+    expected = [*(f"pareto#{k}" for k in steps), *list_compared()]
+    assert [str(recipe) for recipe in part.triangulators] == expected
     assert parts[-1].label == "city"
 
 
@@ -183,13 +199,13 @@ def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_plots")
-def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
+def test_equivalent_weights_are_one_case(harness, block):
     names = "optimal:mixed=1.0/.5/0,optimal:mixed=1/0.5/0,worst:mixed=1/0.5/0,optimal:mixed=1/1/1"
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)
     assert harness(*run, "--out", "results")[0] == 0
     stored = read_run(Path("results"))
-    kept = {record["triangulator"]: record["key"] for record in lines_of(stored)}
-    assert list(kept) == ["optimal:mixed=1/0.5/0", "worst:mixed=1/0.5/0", "optimal:mixed"]
+    keys = {record["triangulator"]: record["key"] for record in lines_of(stored)}
+    assert list(keys) == ["optimal:mixed=1/0.5/0", "worst:mixed=1/0.5/0", "optimal:mixed"]
     assert harness("run", "--resume", "results", "--quiet")[0] == 0
     assert len(lines_of(read_run(Path("results")))) == 3
     assert harness("compare", "results", "results", "--gate", "counters")[0] == 0

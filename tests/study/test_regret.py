@@ -1,4 +1,4 @@
-"""Regret on made-up records, where the right answers are known."""
+"""Regret of criteria and triangulators, on records with known results."""
 
 import io
 
@@ -35,8 +35,8 @@ def regret_table(records: list[dict]) -> pd.DataFrame:
 
 
 def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) -> list[dict]:
-    """Return the records of one polygon; `seconds` (5, rounds) of each drawing."""
-    found = []
+    """Return the records of one polygon; `seconds` are the (5, rounds) draw times."""
+    records = []
     for number, name in enumerate(NAMES):
         record = {
             "scene": polygon,
@@ -58,18 +58,18 @@ def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) ->
         if seconds is not None:
             samples = seconds[number].tolist()
             record["time"] = {"samples_s": samples, "reference_s": [1.0] * len(samples)}
-        found.append(record)
-    return found
+        records.append(record)
+    return records
 
 
-def row_of(table, **wanted):
-    for name, value in wanted.items():
+def row_of(table, **conditions):
+    for name, value in conditions.items():
         table = table[table[name] == value]
     assert len(table) == 1
     return table.iloc[0]
 
 
-def test_a_criterion_loses_what_its_choice_costs_more():
+def test_regret_is_the_extra_cost_of_the_selected_triangulation():
     table = regret_table(records_of("a"))
     by_h = row_of(table, kind="criterion", name="half-perimeter", measure="quads")
     assert (by_h["triangulator"], by_h["best"]) == ("optimal:half-perimeter", NAMES[0])
@@ -78,37 +78,37 @@ def test_a_criterion_loses_what_its_choice_costs_more():
     by_a = row_of(table, kind="criterion", name="overdraw", measure="quads")
     assert by_a["triangulator"] == "random#0"
     assert by_a["regret"] == pytest.approx(0.10)
-    # What is the same for all triangulations chooses none.
+    # A criterion that is equal for all triangulations selects none.
     assert not (table["name"] == "shape").any()
-    # The worst is no choice; random ones are one family.
+    # `worst` is excluded; random triangulations are one family.
     assert set(table[table["kind"] == "triangulator"]["name"]) == {*NAMES[:2], "random"}
 
 
-def test_the_best_measured_is_no_least_without_a_proof():
+def test_minimum_is_unknown_without_a_proof():
     records = records_of("a")
     records[0]["proven"] = 0
     assert not regret_table(records)["least_known"].any()
 
 
-def test_over_polygons_each_counts_once():
+def test_families_count_once_per_polygon():
     table = summarise_regret(
         regret_table(records_of("a") + records_of("b", 2.0) + records_of("c", 3.0))
     )
     random = row_of(table, name="random", measure="quads")
     assert random["polygons"] == 3
     assert random["mean"] == pytest.approx(0.15)
-    assert np.isnan(random["ci_low"]), "three equal values tell no interval"
+    assert np.isnan(random["ci_low"]), "three equal values have no interval"
     assert random["least_known"] == 1.0
 
 
-def test_counters_count_once_whatever_the_work():
+def test_counters_are_independent_of_the_work():
     records = records_of("a") + records_of("a", work=8)
     table = regret_table(records)
     assert len(table[table["measure"] == "quads"]) == len(regret_table(records_of("a")))
 
 
 def test_equal_times_show_no_regret():
-    """The least of several noisy medians makes the others look slower, and its rival faster."""
+    """The minimum of noisy medians is biased: one estimate is too high, the other too low."""
     rng = np.random.default_rng(5)
     records = []
     for polygon in range(60):
@@ -119,10 +119,10 @@ def test_equal_times_show_no_regret():
     assert abs(timed["regret_low"].mean()) < 0.006
     assert timed["regret_high"].mean() > 0.01
     assert (timed["regret_high"] >= 0).all()
-    shown = summarise_regret(timed)
-    assert len(shown) == 2
-    assert shown["ci_low"].between(0, 0.001).all(), "nothing is better than the best"
-    assert shown["ci_high"].between(0.005, 0.05).all()
+    summary = summarise_regret(timed)
+    assert len(summary) == 2
+    assert summary["ci_low"].between(0, 0.001).all(), "a regret is at least 0"
+    assert summary["ci_high"].between(0.005, 0.05).all()
 
 
 def test_a_slower_choice_is_found():
@@ -139,7 +139,7 @@ def test_a_slower_choice_is_found():
 
 
 def test_rounds_of_one_epoch_do_not_confirm_each_other():
-    """Where its buffers lie makes a drawing fast in all rounds of an epoch, and of no other."""
+    """The positions of buffers make a drawing fast in all rounds of one epoch."""
     rng = np.random.default_rng(7)
     ends = []
     for polygon in range(40):
@@ -163,7 +163,7 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "text"),
     [
         ([0.0] * MIN_VALUES, "0.00% (all equal)"),
         ([0.1] * 12, "10.00% (all equal)"),
@@ -172,24 +172,24 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
         ([0.0] * 10 + [0.75] * 2, "12.50% (few polygons dominate)"),
     ],
 )
-def test_missing_interval_is_explained(values, words):
+def test_missing_interval_is_explained(values, text):
     records = [r for k in range(len(values)) for r in records_of(f"p{k}")]
     table = regret_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
     table = table.assign(**dict.fromkeys(("regret", "regret_low", "regret_high"), values))
-    assert format_regret(summarise_regret(table).iloc[0]) == words
+    assert format_regret(summarise_regret(table).iloc[0]) == text
 
 
 @pytest.mark.parametrize(
-    ("names", "shown"),
+    ("names", "expected"),
     [
         (["time_work_0", "fragments", "quads", "helper_lanes"], ["quads", "helper_lanes"]),
         (["bbox_tests", "spills"], ["bbox_tests"]),
         ([], []),
     ],
 )
-def test_quads_are_shown_or_the_main_counter_and_all_times(names, shown):
+def test_quads_or_the_main_counter_and_all_times_are_printed(names, expected):
     times = [name for name in names if name.startswith("time")]
-    assert select_printed(names) == shown + times
+    assert select_printed(names) == expected + times
 
 
 def test_the_least_of_times_is_known_of_no_drawing():
@@ -229,7 +229,7 @@ def test_regret_is_undefined_for_a_minimum_of_zero():
 
 
 def test_times_are_relative_to_the_reference_of_their_rounds():
-    """In each epoch it takes 1, 2 and 3 references, and the machine is slow in the first round."""
+    """Draws take 1, 2 and 3 references in each epoch; the machine is slow in the first round."""
     reference = np.array([9.0, 1.0, 1.0] * 4)
     costs = np.ones((len(NAMES), 12))
     costs[1] = [1.0, 2.0, 3.0] * 4
@@ -258,20 +258,20 @@ def test_rounds_that_one_of_them_lacks_do_not_count():
 def test_one_in_twenty_polygons_loses_more_than_the_p95():
     (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
-    found = summarise_regret(table).iloc[0]
-    assert (found["median"], found["p95"], found["worst"]) == pytest.approx((0.5, 0.95, 1.0))
+    summary = summarise_regret(table).iloc[0]
+    assert (summary["median"], summary["p95"], summary["worst"]) == pytest.approx((0.5, 0.95, 1.0))
 
 
 def in_two_views(polygons: int = 1) -> pd.DataFrame:
-    """The summary of two counters in two views."""
-    found = []
+    """Return the summary of two counters in two views."""
+    records = []
     for size in (128, 64):
         for number in range(polygons):
             for record in records_of(f"polygon {number}"):
                 lanes = 3 * record["counters"]["quads"]
                 counters = {**record["counters"], "helper_lanes": lanes}
-                found.append({**record, "resolution": size, "counters": counters})
-    return summarise_regret(regret_table(found))
+                records.append({**record, "resolution": size, "counters": counters})
+    return summarise_regret(regret_table(records))
 
 
 def test_printed_regrets_are_of_criteria_in_order():
@@ -316,31 +316,31 @@ def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_
     assert "3.00\\%" in latex
 
 
-def test_two_triangulations_are_a_choice_and_one_is_none():
-    both = records_of("p")[:2]
-    assert set(regret_table(both)["polygon"]) == {"p"}
-    assert regret_table(both[:1]).empty
+def test_regret_needs_two_triangulations():
+    records = records_of("p")[:2]
+    assert set(regret_table(records)["polygon"]) == {"p"}
+    assert regret_table(records[:1]).empty
 
 
-def test_the_interval_of_regret_takes_the_outer_ends():
+def test_interval_uses_the_outer_ends():
     rng = np.random.default_rng(4)
     low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
-    found = compute_regret_interval(low, high)
-    assert found == (mean_interval(low)[0], mean_interval(high)[1])
-    assert compute_regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
+    interval = compute_regret_interval(low, high)
+    assert interval == (mean_interval(low)[0], mean_interval(high)[1])
+    assert compute_regret_interval(low - 0.05, high)[0] == 0.0, "a regret is at least 0"
     assert np.isnan(compute_regret_interval(low, np.zeros(24))).all()
 
 
 @pytest.mark.parametrize("blocks", [2, 4])
-def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
-    """Beside the best of the other blocks, of each block; and beside the best of all."""
+def test_estimates_use_the_other_blocks_and_all_blocks(blocks):
+    """The lower end uses the best of the other blocks, the upper end the best of all blocks."""
     logs = np.array([[0.0, 1.0, 2.0, 3.0], [2.0, 0.5, 1.0, 1.5], [1.0, 4.0, 0.0, 3.5]])
     logs = logs[:, :blocks]
-    for chosen in range(3):
+    for candidate in range(3):
         crossed = []
         for block in range(blocks):
             sums = np.delete(logs, block, axis=1).sum(axis=1)
-            crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
+            crossed.append(logs[candidate, block] - logs[int(np.argmin(sums)), block])
         means = logs.mean(axis=1)
-        ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
-        assert estimate_regret(np.exp(logs), chosen) == pytest.approx(tuple(ends))
+        ends = np.expm1([np.mean(crossed), means[candidate] - means.min()])
+        assert estimate_regret(np.exp(logs), candidate) == pytest.approx(tuple(ends))

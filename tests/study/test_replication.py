@@ -1,4 +1,4 @@
-"""Our findings on other data: made-up tables with known answers, and one small study."""
+"""Replication of findings: tables with known results, and a small study."""
 
 from itertools import combinations
 from pathlib import Path
@@ -83,7 +83,7 @@ def test_claims_without_evidence_have_no_finding():
 def test_each_claim_can_hold_and_fail():
     exact = _with_exact_a(correlations(**USUAL))
     good = evidence(
-        exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
+        exact, compared(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
     assert set(verdicts(good).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
@@ -92,7 +92,7 @@ def test_each_claim_can_hold_and_fail():
         correlations(**poor),
         compared(**poor),
         lost=0.02,
-        chosen=1.0,
+        choice=1.0,
         walked=0.995,
         turned=(0.96, 0.90),
     )
@@ -104,22 +104,22 @@ def evidence(
     differences: pd.DataFrame,
     *,
     lost: float,
-    chosen: float,
+    choice: float,
     walked: float,
     turned: tuple[float, float],
 ) -> Evidence:
-    """Return made-up studies: times over the base's, and helper lanes of the best for H and A."""
-    best, once = "optimal:half-perimeter", "ear-clipping@0"
-    choice = [gains(best, base, chosen) for base in ("ear-clipping", "delaunay")]
+    """Return evidence with given ratios of times and of helper lanes of H- and A-optima."""
+    best, rotated_base = "optimal:half-perimeter", "ear-clipping@0"
+    choices = [gains(best, base, choice) for base in ("ear-clipping", "delaunay")]
     rotated = [
-        gains(f"{best}@0", once, 0.9, turned[0]),
-        gains("optimal:overdraw@0", once, 0.95, turned[1]),
+        gains(f"{best}@0", rotated_base, 0.9, turned[0]),
+        gains("optimal:overdraw@0", rotated_base, 0.95, turned[1]),
     ]
     return Evidence(
         correlations=ranks,
         compared=differences,
         regret=regret(lost),
-        choice=pd.concat(choice),
+        choice=pd.concat(choices),
         walked=gains(best, "delaunay", walked),
         turned=pd.concat(rotated),
     )
@@ -154,7 +154,7 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make the four studies small."""
+    """Reduce the size of the four studies."""
     monkeypatch.setattr(
         "harness.commands.study_validate.QUICK", StudySize(2, random=4, most_vertices=20)
     )
@@ -200,17 +200,17 @@ def test_disturbed_times_have_no_gains(harness, monkeypatch):
 
 
 def test_comparisons_use_paired_differences():
-    """Intervals that meet can be of criteria that differ in every polygon, and the other way."""
+    """Overlapping intervals do not exclude a difference within each polygon, or the reverse."""
     wide = correlations(**USUAL)
     wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
-    told = format_page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
-    assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in told
+    page = format_page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
+    assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in page
     close = compared(**{**USUAL, "half_perimeter": 0.865})
     judged = verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
     assert [v for sentence, v in judged.items() if "polygon by polygon" in sentence] == [False] * 2
 
 
-def test_too_few_polygons_judge_no_claim():
+def test_too_few_polygons_decide_no_claim():
     table = correlations(**USUAL)
     unknown = {"ci_low": float("nan"), "ci_high": float("nan"), "polygons": 1}
     evidence = Evidence(
@@ -219,9 +219,9 @@ def test_too_few_polygons_judge_no_claim():
         regret=regret(0.002).assign(**unknown),
         turned=gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9).assign(**unknown),
     )
-    found = [figure for _, figure in evaluate_claims(evidence) if figure is not None]
-    assert len(found) == 7
-    assert {figure.verdict for figure in found} == {"too few"}
+    findings = [figure for _, figure in evaluate_claims(evidence) if figure is not None]
+    assert len(findings) == 7
+    assert {figure.verdict for figure in findings} == {"too few"}
     assert "| city | 0 | 0 | 11 |" in format_page([("city", evidence)], "here")
 
 
@@ -246,7 +246,7 @@ def test_invalid_input_of_all_parts_is_refused_without_output(harness, monkeypat
     assert not Path("out").exists()
 
 
-def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkeypatch):
+def test_study_without_findings_measured_nothing(harness, monkeypatch):
     monkeypatch.setattr("harness.commands.study_all._measure_validation", _refused)
     monkeypatch.setattr("harness.commands.study_all._measure_gains", _measured_nothing)
     code, _, err = harness("study", "all", "city", "--out", "out")
@@ -256,8 +256,8 @@ def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkey
     assert Path("out/findings.md").exists()
 
 
-def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch):
-    """The gains of a run some of whose cases failed are those of the others."""
+def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
+    """The gains of a run with failed cases are those of the measured cases."""
     monkeypatch.setattr("harness.commands.study_all._measure_validation", lambda *_: None)
     monkeypatch.setattr("harness.commands.outcome.finish", _failed_in_part)
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
@@ -267,10 +267,10 @@ def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch
         "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
     )
     exact = _with_exact_a(correlations(**USUAL))
-    found = evidence(
-        exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
+    tables = evidence(
+        exact, compared(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
-    monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: found)
+    monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
     assert "error: 3 of 4 parts of the study are incomplete" in err

@@ -1,4 +1,4 @@
-"""Studies end to end on the exact CPU rasterisers, where the right answers are known."""
+"""Studies end to end on the exact CPU rasterisers, with known results."""
 
 from pathlib import Path
 
@@ -24,12 +24,12 @@ from tests.records import lines_of, make_record
 
 def test_polygons_are_simple_and_of_all_sizes():
     city = load("city")
-    chosen = choose_polygons(city, StudySize(polygons=12))
-    sizes = [len(part.polygons[0].exterior.coords) - 1 for _, part in chosen]
+    polygons_chosen = choose_polygons(city, StudySize(polygons=12))
+    sizes = [len(part.polygons[0].exterior.coords) - 1 for _, part in polygons_chosen]
     assert sizes == sorted(sizes)
     assert sizes[0] >= 8
     assert sizes[-1] >= 30
-    for number, part in chosen:
+    for number, part in polygons_chosen:
         assert part.polygons == [city.polygons[number]]
         assert not part.polygons[0].interiors
 
@@ -37,15 +37,17 @@ def test_polygons_are_simple_and_of_all_sizes():
 def test_triangulations_are_sampled_broadly():
     city = load("city:buildings=80")
     polygon = choose_polygons(city, StudySize(polygons=3))[1][1].polygons[0]
-    names = [str(each) for each in choose_triangulators(StudySize(random=30), polygon)]
+    names = [
+        str(triangulator) for triangulator in choose_triangulators(StudySize(random=30), polygon)
+    ]
     assert {"ear-clipping", "delaunay", "optimal:overdraw", "worst:half-perimeter"} <= set(names)
     assert sum(name.startswith("random#") for name in names) == 30
     assert len(set(names)) == len(names)
 
 
-def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
-    chosen = choose_triangulators(StudySize(random=30), load("paper").polygons[0])
-    names = [str(each) for each in chosen]
+def test_all_triangulations_of_a_small_polygon_are_listed():
+    triangulators = choose_triangulators(StudySize(random=30), load("paper").polygons[0])
+    names = [str(triangulator) for triangulator in triangulators]
     assert sum(name.startswith("listed#") for name in names) == 47
     assert not any(name.startswith("random") for name in names)
 
@@ -55,7 +57,7 @@ def test_a_scene_without_simple_polygons_is_refused():
         choose_polygons(load("city:buildings=5"), StudySize(most_vertices=3))
 
 
-def test_two_folders_are_one_too_many(harness):
+def test_out_and_resume_are_mutually_exclusive(harness):
     assert_refused(
         harness("study", "validate", "--scene", "paper", "--out", "a", "--resume", "b"),
         "--out",
@@ -65,7 +67,7 @@ def test_two_folders_are_one_too_many(harness):
 
 @pytest.mark.usefixtures("no_plots")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
-def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
+def test_stopped_study_is_reported_and_resumed(harness, command, monkeypatch):
     monkeypatch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
     arguments = (
         "study",
@@ -93,12 +95,23 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
 
 @pytest.mark.usefixtures("no_plots", "in_process")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
-def test_a_case_that_fails_is_told_at_the_end_and_by_the_exit_code(harness, command, monkeypatch):
+def test_failed_case_is_reported_with_the_exit_code(harness, command, monkeypatch):
     monkeypatch.setenv("MOCK_FAULT", "count:raise")  # for an odd number of triangles: seven here
-    few = parse_all(["delaunay", "optimal:overdraw", "optimal:half-perimeter", "worst:overdraw"])
-    monkeypatch.setattr("harness.study.subjects.choose_triangulators", lambda *_: few)
-    both = "reference,tests.mock:MockRasteriser"
-    arguments = ("study", command, "--scene", "paper", "--rasterisers", both, "--budget", "0.001")
+    triangulators = parse_all(
+        ["delaunay", "optimal:overdraw", "optimal:half-perimeter", "worst:overdraw"]
+    )
+    monkeypatch.setattr("harness.study.subjects.choose_triangulators", lambda *_: triangulators)
+    rasterisers = "reference,tests.mock:MockRasteriser"
+    arguments = (
+        "study",
+        command,
+        "--scene",
+        "paper",
+        "--rasterisers",
+        rasterisers,
+        "--budget",
+        "0.001",
+    )
     code, _, err = harness(*arguments, "--out", "out")
     assert code == 5
     assert "cases failed" in err.splitlines()[-1]
@@ -113,7 +126,7 @@ def test_a_study_of_a_file_has_both_names():
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A small study of the city's polygons on the CPU reference."""
+    """Run a small study of the city's polygons on the CPU reference."""
     folder = tmp_path_factory.mktemp("study") / "out"
     arguments = ["study", "validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
@@ -144,7 +157,7 @@ def test_a_is_exact_for_box_tests_and_h_is_not(study):
     assert np.isnan(cells["reference", "complexity", "helper_lanes"])
 
 
-def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
+def test_study_has_a_record_per_triangulation_and_plots(study):
     stored = read_run(study)
     assert stored.problems == []
     assert {record["status"] for record in lines_of(stored)} <= {"ok", "skipped"}
@@ -154,13 +167,13 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
     assert (study / "criteria.md").read_text().count("| half-perimeter |") == 4
 
 
-def test_the_same_triangulation_by_two_names_counts_once(study):
+def test_equal_triangulations_count_once(study):
     records = list(read_run(study).records)
     table = make_measure_table(records)
     twin = [record.with_id(triangulator="twin") for record in records]
-    again = make_measure_table([*records, *twin])
-    assert len(again) == len(table)
-    pd.testing.assert_frame_equal(correlate(again), correlate(table))
+    with_twin = make_measure_table([*records, *twin])
+    assert len(with_twin) == len(table)
+    pd.testing.assert_frame_equal(correlate(with_twin), correlate(table))
 
 
 def test_all_triangulations_of_the_papers_polygon_are_listed(harness, tmp_path):
@@ -179,10 +192,8 @@ def test_all_triangulations_of_the_papers_polygon_are_listed(harness, tmp_path):
 
 def test_the_expected_quads_rank_better_than_the_half_perimeter(study):
     table = pd.read_csv(study / "correlations.csv")
-    wanted = (table["rasteriser"] == "reference") & (table["measure"] == "helper_lanes")
-    cells = table[wanted & (table["statistic"] == "spearman_within")].set_index("criterion")[
-        "value"
-    ]
+    mask = (table["rasteriser"] == "reference") & (table["measure"] == "helper_lanes")
+    cells = table[mask & (table["statistic"] == "spearman_within")].set_index("criterion")["value"]
     assert cells["expected-quads"] > 0.98
     assert cells["expected-quads"] > cells["half-perimeter"] > cells["overdraw"]
 
@@ -193,9 +204,9 @@ def test_correlations_of_each_resolution(study):
     twice = pd.concat([table, table.assign(resolution=64)])
     sizes = correlate_by_resolution(twice)
     assert set(sizes["resolution"]) == {64, 512}
-    once = correlate(table)
-    again = sizes[sizes["resolution"] == 512].drop(columns="resolution").reset_index(drop=True)
-    pd.testing.assert_frame_equal(again, once)
+    of_one_size = correlate(table)
+    of_512 = sizes[sizes["resolution"] == 512].drop(columns="resolution").reset_index(drop=True)
+    pd.testing.assert_frame_equal(of_512, of_one_size)
 
 
 def scripted(name: str, seconds: list[float], quads: int = 5) -> Record:
@@ -208,7 +219,7 @@ def scripted(name: str, seconds: list[float], quads: int = 5) -> Record:
     )
 
 
-def test_two_runs_agree_where_both_decide(monkeypatch):
+def test_agreement_is_computed_over_decided_pairs(monkeypatch):
     monkeypatch.setattr("scripts.repeated_runs.drop_equal_triangulations", list)
     steady = [1.0] * 12
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
