@@ -186,6 +186,11 @@ def load(
         and `project` (see `scenes.files.read`), or, as map tiles, `zoom`, `layers`, `tiles` and
         `pixels` (see `scenes.tiles.read`).
 
+    Returns
+    -------
+    Scene
+        Valid polygons with a name and a unit.
+
     Raises
     ------
     UnknownSceneError

@@ -41,15 +41,24 @@ LEAST = "least"
 class Metric:
     """A metric of a record.
 
-    name : key, and column in files
-    label, symbol, unit : for tables and plots; a ratio's unit is "x"
-    function : record -> value, or None if the record has none
-    kind : "counter", "ratio" of exact metrics, "prediction", "time", or another "count"
-    better : "lower" or "higher" is better, or "none"
-    best_case : bound for all triangulations, or None if the bound depends on the scene
-    heading : heading in the terminal's table, or "" for a metric that is not in the table
-    form : format string for the table
-    gated : True if `compare` gates the metric; a driver's statistics are not exact
+    Parameters
+    ----------
+    name : str
+        key, and column in files
+    label, unit, symbol, description : str
+        texts of tables and plots; a ratio's unit is "x"
+    function : callable
+        record -> value, or None if the record has none
+    kind : {"counter", "ratio", "prediction", "time", "count"}
+        "ratio" is one of exact metrics, "count" another exact number
+    better : {"lower", "higher", "none"}
+        better direction
+    best_case : float, optional
+        bound for all triangulations; by default the bound depends on the scene
+    heading, form : str
+        heading and format string in the terminal's table; "" omits the metric
+    gated : bool
+        whether `compare` gates the metric; a driver's statistics are not exact
     """
 
     name: str

@@ -53,7 +53,20 @@ def write(writer: RunFolder, frame: Frame, triangles: Mapping[str, NDArray[np.in
 
 
 def read(run: Run, view: View) -> Geometry | None:
-    """Return the stored geometry of `view`, or None if there is none."""
+    """Return the polygons of a view and their triangulations.
+
+    Parameters
+    ----------
+    run : Run
+        a run read from a folder
+    view : View
+        a view of the run's plan
+
+    Returns
+    -------
+    Geometry or None
+        None if the geometry is not stored, or damaged
+    """
     arrays = read_arrays(run, view_name(view), FOLDER)
     if arrays is None or not {*_COLUMNS} <= set(arrays):
         return None

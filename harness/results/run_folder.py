@@ -259,9 +259,18 @@ class RunFolder:
 
 
 def read_run(path: Path) -> Run:
-    """Read the run folder at `path`, or a single `cases.jsonl` file.
+    """Read a run.
 
-    Invalid records and parts of `run.json` are skipped, with a problem each.
+    Parameters
+    ----------
+    path : Path
+        a run folder, or a single `cases.jsonl` file
+
+    Returns
+    -------
+    Run
+        the valid records and facts; `problems` has a line for each invalid record or part of
+        `run.json`
 
     Raises
     ------
@@ -407,7 +416,23 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
 
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
-    """Return the per-polygon columns of the case `key`, or None if missing, damaged or modified."""
+    """Return the arrays stored for a case.
+
+    Parameters
+    ----------
+    run : Run
+        a run read from a folder
+    key : str
+        key of the case (`Record.key`)
+    folder : str
+        subfolder of the run
+
+    Returns
+    -------
+    dict of str to array, or None
+        by default counters and predictions per polygon, (p,); None if the file is missing, damaged
+        or was modified after the run
+    """
     name = f"{folder}/{key}.npz"
     if name in run.modified:
         return None
