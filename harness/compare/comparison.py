@@ -50,20 +50,20 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     Parameters
     ----------
     base, head : Run
-        the runs before and after the change
+        The runs before and after the change.
     settings : Settings, optional
-        thresholds and gates; by default those of `Settings`
+        Thresholds and gates; by default those of `Settings`.
 
     Returns
     -------
     Comparison
-        verdict, changes of counters and times of each case, drift of each group
+        Verdict, changes of counters and times of each case, drift of each group.
 
     Raises
     ------
     InputError
-        if a run is truncated, the devices differ without `settings.across_devices`, or neither run
-        has the metric of a threshold
+        If a run is truncated, the devices differ without `settings.across_devices`, or neither run
+        has the metric of a threshold.
     """
     settings = settings or Settings()
     for run in (base, head):

@@ -44,21 +44,21 @@ class Metric:
     Parameters
     ----------
     name : str
-        key, and column in files
+        Key, and column in files.
     label, unit, symbol, description : str
-        texts of tables and plots; a ratio's unit is "x"
+        Texts of tables and plots; a ratio's unit is "x".
     function : callable
-        record -> value, or None if the record has none
+        Record -> value, or None if the record has none.
     kind : {"counter", "ratio", "prediction", "time", "count"}
-        "ratio" is one of exact metrics, "count" another exact number
+        "ratio" is one of exact metrics, "count" another exact number.
     better : {"lower", "higher", "none"}
-        better direction
+        Better direction.
     best_case : float, optional
-        bound for all triangulations; by default the bound depends on the scene
+        Bound for all triangulations; by default the bound depends on the scene.
     heading, form : str
-        heading and format string in the terminal's table; "" omits the metric
+        Heading and format string in the terminal's table; "" omits the metric.
     gated : bool
-        whether `compare` gates the metric; a driver's statistics are not exact
+        Whether `compare` gates the metric; a driver's statistics are not exact.
     """
 
     name: str

@@ -58,14 +58,14 @@ def read(run: Run, view: View) -> Geometry | None:
     Parameters
     ----------
     run : Run
-        a run read from a folder
+        A run read from a folder.
     view : View
-        a view of the run's plan
+        A view of the run's plan.
 
     Returns
     -------
     Geometry or None
-        None if the geometry is not stored, or damaged
+        None if the geometry is not stored, or damaged.
     """
     arrays = read_arrays(run, view_name(view), FOLDER)
     if arrays is None or not {*_COLUMNS} <= set(arrays):

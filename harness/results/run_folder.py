@@ -264,18 +264,18 @@ def read_run(path: Path) -> Run:
     Parameters
     ----------
     path : Path
-        a run folder, or a single `cases.jsonl` file
+        A run folder, or a single `cases.jsonl` file.
 
     Returns
     -------
     Run
-        the valid records and facts; `problems` has a line for each invalid record or part of
-        `run.json`
+        The valid records and facts; `problems` has a line for each invalid record or part of
+        `run.json`.
 
     Raises
     ------
     InputError
-        if the path has no run, or the schema is newer
+        If the path has no run, or the schema is newer.
     """
     cases = path / CASES if path.is_dir() else path
     if not cases.exists() and not cases.with_name(FACTS).exists():
@@ -421,17 +421,17 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
     Parameters
     ----------
     run : Run
-        a run read from a folder
+        A run read from a folder.
     key : str
-        key of the case (`Record.key`)
+        Key of the case (`Record.key`).
     folder : str
-        subfolder of the run
+        Subfolder of the run.
 
     Returns
     -------
     dict of str to array, or None
-        by default counters and predictions per polygon, (p,); None if the file is missing, damaged
-        or was modified after the run
+        By default counters and predictions per polygon, (p,); None if the file is missing, damaged
+        or was modified after the run.
     """
     name = f"{folder}/{key}.npz"
     if name in run.modified:

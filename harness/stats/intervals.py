@@ -219,24 +219,24 @@ def paired_ratio(
     Parameters
     ----------
     samples, base : sequence of float
-        seconds per draw, (r,); element r of both is from round r
+        Seconds per draw, (r,); element r of both is from round r.
     epochs, processes : sequence of int, optional
-        number of rounds of each epoch and of each process, in order
+        Number of rounds of each epoch and of each process, in order.
     mask : (r,) array of bool, optional
-        rounds to use; by default all
+        Rounds to use; by default all.
     candidates : int, optional
-        number of ratios from which this one is selected by its value; the interval is simultaneous
-        for all of them by Sidak's inequality, which is exact for independent ratios
+        Number of ratios from which this one is selected by its value; the interval is simultaneous
+        for all of them by Sidak's inequality, which is exact for independent ratios.
 
     Returns
     -------
     Ratio
-        the ratio of `samples` to `base`
+        The ratio of `samples` to `base`.
 
     Raises
     ------
     ValueError
-        if the numbers of rounds differ, or are 0
+        If the numbers of rounds differ, or are 0.
 
     Examples
     --------

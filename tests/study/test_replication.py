@@ -238,7 +238,7 @@ def _measured_nothing(*_: object, **__: object) -> None:
 
 
 def test_invalid_input_of_all_parts_is_refused_without_output(harness, monkeypatch):
-    for name in ("_validate", "_measure_gains"):
+    for name in ("_measure_validation", "_measure_gains"):
         monkeypatch.setattr(f"harness.commands.study_all.{name}", _refused)
     assert_refused(
         harness("study", "all", "city", "--out", "out"), "error: no polygon without holes"
