@@ -23,8 +23,10 @@ from harness.errors import UsageError
 from harness.frame import View, frame_of
 from harness.metrics.decision import MIN_PIXELS, MIN_SAVED_SHARE
 from harness.profile.counted import TERMS, count_triangles, design_of
-from harness.profile.law import Law
+from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
 from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
+from harness.rasterisers.base import Options, order_submission
+from harness.rasterisers.vertex_batches import count_vertices
 from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_grid, make_plain_table
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
@@ -49,6 +51,7 @@ class DeviceCosts:
     """A device's law, from a profile.
 
     costs : seconds for each of `counted.TERMS`, (t,)
+    form : one of `law.FORMS`
     law : the law with its covariance, or None if the profile stores no times
     origin : the device and processor on which the profile was measured
     is_here : True if this machine has the device and processor
@@ -56,9 +59,15 @@ class DeviceCosts:
 
     name: str
     costs: NDArray[np.float64]
+    form: str = "sum"
     law: Law | None = None
     origin: str = ""
     is_here: bool = True
+
+    @property
+    def stages(self) -> list[str]:
+        """The names of its stages."""
+        return list(FORMS[self.form])
 
 
 COUNTED = (
@@ -74,8 +83,17 @@ COUNTED = (
 
 Cost = dict[str, Any]
 """Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; `draw`, the
-modelled draw time in seconds; and `saved_95`, the 95 % interval of the saved share of the base's
-draw time. The last two are None without a device."""
+modelled draw time in seconds, and `draw_walk`, that in the order of a walk; `stage`, which of the
+device's stages is slowest; and `saved_95`, the 95 % interval of the saved share of the base's draw
+time. All from `draw` on are None without a device."""
+
+REMEDIES = {
+    "triangles": "fewer covering triangles",
+    "pixels": "fewer quads",
+    "triangles and pixels": "fewer covering triangles and quads",
+}
+"""What shortens a stage that depends on the triangulation; that of vertices depends on the order
+of triangles."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +175,7 @@ class Sizes:
             "matters_at": [size.resolution for size in self.sizes if size.matters],
             "matters_share": MIN_SAVED_SHARE,
             "sentence": summarise(self),
+            "stages": list(list_stages(self)),
             "recommended": self.recommended,
             "next": format_next_step(self),
         }
@@ -186,7 +205,7 @@ def _make_costs(profile: Any) -> DeviceCosts:
     device, law = profile["device"], read_law(profile)
     seconds = np.array([costs[term] for term in TERMS])
     origin = origin_of(device), is_of_this_machine(device)
-    return DeviceCosts(str(device["name"]), seconds, law, *origin)
+    return DeviceCosts(str(device["name"]), seconds, profile["form"], law, *origin)
 
 
 def count_size(
@@ -208,10 +227,13 @@ def count_size(
     if sum(seconds) < MIN_TIMED_S:
         rounds = time_in_rounds(recipes, frame.polygons, TIMED_ROUNDS, 0)
         seconds = [min(samples) for samples in rounds]
-    counters = []
+    counters, walk = [], Options(order="walk")
     for result in results.values():
         parts = [part if ok else None for part, ok in zip(result.parts, drawn, strict=True)]
-        counters.append(count_triangles(frame, frame.join(parts)))
+        triangles = frame.join(parts)
+        walked = count_vertices(frame, order_submission(frame, triangles, walk))
+        counts = count_triangles(frame, triangles)
+        counters.append(counts | {f"{name}_walk": value for name, value in walked.items()})
     costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
     polygon_px = float(np.median((high - low)[drawn].max(axis=1)))
@@ -225,14 +247,21 @@ def _list_costs(
     """Return the cost of each triangulator from counters and seconds, the base first."""
     costs: list[Cost] = [
         {name: counts[name] for name in COUNTED}
-        | {"triangulate_s": cpu_s, "draw": None, "saved_95": None}
+        | {"triangulate_s": cpu_s}
+        | dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))
         for counts, cpu_s in zip(counters, seconds, strict=True)
     ]
     if device is not None:
         design = design_of(counters)
-        for cost, row in zip(costs, design, strict=True):
-            cost["draw"] = float(row @ device.costs)
-            if device.law is not None and design[0] @ device.costs > 0:
+        walked = design_of(
+            [counts | {n: counts[f"{n}_walk"] for n in VERTICES} for counts in counters]
+        )
+        times = compute_stage_times(design, device.costs, device.form)
+        walk_times = compute_stage_times(walked, device.costs, device.form)
+        for cost, row, draw, walk in zip(costs, design, times, walk_times, strict=True):
+            cost["draw"], cost["draw_walk"] = float(draw.max()), float(walk.max())
+            cost["stage"] = device.stages[int(draw.argmax())]
+            if device.law is not None and times[0].max() > 0:
                 cost["saved_95"] = device.law.saved_interval(row, design[0], device.costs)
     return costs
 
@@ -264,6 +293,24 @@ def summarise(sizes: Sizes) -> str:
         draws = math.ceil(more / (base_cost["draw"] - cost["draw"]))
         text += f"; break-even after {format_count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
+
+
+def list_stages(sizes: Sizes) -> Iterator[str]:
+    """Yield for each size the base's slowest stage, if the device has several, and its remedy."""
+    if sizes.device is None or len(sizes.device.stages) == 1:
+        return
+    for size in sizes.sizes:
+        base, cost = next(iter(size.costs.items()))
+        best = max(size.saved, key=lambda name: size.saved[name])
+        text = f"At {size.resolution} px {base} is bound by {cost['stage']}: "
+        if cost["stage"] in REMEDIES:
+            saving = f"use {best}, which saves {_format_saving(size, best)}"
+            text += f"{REMEDIES[cost['stage']]}; {saving if best != base else f'keep {base}'}"
+        else:
+            walk = 1.0 - cost["draw_walk"] / cost["draw"]
+            saving = f"use --order walk, which saves {walk:.1%}"
+            text += f"the order of triangles decides; {saving if walk > 0 else 'keep its order'}"
+        yield f"{text}."
 
 
 def _format_saving(size: Size, name: str) -> str:

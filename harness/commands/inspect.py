@@ -24,6 +24,9 @@ PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
 SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
 """Default triangulators of the picture, and of --sizes, whose base is the first."""
 
+SHAPE_OPTIMUM = "optimal:expected-quads"
+"""Further default triangulator of --sizes with a profile: it has the fewest covering triangles."""
+
 
 def _parse_sizes(text: str) -> options.ValueList:
     """Parse 16-1024 as 16, 32, ... 1024: doubling sizes, and the last size."""
@@ -112,6 +115,8 @@ def inspect(
             reason = "requires" if sizes is None else "cannot be combined with"
             raise UsageError(f"--{name.removeprefix('as_')} {reason} --sizes")
     default = PICTURE_TRIANGULATORS if sizes is None else SIZES_TRIANGULATORS
+    if profile is not None:
+        default = (*default, SHAPE_OPTIMUM)
     recipes = parse_all(triangulator or default, seed=seed)
     options.refuse_own_source(scene, out)
     scene = join_name(scene, layer=layer, where=where)
@@ -210,7 +215,8 @@ def _compare_sizes(
         typer.echo(json.dumps(sizes.to_json(), indent=2, allow_nan=False))
         return
     Screen(highlight=False).print(*viewport_sizes.make_tables(sizes), sep="\n\n")
-    typer.echo(viewport_sizes.summarise(sizes))
+    for line in (viewport_sizes.summarise(sizes), *viewport_sizes.list_stages(sizes)):
+        typer.echo(line)
     typer.echo(viewport_sizes.format_next_step(sizes))
     if file:
         typer.echo(f"chart: {file}")

@@ -25,7 +25,6 @@ from harness.profile.design import DESIGN, make_draws, snap
 from harness.profile.draw import Draw
 from harness.profile.law import COSTS, cost_rows
 from harness.profile.profile import select_fitted
-from harness.profile.report import SUM_SENTENCES
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
@@ -100,7 +99,7 @@ class GridContent(TypedDict):
 
 
 class GroupsContent(TypedDict):
-    """Positions of draws, and the group and the fold of each draw."""
+    """Positions of draws, their groups and folds, and quantiles of intervals."""
 
     places: list[int]
     labels: list[int]
@@ -121,7 +120,8 @@ class ProfileContent(TypedDict):
     fitted: GroupsContent
     plain: GroupsContent
     terms: dict[str, dict[str, Any]]
-    sums: dict[str, dict[str, Any]]
+    forms: dict[str, dict[str, tuple[str, ...]]]
+    vertices: tuple[str, ...]
     in_px: Any
     costs: Any
     base: str
@@ -244,10 +244,8 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "fitted": _make_groups(draws, fitted),
         "plain": _make_groups(draws, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
-        "sums": {
-            name: {"weights": [parts.get(term, 0) for term in TERMS], "words": SUM_SENTENCES[name]}
-            for name, parts in law.SUMS.items()
-        },
+        "forms": law.FORMS,
+        "vertices": law.VERTICES,
         "in_px": PX_TERMS,
         "costs": COSTS,
         "base": BASE,
@@ -273,8 +271,9 @@ def make_grid(draws: Sequence[Draw]) -> GridContent:
 
 def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
     """Return the groups and folds of the draws at `positions`."""
-    labels = np.unique([draws[position].group for position in positions], return_inverse=True)[1]
-    folds = law.assign_folds(labels, SEED).tolist()
+    groups = [draws[position].group for position in positions]
+    labels = np.unique(groups, return_inverse=True)[1]
+    folds = law.assign_folds(groups).tolist()
     reach = [
         law.student_quantile(int(labels.max()) + 1, confidence)
         for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)

@@ -19,7 +19,7 @@ from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN
 from harness.profile.draw import Draw
-from harness.profile.law import solve
+from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import check_profile, profile, select_fitted
 from harness.stats.intervals import MIN_EPOCHS
@@ -47,6 +47,7 @@ class _Draw(Part):
 
 
 class _Law(Part):
+    form: Annotated[str, StringConstraints(max_length=50)]
     seconds: dict[Annotated[str, StringConstraints(max_length=50)], Share]
     r2_over: Finite
     r2_within: Finite
@@ -144,13 +145,14 @@ def _check_law(
     """Raise InputError unless the page's law and a fit to its times agree for each draw."""
     if result.law is None:
         return
-    if list(result.law.seconds) != list(TERMS):
+    if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
         raise InputError(f"{file}: the law has different terms")
-    rows = design_of(exact)
+    rows, form = design_of(exact), result.law.form
     fitted, _ = select_fitted(draws)
-    seconds = solve(rows[fitted], measurement.times[fitted], [draws[n].group for n in fitted])
-    shown = rows @ np.array(list(result.law.seconds.values()))
-    if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LAW_TOLERANCE).any():
+    labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
+    costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)
+    shown = predict_times(rows, np.array(list(result.law.seconds.values())), form)
+    if (np.abs(shown / predict_times(rows, costs, form) - 1.0) > LAW_TOLERANCE).any():
         raise InputError(f"{file}: the law does not follow from the times")
 
 

@@ -11,7 +11,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.profile.counted import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS
 from harness.profile.draw import Draw
-from harness.profile.law import COSTS, Law
+from harness.profile.law import COSTS
 from harness.profile.measured import Measured
 from harness.stats.intervals import mean_interval, student_interval
 from harness.study.subjects import sample_evenly
@@ -117,17 +117,14 @@ def predict_terms(
 
 
 def compare_aspects(
-    draws: Sequence[Draw], design: Design, measured: Measured, law: Law
+    draws: Sequence[Draw], design: Design, measured: Measured
 ) -> list[dict[str, Any]]:
     """Return for each area of the design the cost of thin triangles, JSON-ready.
 
     area : px^2; aspects : base / height
     ratios, low, high : time relative to aspect 1, without the empty draw's, mean over the angles
     lanes : shaded lanes relative to aspect 1
-    lanes_alone : `ratios` if helper lanes were the only term that changes and costs time
     doubled_at : aspect at which the ratio is 2, with its interval, or None if it stays below
-    shares : share of each term of the law in the extra time of the thinnest triangles, with its
-        interval
     """
     results = []
     lane, pixel = (list(TERMS).index(name) for name in ("helper_lanes", "fragments"))
@@ -142,9 +139,7 @@ def compare_aspects(
         ratios = net / net[:, :1]
         ends = np.exp([student_interval(column) for column in np.log(ratios.T)])
         counts = np.stack([design[row].mean(axis=0) for row in rows])
-        seconds = np.exp(np.log(net).mean(axis=0))
         shaded = counts[:, pixel] + counts[:, lane]
-        more = counts[:, lane] - counts[0, lane]
         results.append(
             {
                 "area": area,
@@ -153,9 +148,7 @@ def compare_aspects(
                 "low": ends[:, 1].tolist(),
                 "high": ends[:, 2].tolist(),
                 "lanes": (shaded / shaded[0]).tolist(),
-                "lanes_alone": (1.0 + law.costs[lane] * more / seconds[0]).tolist(),
                 "doubled_at": _interpolate_doubling(ratios),
-                "shares": _shares(counts[-1] - counts[0], float(seconds[-1] - seconds[0]), law),
             }
         )
     return results
@@ -175,14 +168,3 @@ def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
         ends = slice(over[0] - 1, over[0] + 1)
         aspects.append(np.interp(1.0, logs[ends], steps[ends]))
     return [float(2.0**end) for end in student_interval(np.array(aspects))]
-
-
-def _shares(more: NDArray[np.float64], seconds: float, law: Law) -> Mapping[str, list[float]]:
-    """Return the share of each term in `seconds`, with its interval, largest first."""
-    if seconds <= 0:
-        return {}
-    value = more * law.costs / seconds
-    ends = np.sort(more[:, None] * law.intervals / seconds, axis=1)
-    order = np.argsort(-value)
-    names = list(TERMS)
-    return {names[n]: [float(value[n]), *ends[n].tolist()] for n in order if abs(value[n]) > 1e-6}

@@ -35,7 +35,11 @@ TERMS = {
     "covering": Term(
         "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
     ),
-    "vertices": Term("A vertex costs {}.", "vertices"),
+    "tile_pairs": Term(
+        "Each tile of 16x16 pixels that it overlaps costs {}.", "16x16 tiles of covering triangles"
+    ),
+    "transformed_vertices": Term("A transformed vertex costs {}.", "transformed vertices"),
+    "vertex_batches": Term("A vertex batch costs {}.", "vertex batches"),
     "fragments": Term("A pixel that a triangle covers costs {}.", "covered pixels"),
     "helper_lanes": Term("A helper lane costs {}.", "helper lanes"),
     "half_perimeter": Term("Each pixel of its box's width and height costs {}.", "half-perimeter"),
@@ -78,7 +82,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
         touched by triangles whose box is wider or higher than that
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, except the first of each
-    tile_pairs : pairs of a covering triangle and a tile of 32 px that it overlaps
+    tile_pairs : pairs of a covering triangle and a tile of 16 px that it overlaps, as on an H200
     vertex_batches, transformed_vertices : see `harness.rasterisers.vertex_batches`
     work : rounds of arithmetic in all lanes
     """
@@ -105,7 +109,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
         "rows": int(np.maximum(last - first + 1, 0).sum()),
         "coarse_blocks": int(counts["blocks"][(sides > limit).any(axis=1)].sum()),
         "further_tiles": int(np.maximum(tiles["tiles_64_exact"] - 1, 0).sum()),
-        "tile_pairs": int(tiles["tiles_32_exact"][covering].sum()),
+        "tile_pairs": int(tiles["tiles_16_exact"][covering].sum()),
         **count_vertices(frame, triangles),
         "work": 4 * sums["quads"] * work,
     }

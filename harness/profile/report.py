@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +11,16 @@ import numpy as np
 
 from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
-from harness.profile.counted import COARSE, TERMS
+from harness.profile.counted import TERMS
 from harness.profile.profile import origin_of
-from harness.style import COLOURS, draw_figure, legend_below, make_panels, make_plain_table
+from harness.style import (
+    COLOURS,
+    draw_figure,
+    format_count,
+    legend_below,
+    make_panels,
+    make_plain_table,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,16 +32,8 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))
 ZERO_S = 1e-16
 """Times below this are round-off errors of 0."""
 
-MIN_NAMED_SHARE = 0.05
-"""Terms with a smaller share of the extra time of thin triangles are not named."""
-
 REQUIRED_TERMS = ("draw", "triangles", "helper_lanes")
 """Terms with a column in the table of devices even if they are significant on no device."""
-
-SUM_SENTENCES = {
-    "triangle": "A triangle that covers a pixel, with three unshared vertices, costs",
-    "walk": f"Each of the first {COARSE} pixels of a box's width and height costs",
-}
 
 
 def format_seconds(value: float) -> str:
@@ -56,15 +55,28 @@ def format_sentences(profile: Mapping[str, Any]) -> list[str]:
 
 def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
     yield f"On {origin_of(profile['device'])}:"
-    for term in profile["terms"]:
+    terms = {term["name"]: term for term in profile["terms"]}
+    stages = profile["stages"]
+    yield from _format_costs([terms["draw"]])
+    if len(stages) > 1:
+        names = join_names([stage["name"] for stage in stages])
+        yield f"A draw takes the time of the slowest of {len(stages)} stages: {names}."
+    for stage in stages:
+        if len(stages) > 1:
+            yield f"Stage {stage['name']}, the slowest in {format_count(stage['draws'], 'draw')}:"
+        yield from _format_costs([terms[name] for name in stage["terms"]])
+    counting = ["draw", *(name for stage in stages for name in stage["terms"])]
+    for known, text in ((True, "No significant cost"), (False, "Unknown, as no draws separate")):
+        others = [n for n in counting if not terms[n]["shown"] and terms[n]["known"] == known]
+        if others:
+            yield f"{text}: {join_names([TERMS[name].noun for name in others])}."
+
+
+def _format_costs(terms: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a sentence for each significant term."""
+    for term in terms:
         if term["shown"]:
             yield TERMS[term["name"]].sentence.format(format_seconds(term["cost"]))
-    for term in profile["sums"]:
-        if term["shown"]:
-            yield f"{SUM_SENTENCES[term['name']]} {_format_cost(term)} in all."
-    free = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
-    if free:
-        yield f"No significant cost: {join_names(free)}."
 
 
 def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -78,13 +90,6 @@ def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
             at, low, high = area["doubled_at"]
             text += f"; twice as long from {at:.0f}:1 on ({low:.0f} to {high:.0f})"
         yield f"{text}."
-        causes = [
-            f"{value:.0%} ({low:.0%} to {high:.0%}) are {TERMS[name].noun}"
-            for name, (value, low, high) in area["shares"].items()
-            if value >= MIN_NAMED_SHARE
-        ]
-        if ratio > 1.0 + MIN_NAMED_SHARE and causes:
-            yield f"Of the extra time, {join_names(causes)}."
 
 
 def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -107,16 +112,20 @@ def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
 
 def make_table(profile: Mapping[str, Any]) -> Table:
     """Return the table of terms with their intervals."""
+    errors = ", ".join(f"{form} {error:.1%}" for form, error in profile["errors"].items())
     table = make_plain_table(
-        f"R2 of log time of held-out draws: {profile['r2_over']:.3f} over all, "
-        f"{profile['r2_within']:.3f} within groups of a kind",
-        *("term", ">cost", ">95 % CI", "needed"),
+        f"Form: {profile['form']}. Mean error of held-out groups of draws: {errors}. "
+        f"R2 of their log time: {profile['r2_over']:.3f} over all, "
+        f"{profile['r2_within']:.3f} within groups",
+        *("term", "stage", ">cost", ">95 % CI"),
     )
-    for term in profile["terms"]:
-        ends = f"{format_seconds(term['low'])} to {format_seconds(term['high'])}"
-        cost = format_seconds(term["cost"]) if term["shown"] else "n.s."
-        needed = "yes" if term["name"] in profile["fewest"] else ""
-        table.add_row(TERMS[term["name"]].noun, cost, ends, needed)
+    terms = {term["name"]: term for term in profile["terms"]}
+    for stage in ({"name": "", "terms": ["draw"]}, *profile["stages"]):
+        for name in stage["terms"]:
+            term = terms[name]
+            ends = f"{format_seconds(term['low'])} to {format_seconds(term['high'])}"
+            cost = format_seconds(term["cost"]) if term["shown"] else "n.s."
+            table.add_row(TERMS[name].noun, stage["name"], cost, ends)
     return table
 
 
@@ -132,7 +141,7 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     }
     names = [name for name in TERMS if name in significant | {*REQUIRED_TERMS}]
     nouns = (TERMS[name].noun for name in names)
-    heads = ("device", *nouns, "twice as long from", "triangulate by")
+    heads = ("device", "form", "twice as long from", "triangulate by", *nouns)
     return heads, [_row(profile, names) for profile in profiles]
 
 
@@ -152,7 +161,7 @@ def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
     costs = (_format_cost(terms[name]) if terms[name]["shown"] else "-" for name in names)
-    return (f"{label}{cpu}", *costs, doubled, f"`{advice}`")
+    return (f"{label}{cpu}", profile["form"], doubled, f"`{advice}`", *costs)
 
 
 def _format_cost(term: Mapping[str, Any]) -> str:
@@ -174,8 +183,6 @@ def _figure(profile: Mapping[str, Any]) -> Figure:
         x, y = (np.array(area[name]) for name in ("aspects", "ratios"))
         error = np.abs(np.array([area["low"], area["high"]]) - y)
         panel.errorbar(x, y, error, color=COLOURS[0], marker="o", label="measured", capsize=2)
-        label = "if only helper lanes cost more"
-        panel.plot(x, area["lanes_alone"], color=COLOURS[1], linestyle="--", label=label)
         panel.plot(x, area["lanes"], color=COLOURS[2], linestyle="-.", label="lanes shaded")
         panel.axhline(2.0, color="#777777", linewidth=0.8, linestyle=":")
         panel.set_xscale("log", base=2)
@@ -185,5 +192,5 @@ def _figure(profile: Mapping[str, Any]) -> Figure:
         panel.set_xlabel("base / height")
         panel.set_title(f"{area['area']} px$^2$", fontsize=8)
     axes[0].set_ylabel("time of a triangle\nrelative to aspect 1:1")
-    legend_below(figure, axes, columns=3)
+    legend_below(figure, axes, columns=2)
     return figure

@@ -4,8 +4,9 @@
     PYTHONPATH=. python scripts/studies/laws.py OUT.csv --misfit
     PYTHONPATH=. python scripts/studies/laws.py OUT.csv --residuals PROFILE.json...
 
-The time of a draw on a device is the sum of costs times the exact counters of the design; about
-half of the terms cost nothing. The clock has a resolution of 0.1 ms, samples have noise, each
+The time of a draw on a device is the sum of costs times the exact counters of the design, or with
+--misfit for two thirds of the devices the maximum of stages; about half of the terms cost nothing.
+The clock has a resolution of 0.1 ms, samples have noise, each
 drawing is slightly faster or slower in each process, and the speed of the machine drifts. Rounds
 are those of `harness.measuring.timing`; `harness.profile` fits the law.
 
@@ -14,11 +15,12 @@ share of variance between groups (`MISFIT`, `SHARED`), and without noise, which 
 smaller. With --residuals, devices have the costs and residuals of a profile; the residuals of each
 group are multiplied by a random sign.
 
-Writes a row for each term: the number of devices on which the term has a cost, the share of these
-whose interval covers the cost, the number of devices without it, and the share of these without a
-false significant cost. The last row is for all terms: the share of costs covered, and the share of
-devices without any false cost. With --residuals, writes a row for each profile: the root mean
-square residual, the share of variance between groups, and the same two shares.
+Writes for each form of law a row for each term: the number of devices on which the term has a cost,
+the share of these whose interval covers the cost, the number of devices without it, and the share
+of these without a false significant cost. The last row is for all terms: the share of costs
+covered, and the shares of devices without any false cost, with the true form, and with a form of
+too many stages. With --residuals, writes a row for each profile: the root mean square residual, the
+share of variance between groups, and the same four shares.
 """
 
 import argparse
@@ -59,9 +61,10 @@ between groups; --residuals writes both."""
 
 
 class FittedDevice(NamedTuple):
-    """The true costs of a device in seconds, and the law fitted to its times."""
+    """The true costs of a device in seconds, its form of law, and the law fitted to its times."""
 
     truth: NDArray[np.float64]
+    form: str
     fitted: law.Law
 
 
@@ -137,27 +140,29 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
         speeds += clock.logs[-len(seconds) * sum(process[EMPTY].epochs) :]
     times = {name: Times.of_processes([process[name] for process in processes]) for name in seconds}
     profile_times = measured.normalise_times(times, names)
-    fitted = law.fit(layout.rows, profile_times.epochs, layout.groups, seed)
+    fitted = law.fit(layout.rows, profile_times.epochs, layout.groups)
     # The fitted costs refer to the mean speed of the machine in the rounds.
-    return FittedDevice(truth * float(np.exp(np.mean(speeds))), fitted)
+    return FittedDevice(truth * float(np.exp(np.mean(speeds))), "sum", fitted)
 
 
 def fit_misfitting_device(layout: Design, seed: int) -> FittedDevice:
-    """Make a device that deviates from the law, and fit a law to the exact times."""
+    """Make a device that deviates from a law of some form, and fit a law to the exact times."""
     random = np.random.default_rng(seed)
-    truth = draw_costs(layout, random)
+    form = list(law.FORMS)[seed % len(law.FORMS)]
+    truth = draw_costs(layout, random) * law.list_members(form).any(axis=0)
     labels = np.unique(layout.groups, return_inverse=True)[1]
     misfit, shared = random.uniform(*MISFIT), random.uniform(*SHARED)
     common = np.sqrt(shared) * random.standard_normal(labels.max() + 1)[labels]
     errors = misfit * (common + np.sqrt(1.0 - shared) * random.standard_normal(len(labels)))
-    times = layout.rows @ truth * np.maximum(1.0 + errors, 0.2)
-    return FittedDevice(truth, law.fit(layout.rows, times[None], layout.groups, seed))
+    times = law.predict_times(layout.rows, truth, form) * np.maximum(1.0 + errors, 0.2)
+    return FittedDevice(truth, form, law.fit(layout.rows, times[None], layout.groups))
 
 
 class Residuals(NamedTuple):
-    """The costs of a profile, (t,), and the relative residuals of its draws, (k,)."""
+    """The form and costs of a profile, (t,), and the relative residuals of its draws, (k,)."""
 
     layout: Design
+    form: str
     costs: NDArray[np.float64]
     errors: NDArray[np.float64]
 
@@ -180,21 +185,18 @@ def compute_residuals(profile: dict[str, Any]) -> Residuals:
         design_of([counters(draw) for draw in retained]), [draw.group for draw in retained]
     )
     times = np.array([np.log(stored_draws[index]["epochs"]).mean() for index in indices])
-    fitted_law = law.fit(layout.rows, np.exp(times)[None], layout.groups)
-    predicted = layout.rows @ fitted_law.costs
-    return Residuals(layout, fitted_law.costs, np.exp(times) / predicted - 1.0)
+    fitted = law.fit(layout.rows, np.exp(times)[None], layout.groups)
+    predicted = law.predict_times(layout.rows, fitted.costs, fitted.form)
+    return Residuals(layout, fitted.form, fitted.costs, np.exp(times) / predicted - 1.0)
 
 
 def fit_turned_device(residuals: Residuals, seed: int) -> FittedDevice:
     """Multiply the residuals of each group by a random sign, and fit a law to these times."""
-    labels = np.unique(residuals.layout.groups, return_inverse=True)[1]
+    layout, form, costs, errors = residuals
+    labels = np.unique(layout.groups, return_inverse=True)[1]
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), labels.max() + 1)[labels]
-    times = (
-        residuals.layout.rows @ residuals.costs * np.maximum(1.0 + signs * residuals.errors, 0.2)
-    )
-    return FittedDevice(
-        residuals.costs, law.fit(residuals.layout.rows, times[None], residuals.layout.groups, seed)
-    )
+    times = law.predict_times(layout.rows, costs, form) * np.maximum(1.0 + signs * errors, 0.2)
+    return FittedDevice(costs, form, law.fit(layout.rows, times[None], layout.groups))
 
 
 def group_variance_share(residuals: Residuals) -> float:
@@ -234,32 +236,35 @@ def main() -> None:
     seeds = range(options.first, options.first + options.devices)
     with options.out.open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
+        shares = ("covered", "no_false_cost", "true_form", "too_many_stages")
         if options.residuals:
-            table.writerow(("profile", "misfit", "shared", "devices", "covered", "no_false_cost"))
+            table.writerow(("profile", "misfit", "shared", "devices", *shares))
         else:
-            table.writerow(("term", "devices", "covered", "devices_without_cost", "no_false_cost"))
+            header = ("form", "term", "devices", "covered", "devices_without_cost")
+            table.writerow((*header, *shares[1:]))
         for profile in sorted(options.residuals or ()):
             residuals = compute_residuals(json.loads(profile.read_text()))
             misfit, shared = np.sqrt(np.mean(residuals.errors**2)), group_variance_share(residuals)
-            covered, no_false_cost = summarise_devices(
-                [fit_turned_device(residuals, number) for number in seeds]
-            )
-            shares = (f"{misfit:.3f}", f"{shared:.3f}", options.devices, covered, no_false_cost)
-            table.writerow((profile.stem, *shares))
+            devices = [fit_turned_device(residuals, number) for number in seeds]
+            spread = f"{misfit:.3f}", f"{shared:.3f}"
+            table.writerow((profile.stem, *spread, len(devices), *summarise_devices(devices)))
             file.flush()
         if not options.residuals:
             layout = make_design()
             fit = fit_misfitting_device if options.misfit else fit_device
             devices = [fit(layout, number) for number in seeds]
-            table.writerows(make_term_rows(devices))
-            covered, no_false_cost = summarise_devices(devices)
-            table.writerow(("all", len(devices), covered, len(devices), no_false_cost))
+            for form in law.FORMS:
+                same_form = [device for device in devices if device.form == form]
+                if same_form:
+                    table.writerows((form, *row) for row in make_term_rows(same_form))
 
 
 def make_term_rows(devices: Sequence[FittedDevice]) -> Iterator[tuple[object, ...]]:
-    """Yield a row for each term."""
+    """Yield a row for each term that has a cost on some device, and one for all terms."""
     for index, name in enumerate(TERMS):
         with_cost = [device for device in devices if device.truth[index] > 0]
+        if not with_cost:
+            continue
         covered = sum(
             bool(low <= device.truth[index] <= high)
             for device in with_cost
@@ -271,11 +276,16 @@ def make_term_rows(devices: Sequence[FittedDevice]) -> Iterator[tuple[object, ..
             f"{covered / len(with_cost):.3f}",
             f"{not_significant / len(without_cost):.3f}" if without_cost else "",
         )
-        yield name, len(with_cost), shares[0], len(without_cost), shares[1]
+        yield name, len(with_cost), shares[0], len(without_cost), shares[1], "", ""
+    covered_share, *shares_of_devices = summarise_devices(devices)
+    yield "all", len(devices), covered_share, len(devices), *shares_of_devices
 
 
-def summarise_devices(devices: Sequence[FittedDevice]) -> tuple[str, str]:
-    """Return the share of costs covered by intervals, and of devices without a false cost."""
+def summarise_devices(devices: Sequence[FittedDevice]) -> list[str]:
+    """Return shares: of costs covered by intervals, then of devices.
+
+    These are the devices without a false cost, with the true form, and with too many stages.
+    """
     covered = [
         float(np.mean((low <= device.truth) & (device.truth <= high), where=device.truth > 0))
         for device in devices
@@ -284,7 +294,10 @@ def summarise_devices(devices: Sequence[FittedDevice]) -> tuple[str, str]:
     no_false_cost = [
         not (device.fitted.significant & (device.truth == 0)).any() for device in devices
     ]
-    return f"{np.mean(covered):.3f}", f"{np.mean(no_false_cost):.3f}"
+    forms = list(law.FORMS)
+    more_stages = np.array([forms.index(d.fitted.form) - forms.index(d.form) for d in devices])
+    values = (covered, no_false_cost, more_stages == 0, more_stages > 0)
+    return [f"{np.mean(value):.3f}" for value in values]
 
 
 if __name__ == "__main__":

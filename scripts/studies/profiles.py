@@ -29,6 +29,7 @@ import argparse
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,10 @@ from harness.measuring.loading import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import profile as profiles
+from harness.profile.advice import recommend
 from harness.profile.counted import TERMS, count_triangles, counters, design_of
-from harness.profile.law import COSTS, cost_rows, r_squared, r_squared_within
+from harness.profile.fitting import r_squared, r_squared_within
+from harness.profile.law import COSTS, cost_rows, predict_times
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -101,11 +104,8 @@ def main() -> None:
         profile = json.loads(file.read_text())
         if options.refit:
             file.unlink()
-            print(
-                profiles.write_profile(
-                    refit(profile), file.with_name(file.name.replace(".refused", ""))
-                )
-            )
+            target = file.with_name(file.name.replace(".refused", ""))
+            print(profiles.write_profile(refit(profile), target))
             continue
         out = (options.out or file.parent) / f"{file.stem}-judged.csv"
         with out.open("w", newline="") as stream:
@@ -118,7 +118,10 @@ def main() -> None:
 
 
 def refit(profile: dict[str, Any]) -> dict[str, Any]:
-    """Return a profile fitted to its stored times with the current terms, with the same advice."""
+    """Return a profile fitted to its stored times with the current terms.
+
+    The advice for a sum is retained; for a maximum of stages it is computed again.
+    """
     draws, stored = recreate_draws(profile)
     times = Measured(
         epochs=np.array([row["epochs"] for row in stored]).T,
@@ -131,8 +134,11 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
     device_and_seed = profile["device"], profile["seed"]
     content = profiles.profile(draws, counted, times, *device_and_seed)
     content["advice"] = profile.get("advice")
+    if content["form"] != "sum":
+        with closing(MeasuringPool(Worker, timeout_s=600)) as pool:
+            content["advice"] = recommend(pool, content["coefficients"], content["seed"])
     content["refused"] = content["refused"] or bool(times.trouble)
-    return {name: content[name] for name in profile}
+    return content | {"design": profile["design"]}
 
 
 def judge_scene(profile: dict[str, Any], scene: str, options: argparse.Namespace) -> Iterator[Any]:
@@ -282,7 +288,7 @@ def predict_by_law(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.flo
     step = profile["device"]["details"].get("step") or 1
     snapped = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
     rows = design_of([count_triangles(*draw) for draw in snapped])
-    return np.asarray(rows @ np.array([costs[name] for name in TERMS]))
+    return predict_times(rows, np.array([costs[name] for name in TERMS]), profile["form"])
 
 
 def scale_prediction(

@@ -11,6 +11,7 @@ from shapely import Polygon, box
 from harness import viewport_sizes as sizes
 from harness.frame import View, frame_of
 from harness.profile.counted import TERMS
+from harness.profile.law import VERTICES
 from harness.rasterisers.reference import SHADED
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
@@ -71,13 +72,53 @@ def test_the_sentence_reports_that_the_choice_does_not_matter(harness):
 
 def test_laws_convert_counters_to_seconds(city_of_12):
     frame, triangles = city_of_12
-    names, counters = list(TERMS), [sizes.count_triangles(frame, triangles)]
-    for name, count in (("triangles", len(triangles)), ("draw", 1)):
-        law = DeviceCosts("scripted", np.array([2e-9 * (term == name) for term in names]))
-        assert sizes._list_costs(counters, [0.0], law)[0]["draw"] == pytest.approx(2e-9 * count)
-    law = DeviceCosts("scripted", np.array([1e-9 * (term == "helper_lanes") for term in names]))
-    cost = sizes._list_costs(counters, [0.0], law)[0]
+    counts = sizes.count_triangles(frame, triangles)
+    counters = [counts | {f"{name}_walk": counts[name] // 2 for name in VERTICES}]
+
+    def list_cost(form: str, **costs: float) -> sizes.Cost:
+        seconds = np.array([costs.get(name, 0.0) for name in TERMS])
+        return sizes._list_costs(counters, [0.0], DeviceCosts("scripted", seconds, form))[0]
+
+    for name, number in (("triangles", len(triangles)), ("draw", 1)):
+        cost = list_cost("sum", **{name: 2e-9})
+        assert cost["draw"] == pytest.approx(2e-9 * number)
+    cost = list_cost("sum", helper_lanes=1e-9)
     assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
+    stages = {"transformed_vertices": 6e-9, "covering": 9e-9, "fragments": 1e-10}
+    cost = list_cost("maximum of three stages", **stages)
+    times = [
+        6e-9 * cost["transformed_vertices"],
+        9e-9 * cost["covering_triangles"],
+        1e-10 * cost["fragments"],
+    ]
+    assert cost["draw"] == pytest.approx(max(times))
+    assert cost["stage"] == ("vertices", "triangles", "pixels")[int(np.argmax(times))]
+    assert cost["draw_walk"] == pytest.approx(max(times[0] / 2, *times[1:]))
+
+
+def test_stages_say_what_shortens_a_draw():
+    device = DeviceCosts("GPU", np.zeros(0), "maximum of three stages")
+
+    def size(px: int, stage: str, draws: dict[str, float]) -> sizes.Size:
+        costs = {
+            name: {"draw": draw, "draw_walk": 0.94 * draws["a"], "stage": stage}
+            for name, draw in draws.items()
+        }
+        return sizes.Size(px, 1, 0, px / 2, costs)
+
+    counted = (
+        size(256, "vertices", {"a": 1.0, "b": 1.3}),
+        size(1024, "triangles", {"a": 1.0, "b": 0.75}),
+        size(4096, "pixels", {"a": 1.0, "b": 1.1}),
+    )
+    assert list(sizes.list_stages(sizes.Sizes("s", device, counted))) == [
+        "At 256 px a is bound by vertices: the order of triangles decides; use --order walk, which "
+        "saves 6.0%.",
+        "At 1024 px a is bound by triangles: fewer covering triangles; use b, which saves 25.0%.",
+        "At 4096 px a is bound by pixels: fewer quads; keep a.",
+    ]
+    of_a_sum = sizes.Sizes("s", DeviceCosts("CPU", np.zeros(0)), counted)
+    assert list(sizes.list_stages(of_a_sum)) == []
 
 
 @pytest.fixture(scope="module")

@@ -171,8 +171,8 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     texts = {part: read_text(browser, part) for part in parts}
     texts["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     texts["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
-    needed = "[...$('terms').rows].map((row) => row.cells[3].textContent)"
-    texts["needed"] = browser.evaluate(needed)
+    stages = "[...$('terms').rows].map((row) => row.cells[1].textContent)"
+    texts["stages"] = browser.evaluate(stages)
     texts["saved"] = browser.evaluate("savedText()")
     texts["coefficients"] = browser.evaluate("state.profile.coefficients")
     browser.send("Emulation.clearDeviceMetricsOverride")

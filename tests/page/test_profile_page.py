@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ from harness.page.page_data import GRID_STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, compare_aspects
 from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.fitting import solve
 from harness.profile.law import COSTS as CRITERIA_TERMS
-from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, normalise_times
 from harness.profile.report import format_seconds
 from harness.stats.intervals import Ratio, mean_interval
@@ -55,72 +54,72 @@ def test_counters_in_the_page_equal_the_reference(loaded):
         assert grids[str(step)]["checksums"][index] == draw.checksum
 
 
+STAGE_COSTS = {
+    "draw": 1e-9,
+    "transformed_vertices": 6e-10,
+    "tile_pairs": 1.9e-9,
+    "fragments": 7e-11,
+    "helper_lanes": 6e-11,
+    "work": 1.1e-11,
+}
+"""Costs in seconds of a device whose draws take the time of the slowest stage."""
+
+
 @pytest.fixture(scope="module")
-def synthetic() -> dict[str, Any]:
-    """Return draws, counters and times that follow a law with errors of draws and of epochs."""
+def design_rows() -> tuple[list[design.Draw], np.ndarray]:
+    """Return the draws of the design and their counters."""
     draws = design.make_draws()
-    rows = design_of([counters(draw) for draw in draws])
-    truth = np.array([COSTS.get(name, 0.0) for name in TERMS])
+    return draws, design_of([counters(draw) for draw in draws])
+
+
+def make_epochs(rows: np.ndarray, costs: dict[str, float], form: str) -> np.ndarray:
+    """Return times of a device with these costs, with errors of draws and of epochs."""
     random = np.random.default_rng(0)
-    deviations = np.exp(0.05 * random.standard_normal(len(rows)))
-    epochs = rows @ truth * deviations * np.exp(0.01 * random.standard_normal((8, len(rows))))
-    return {"draws": draws, "rows": rows, "epochs": epochs}
+    times = law.predict_times(rows, np.array([costs.get(name, 0.0) for name in TERMS]), form)
+    times *= np.exp(0.05 * random.standard_normal(len(rows)))
+    return times * np.exp(0.01 * random.standard_normal((8, len(rows))))
 
 
-def test_law_of_the_page_equals_python(loaded, synthetic):
-    fitted = loaded.evaluate("state.page.fitted")
-    places = fitted["places"]
-    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
-    groups = [draws[index].group for index in places]
-    expected = law.fit(rows[places], epochs[:, places], groups)
-    selected = law.select_terms(
-        rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups
-    )
+@pytest.mark.parametrize(
+    ("costs", "form"), [(COSTS, "sum"), *((STAGE_COSTS, form) for form in list(law.FORMS)[1:])]
+)
+def test_law_of_the_page_equals_python(loaded, design_rows, costs, form):
+    draws, rows = design_rows
+    epochs = make_epochs(rows, costs, form)
+    places = loaded.evaluate("state.page.fitted.places")
+    expected = law.fit(rows[places], epochs[:, places], [draws[index].group for index in places])
     argument = json.dumps({"epochs": epochs.tolist()})
     actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
     assert actual["rows"] == rows.tolist()
-    assert actual["seconds"] == pytest.approx(expected.costs.tolist(), rel=1e-6)
+    assert actual["form"] == expected.form == form
+    assert actual["errors"] == pytest.approx(expected.errors, rel=1e-3)
+    assert actual["binding"] == expected.binding.tolist()
+    assert actual["seconds"] == pytest.approx(expected.costs.tolist(), rel=1e-5, abs=1e-17)
+    assert actual["known"] == expected.known.tolist()
     for end, values in zip(("low", "high"), expected.intervals.T.tolist(), strict=True):
-        assert actual[end] == pytest.approx(values, rel=1e-5, abs=1e-15)
+        assert actual[end] == pytest.approx(values, rel=1e-4, abs=1e-14)
     assert actual["shown"] == expected.significant.tolist()
-    for total, parts in zip(actual["sums"], law.SUMS.values(), strict=True):
-        weights = np.array([parts.get(term, 0.0) for term in TERMS])
-        ends = [total[name] for name in ("seconds", "low", "high")]
-        assert ends == pytest.approx(expected.estimate_sum(weights, law.CONFIDENCE), rel=1e-5)
-        assert total["shown"] == expected.is_significant(weights)
-    assert actual["r2_over"] == pytest.approx(expected.r2_over, abs=1e-9)
-    assert actual["r2_within"] == pytest.approx(expected.r2_within, abs=1e-9)
-    assert [list(TERMS)[index] for index in actual["fewest"]] == list(selected)
+    assert actual["r2_over"] == pytest.approx(expected.r2_over, abs=1e-6)
+    assert actual["r2_within"] == pytest.approx(expected.r2_within, abs=1e-6)
 
 
 ASPECTS = """(() => {
     const given = %s, page = state.page;
-    const rows = designRows(page, page.grids[1].counters, page.draws.length);
-    return aspectsOf(page, rows, given, given.law);
+    return aspectsOf(page, designRows(page, page.grids[1].counters, page.draws.length), given);
 })()"""
 
 
-def test_times_of_thin_triangles_equal_python(loaded, synthetic):
-    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
-    groups = [draw.group for draw in draws]
-    fitted = law.fit(rows, epochs, groups)
+def test_times_of_thin_triangles_equal_python(loaded, design_rows):
+    draws, rows = design_rows
+    epochs = make_epochs(rows, COSTS, "sum")
     times = Measured(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
-    low, high = fitted.intervals.T.tolist()
-    costs = {"seconds": fitted.costs.tolist(), "low": low, "high": high}
-    argument = json.dumps({"law": costs, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
+    argument = json.dumps({"epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
     actual = loaded.evaluate(ASPECTS % argument)
-    for expected, result in zip(compare_aspects(draws, rows, times, fitted), actual, strict=True):
+    for expected, found in zip(compare_aspects(draws, rows, times), actual, strict=True):
         for name in ("area", "aspects"):
-            assert result[name] == expected[name]
-        for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
-            assert result[name] == pytest.approx(expected[name], rel=1e-3)
-        shares = {
-            share["name"]: [share["value"], share["low"], share["high"]]
-            for share in result["shares"]
-        }
-        assert list(shares) == list(expected["shares"])
-        for name, ends in expected["shares"].items():
-            assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
+            assert found[name] == expected[name]
+        for name in ("ratios", "low", "high", "lanes", "doubled_at"):
+            assert found[name] == pytest.approx(expected[name], rel=1e-3)
 
 
 def test_evaluation_of_rounds_equals_python(loaded):
@@ -215,9 +214,9 @@ def test_page_reports_the_known_costs_of_a_gpu(profiled):
         "On a test's GPU, a triangle costs 50 ns, a 4x4 block 30 ns, a pixel of its box's width "
         "and height 7 ns and a round of arithmetic 300 ps. Thin triangles take twice as long from"
     )
-    assert profiled["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
+    assert profiled["stages"] == ["", *["all"] * (len(TERMS) - 1)]
     assert "A draw by itself costs 20 µs." in profiled["words"]
-    nothing = "No significant cost: triangles set up, triangles that cover a pixel, vertices"
+    nothing = "No significant cost: triangles set up, triangles that cover a pixel"
     assert nothing in profiled["words"]
     assert "Triangulate by optimal:" in profiled["words"]
     assert " on city (" in profiled["words"]
@@ -368,10 +367,9 @@ def test_fragment_work_of_a_draw_reaches_the_shader(loaded, work):
     assert loaded.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
 
 
-def test_noise_does_not_give_negative_ratios(loaded, synthetic):
-    epochs = synthetic["epochs"].tolist()
-    nothing = {ends: [0.0] * len(TERMS) for ends in ("seconds", "low", "high")}
-    argument = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
+def test_noise_does_not_give_negative_ratios(loaded, design_rows):
+    epochs = make_epochs(design_rows[1], COSTS, "sum").tolist()
+    argument = json.dumps({"epochs": epochs, "empty_s": 1.0})
     aspects_found = loaded.evaluate(ASPECTS % argument)
     assert all(ratio > 0 for aspect in aspects_found for ratio in aspect["ratios"])
 

@@ -39,12 +39,10 @@ function hide() {
 
 /* Fit the law to given times. */
 async function fitAs({ epochs }) {
-  const { places, labels, folds } = state.page.fitted;
+  const { places } = state.page.fitted, { page } = state;
   const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
   const pick = (values) => places.map((k) => values[k]);
-  const found = lawOf(pick(rows), epochs.map(pick), state.page.fitted, state.page.sums);
-  const seconds = pick(rows.map((_, k) => Math.exp(mean(epochs.map((row) => Math.log(row[k]))))));
-  return { ...found, rows, fewest: await fewestOf(pick(rows), seconds, labels, folds) };
+  return { ...lawOf(pick(rows), epochs.map(pick), page.fitted, membersOf(page)), rows };
 }
 
 const sumsOf = (made, step) => made.map(({ points, rows }) => checksumOf({ points: snapped(points, step), rows }));

@@ -44,21 +44,20 @@ def test_profile_reports_the_known_costs(harness):
     assert out.startswith(f"On scripted, on {processor()['label']}:\nA draw by itself costs 20 us.")
     assert "\nA triangle costs 50 ns" in out
     assert "Each pixel of its box's width and height costs 7 ns." in out
-    assert "No significant cost: triangles set up, triangles that cover a pixel, vertices" in out
+    assert "No significant cost: triangles set up, triangles that cover a pixel" in out
     assert "on city:buildings=12 (" in out
     content = json.loads(Path("p.json").read_text())
     for term in content["terms"]:
         assert term["cost"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-13)
         assert term["shown"] == (term["name"] in COSTS)
-    assert set(content["fewest"]) == set(COSTS)
+    assert content["form"] == "sum"
+    assert content["errors"]["sum"] == min(content["errors"].values())
     assert content["r2_over"] > 0.999
     assert content["r2_within"] > 0.999
     assert not content["refused"]
     thin = content["aspects"][0]
     assert thin["ratios"][0] == 1
     assert thin["ratios"] == sorted(thin["ratios"])
-    assert thin["shares"]["half_perimeter"][0] + thin["shares"]["blocks"][0] == pytest.approx(1.0)
-    assert "helper_lanes" not in thin["shares"]
     assert content["second_filling"] == pytest.approx({"4 px": 1.0, "32 px": 1.0}, abs=1e-3)
     for draw in content["times"]:
         counts = {**draw["counters"], "draw": 1}
@@ -208,7 +207,8 @@ def set_cost(cost: object) -> dict[str, object]:
         ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
         ({"coefficients": dict.fromkeys(GOOD["coefficients"], 0)}, "coefficients are 0"),
         ({"format": "another"}, "unsupported format 'another'"),
-        ({"version": 2}, "unsupported version 2"),
+        ({"version": 1}, "unsupported version 1 (supported: 2); make it again"),
+        ({"form": "a product"}, "unknown form 'a product' (choose from sum, maximum of two"),
         ({"version": True}, "unsupported version True"),
         ({"unit": "ms"}, "unsupported unit 'ms'"),
         ({"device": {"name": "GPU\nIt does not matter"}}, "device.name is not a line"),

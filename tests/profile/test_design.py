@@ -222,7 +222,7 @@ def test_terms_of_the_design_are_not_collinear(counted):
             rows[:, number]
             - other_terms @ np.linalg.lstsq(other_terms, rows[:, number], rcond=None)[0]
         )
-        assert np.linalg.norm(residual) > 0.03 * np.linalg.norm(rows[:, number]), name
+        assert np.linalg.norm(residual) > 0.02 * np.linalg.norm(rows[:, number]), name
 
 
 @pytest.mark.parametrize("corners", [4, 16, 32])

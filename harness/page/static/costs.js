@@ -3,7 +3,7 @@
    harness/profile/measured.py and advice.py have it; only the device's own optimum is left to Python. */
 
 const CONTROL = "(control)";
-const MOST_DRIFT = 1.5, MOST_APART = 0.03, LEAST_R2 = 0.8, LEAST_EPOCHS = 4;
+const MOST_DRIFT = 1.5, MOST_APART = 0.03, LEAST_R2 = 0.88, LEAST_EPOCHS = 4;
 
 /* Places of the rounds of each epoch that has any: [first, last] */
 function epochsOf(result) {
@@ -48,8 +48,8 @@ function doubledAt(ratios, aspects) {
   return found.includes(null) ? null : studentInterval(found).map((end) => 2 ** end);
 }
 
-/* For each area: time of thin triangles relative to aspect 1, the same from helper lanes alone, and the cause. */
-function aspectsOf(page, design, measured, law) {
+/* For each area: time of thin triangles and their shaded lanes, relative to aspect 1. */
+function aspectsOf(page, design, measured) {
   const names = Object.keys(page.terms), lane = names.indexOf("helper_lanes"), pixel = names.indexOf("fragments");
   const unlike = (values) => [...new Set(values)].filter(Boolean);
   return unlike(page.draws.map((draw) => draw.area)).map((area) => {
@@ -62,15 +62,9 @@ function aspectsOf(page, design, measured, law) {
     const ratios = net.map((row) => row.map((value) => value / row[0]));
     const ends = aspects.map((_, a) => studentInterval(ratios.map((row) => Math.log(row[a]))).map(Math.exp));
     const counts = places.map((own) => names.map((_, j) => mean(own.map((k) => design[k][j]))));
-    const whole = aspects.map((_, a) => Math.exp(mean(net.map((row) => Math.log(row[a])))));
     const shaded = counts.map((row) => row[pixel] + row[lane]);
-    const more = whole.at(-1) - whole[0], last = counts.at(-1);
-    const shares = names.map((name, j) => [name, ...[law.seconds, law.low, law.high].map((own) => ((last[j] - counts[0][j]) * own[j]) / more)])
-      .filter(([, value]) => more > 0 && Math.abs(value) > 1e-6).sort((p, q) => q[1] - p[1])
-      .map(([name, value, low, high]) => ({ name, value, low: Math.min(low, high), high: Math.max(low, high) }));
     return { area, aspects, ratios: ends.map((end) => end[0]), low: ends.map((end) => end[1]), high: ends.map((end) => end[2]),
-      lanes: shaded.map((value) => value / shaded[0]), lanes_alone: counts.map((row) => 1 + (law.seconds[lane] * (row[lane] - counts[0][lane])) / whole[0]),
-      doubled_at: doubledAt(ratios, aspects), shares };
+      lanes: shaded.map((value) => value / shaded[0]), doubled_at: doubledAt(ratios, aspects) };
   });
 }
 
@@ -92,21 +86,28 @@ function adviceOf(page, coefficients, random = Math.random) {
   return costs.length ? { triangulator: chosen, regret, saved } : null;
 }
 
+/* For each form a row for each stage: 1 for the terms that count in it, else 0. */
+const membersOf = (page) => mapValues(page.forms, (stages) => Object.values(stages).map((terms) =>
+  Object.keys(page.terms).map((name) => Number(name === "draw" || terms.includes(name)))));
+
 /* All of it, of a result: null where too few epochs were timed to tell anything. */
-async function profileOf(page, result, rest) {
+function profileOf(page, result) {
   const size = page.draws.length;
   if (!result.times || epochsOf(result).length < LEAST_EPOCHS) return null;
   const measured = measuredOf(result, size), grid = page.grids[result.device.step ?? 1];
   const design = designRows(page, grid.counters, size);
-  const { places, labels, folds } = page.fitted;
+  const { places } = page.fitted;
   const pick = (rows) => places.map((k) => rows[k]);
-  const law = lawOf(pick(design), measured.epochs.map(pick), page.fitted, page.sums);
+  const law = lawOf(pick(design), measured.epochs.map(pick), page.fitted, membersOf(page));
   const seconds = range(size).map((k) => Math.exp(mean(measured.epochs.map((row) => Math.log(row[k])))));
-  const fewest = await fewestOf(pick(design), pick(seconds), labels, folds, rest);
-  const { plain } = page;
-  const coefficients = coefficientsOf(plain.places.map((k) => grid.predicted[k]), plain.places.map((k) => seconds[k]), plain.labels);
+  // A triangulation changes no time of the vertices: these depend on the order of triangles.
+  const stages = Object.values(page.forms[law.form]);
+  const isBound = (k) => stages[law.binding[places.indexOf(k)]].join() === page.vertices.join();
+  const shape = range(page.plain.places.length).filter((index) => !isBound(page.plain.places[index]));
+  const ofShape = (values) => shape.map((index) => values[page.plain.places[index]]);
+  const coefficients = coefficientsOf(ofShape(grid.predicted), ofShape(seconds), numbered(shape.map((index) => page.plain.labels[index])));
   const twice = range(size).filter((k) => page.draws[k].kind === "twice").map((k) => seconds[k] - measured.empty_s);
-  return { ...measured, law, fewest, coefficients, aspects: aspectsOf(page, design, measured, law), advice: adviceOf(page, coefficients),
+  return { ...measured, law, coefficients, aspects: aspectsOf(page, design, measured), advice: adviceOf(page, coefficients),
     again: range(twice.length / 2).map((k) => twice[2 * k + 1] / twice[2 * k] - 1), trouble: troubleOf(measured),
     refused: !(law.r2_over >= LEAST_R2 && law.r2_within >= LEAST_R2) };
 }

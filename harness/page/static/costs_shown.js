@@ -2,10 +2,10 @@
 /* What people see of a profile: sentences, as harness/profile/report.py has them, charts and tables. */
 
 const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"]];
-const NOTHING = 1e-16, LEAST_SHARE = 0.05;
+const NOTHING = 1e-16;
 
 /* Terms of the first sentence, which has the first few that cost anything. */
-const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", covering: "a triangle that covers a pixel", vertices: "a vertex", fragments: "a covered pixel",
+const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", covering: "a triangle that covers a pixel", tile_pairs: "a 16x16 tile of a covering triangle", transformed_vertices: "a transformed vertex", vertex_batches: "a vertex batch", fragments: "a covered pixel",
   helper_lanes: "a helper lane", blocks: "a 4x4 block", further_tiles: "a further 64x64 tile", near: "a pixel of its box's first width and height",
   half_perimeter: "a pixel of its box's width and height", rows: "a row of pixels", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
 const MOST_SAID = 4;
@@ -19,13 +19,24 @@ function secondsText(value) {
 const percentText = (value, places = 0) => `${(100 * value).toFixed(places)}\u00a0%`;
 const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);
 const termsOf = ({ law }) => Object.entries(state.page.terms).map(([name, term], j) =>
-  ({ name, ...term, seconds: law.seconds[j], low: law.low[j], high: law.high[j], shown: law.shown[j] }));
+  ({ name, ...term, seconds: law.seconds[j], low: law.low[j], high: law.high[j], shown: law.shown[j], known: law.known[j] }));
+
+/* [name, terms, number of draws in which it is slowest] of each stage. */
+const stagesOf = ({ law }) => Object.entries(state.page.forms[law.form]).map(([name, terms], stage) =>
+  [name, terms, law.binding.filter((own) => own === stage).length]);
 
 function lawWords(profile) {
-  const terms = termsOf(profile), nothing = terms.filter((term) => !term.shown).map((term) => term.noun);
-  return [...terms.filter((term) => term.shown).map((term) => term.sentence.replace("{}", secondsText(term.seconds))),
-    ...profile.law.sums.filter((each) => each.shown).map((each) => `${each.words} ${secondsText(each.seconds)} in all (${secondsText(each.low)} to ${secondsText(each.high)}).`),
-    ...(nothing.length ? [`No significant cost: ${listed(nothing)}.`] : [])];
+  const terms = new Map(termsOf(profile).map((term) => [term.name, term])), stages = stagesOf(profile), several = stages.length > 1;
+  const costs = (names) => names.map((name) => terms.get(name)).filter((term) => term.shown)
+    .map((term) => term.sentence.replace("{}", secondsText(term.seconds)));
+  const counted = ["draw", ...stages.flatMap(([, names]) => names)].map((name) => terms.get(name)).filter((term) => !term.shown);
+  const rest = (known, text) => {
+    const nouns = counted.filter((term) => term.known === known).map((term) => term.noun);
+    return nouns.length ? [`${text}: ${listed(nouns)}.`] : [];
+  };
+  return [...costs(["draw"]), ...(several ? [`A draw takes the time of the slowest of ${stages.length} stages: ${listed(stages.map(([name]) => name))}.`] : []),
+    ...stages.flatMap(([name, names, draws]) => [...(several ? [`Stage ${name}, the slowest in ${count(draws)} draws:`] : []), ...costs(names)]),
+    ...rest(true, "No significant cost"), ...rest(false, "Unknown, as no draws separate")];
 }
 
 function thinWords({ area, aspects, ratios, low, high, doubled_at }) {
@@ -35,15 +46,6 @@ function thinWords({ area, aspects, ratios, low, high, doubled_at }) {
   if (!doubled_at) return `${text}.`;
   const [at, from, to] = doubled_at.map((value) => value.toFixed(0));
   return `${text}; twice as long from ${at}:1 on (${from} to ${to}).`;
-}
-
-/* Why thin triangles are slow; "" where they are not. */
-function whyWords({ ratios, shares }) {
-  if (ratios.at(-1) <= 1 + LEAST_SHARE) return "";
-  const lanes = shares.find((each) => each.name === "helper_lanes") ?? { value: 0, low: 0, high: 0 };
-  const others = shares.filter((each) => each.name !== "helper_lanes" && each.value >= LEAST_SHARE)
-    .map((each) => `${percentText(each.value)} are ${state.page.terms[each.name].noun}`);
-  return `Helper lanes are ${percentText(lanes.value)} of that (${percentText(lanes.low)} to ${percentText(lanes.high)})${others.length ? `; ${others.join(", ")}` : ""}.`;
 }
 
 function adviceWords({ advice }) {
@@ -71,7 +73,7 @@ function trapWords(result, profile) {
   if (result.hidden) words.push("The page was hidden for a while. Browsers slow hidden pages down, so the rounds of that time were drawn again.");
   if (!profile) return words;
   const tiles = termsOf(profile).find((term) => term.name === "further_tiles");
-  words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may not cost what it does within a frame."
+  if (profile.law.form === "sum") words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may not cost what it does within a frame."
     : "The cost of 64x64 tiles is not significant: no sign that the device sorts triangles into tiles.");
   if (profile.again.some((value) => value < 0.5)) {
     words.push(`To fill the same pixels a second time took ${listed(profile.again.map((value) => percentText(value)))} of the first: the device may leave out what is covered by what follows.`);
@@ -97,12 +99,12 @@ function panelOf(each) {
   const y = (ratio) => bottom - 12 - ((bottom - top - 24) * Math.log2(Math.max(ratio, 0.8))) / Math.log2(most);
   const line = (values, kind) => svg("polyline", { class: kind, points: values.map((value, k) => `${x(each.aspects[k])},${y(value)}`).join(" ") });
   const text = (words, at, kind = "") => svg("text", { ...at, class: kind }, words);
-  return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${thinWords(each)} ${whyWords(each)}` },
+  return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": thinWords(each) },
     ...powers.flatMap((value) => [svg("line", { class: value === 2 ? "twice" : "grid", x1: left, x2: right, y1: y(value), y2: y(value) }),
       text(String(value), { x: left - 6, y: y(value) + 4, "text-anchor": "end" })]),
     ...each.aspects.map((aspect) => text(`${aspect}:1`, { x: x(aspect), y: bottom + 16, "text-anchor": "middle" })),
     text("base / height", { x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle" }),
-    line(each.lanes, "lanes"), line(each.lanes_alone, "alone"), line(each.ratios, "measured"),
+    line(each.lanes, "lanes"), line(each.ratios, "measured"),
     ...each.ratios.flatMap((ratio, k) => [svg("line", { class: "measured", x1: x(each.aspects[k]), x2: x(each.aspects[k]), y1: y(each.low[k]), y2: y(each.high[k]) }),
       svg("circle", { class: "measured", cx: x(each.aspects[k]), cy: y(ratio), r: 3.2 })]),
     ...(each.doubled_at ? [text(`twice at ${each.doubled_at[0].toFixed(0)}:1`, { x: x(each.doubled_at[0]) - 6, y: y(2) - 6, "text-anchor": "end" }, "said")] : []));
@@ -110,17 +112,18 @@ function panelOf(each) {
 
 function drawThin(profile) {
   $("thin").replaceChildren(...profile.aspects.map((each) => element("figure", {}, element("h3", {}, `Triangles of ${each.area} px²`), panelOf(each),
-    element("figcaption", { class: "quiet" }, `${thinWords(each)} ${whyWords(each)}`))));
+    element("figcaption", { class: "quiet" }, thinWords(each)))));
 }
 
 function drawTable(profile) {
-  const row = (term, j) => element("tr", {}, element("th", { scope: "row" }, term.noun),
+  const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
+  const row = (term, stage) => element("tr", {}, element("th", { scope: "row" }, term.noun), element("td", {}, stage),
     element("td", { class: "number" }, term.shown ? secondsText(term.seconds) : "–"),
-    element("td", { class: "number" }, `${secondsText(term.low)} to ${secondsText(term.high)}`),
-    element("td", {}, profile.fewest.includes(j) ? "yes" : ""));
-  $("terms").replaceChildren(...termsOf(profile).map(row));
-  $("r2").textContent = `R² of log time on draws that the fit did not see: ${profile.law.r2_over.toFixed(3)} over all, `
-    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” is the smallest set of terms that predicts as well as all; a dash: not significant.`;
+    element("td", { class: "number" }, `${secondsText(term.low)} to ${secondsText(term.high)}`));
+  $("terms").replaceChildren(row(terms.get("draw"), ""), ...stagesOf(profile).flatMap(([stage, names]) => names.map((name) => row(terms.get(name), stage))));
+  const { form, errors, r2_over, r2_within } = profile.law;
+  $("r2").textContent = `Form: ${form}. Mean error of held-out groups of draws: ${Object.entries(errors).map(([name, error]) => `${name} ${percentText(error, 1)}`).join(", ")}. `
+    + `R² of their log time: ${r2_over.toFixed(3)} over all, ${r2_within.toFixed(3)} within groups. A dash: not significant.`;
 }
 
 /* Why there is no law to believe; "" where there is one. */

@@ -1,9 +1,10 @@
 "use strict";
-/* A device's law, as harness/profile/law.py and fitting.py fit it: coefficients that are not negative, relative
-   errors, intervals under errors that the draws of a group share. Rows are arrays of numbers, one a draw. */
+/* A device's law, as harness/profile/law.py and fitting.py fit it: a sum of costs or a maximum of stages, costs that are
+   not negative, relative errors, intervals under errors that the draws of a group share. Rows are arrays of numbers, one
+   for each draw; `members` has a row for each stage: 1 for the terms that count in it, else 0. */
 
 const BETWEEN = 0.3, LARGE_ERROR = 0.05, FAR_OFF = 2, CLOSE = 1e-4, MOST_TURNS = 100;
-const SHARE = 0.002;
+const MIN_TIME_SHARE = 0.002, START_FACTORS = [1, 0.5, 2], MAX_REASSIGNMENTS = 40;
 
 const dot = (p, q) => p.reduce((total, value, k) => total + value * q[k], 0);
 const between = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -117,17 +118,66 @@ function coefficientsOf(design, seconds, labels, signed = false) {
   return found;
 }
 
-/* Seconds of each draw, predicted by a fit to the draws of other folds than its own. */
-function heldOut(design, seconds, labels, folds) {
+const stageTimes = (row, costs, members) => members.map((member) => row.reduce((total, value, j) => total + value * costs[j] * member[j], 0));
+const predictTime = (row, costs, members) => Math.max(...stageTimes(row, costs, members), 1e-12);
+const indexOfMaximum = (values) => values.indexOf(Math.max(...values));
+const keepBinding = (design, members, binding) => design.map((row, k) => row.map((value, j) => value * members[binding[k]][j]));
+
+/* The soft L1 loss of predicted times, as the fit weights it. */
+function computeLoss(seconds, predicted, labels) {
+  const errors = stacked(seconds.map((value, k) => [value / predicted[k] - 1]), labels);
+  return sum(errors.map(([error]) => Math.sqrt(1 + (error / LARGE_ERROR) ** 2) - 1));
+}
+
+/* Binding stages to begin a fit with: see law.make_starts. */
+function makeStarts(design, seconds, members) {
+  const shares = design.map((row, k) => row.map((value) => value / seconds[k]));
+  const bounds = transposed(shares).map((column) => Math.max(...column) || 1);
+  const nearness = shares.map((row) => members.map((member) => row.reduce((total, share, j) => total + (j ? (share / bounds[j]) * member[j] : 0), 0)));
+  return members.flatMap((_, stage) => START_FACTORS.map((factor) =>
+    nearness.map((row) => indexOfMaximum(row.map((value, s) => value * (s === stage ? factor : 1))))));
+}
+
+/* {costs, binding} of a form: costs and binding stages are computed alternately. */
+function fitForm(design, seconds, labels, members, starts = makeStarts(design, seconds, members)) {
+  const tried = new Set();
+  let best = null;
+  for (let binding of starts) {
+    for (let turn = 0; turn < MAX_REASSIGNMENTS && !tried.has(binding.join()); turn++) {
+      tried.add(binding.join());
+      const costs = coefficientsOf(keepBinding(design, members, binding), seconds, labels);
+      const loss = computeLoss(seconds, design.map((row) => predictTime(row, costs, members)), labels);
+      binding = design.map((row) => indexOfMaximum(stageTimes(row, costs, members)));
+      if (!best || loss < best.loss) best = { loss, costs, binding };
+    }
+  }
+  return best;
+}
+
+/* Seconds of each draw, predicted by a fit to the draws of the other folds; draws of fold -1 are always fitted. */
+function heldOut(design, seconds, labels, folds, members, binding) {
   const predicted = new Array(seconds.length);
   for (const fold of new Set(folds)) {
-    const fittedOn = range(seconds.length).filter((k) => folds[k] !== fold);
-    const pick = (values) => fittedOn.map((k) => values[k]);
-    // Labels that no draw has are groups of nothing.
-    const found = coefficientsOf(pick(design), pick(seconds), numbered(pick(labels)));
-    folds.forEach((own, k) => { if (own === fold) predicted[k] = Math.max(dot(design[k], found), 1e-12); });
+    const fitted = range(seconds.length).filter((k) => fold < 0 || folds[k] !== fold);
+    const pick = (values) => fitted.map((k) => values[k]);
+    const { costs } = fitForm(pick(design), pick(seconds), numbered(pick(labels)), members, [pick(binding)]);
+    folds.forEach((own, k) => { if (own === fold) predicted[k] = predictTime(design[k], costs, members); });
   }
   return predicted;
+}
+
+/* Mean absolute error of log time of each fold, without the draws that are always fitted. */
+const foldErrors = (seconds, predicted, folds) => range(Math.max(...folds) + 1).map((fold) =>
+  mean(range(folds.length).filter((k) => folds[k] === fold).map((k) => Math.abs(Math.log(predicted[k] / seconds[k])))));
+
+/* The form to use: one with more stages if its errors are smaller by more than one standard error. */
+function chooseForm(errors) {
+  const [first, ...others] = Object.keys(errors);
+  return others.reduce((chosen, name) => {
+    const smaller = errors[chosen].map((error, fold) => error - errors[name][fold]), middle = mean(smaller);
+    const deviation = Math.sqrt(sum(smaller.map((value) => (value - middle) ** 2)) / (smaller.length - 1));
+    return middle > deviation / Math.sqrt(smaller.length) ? name : chosen;
+  }, first);
 }
 
 /* A number from 0 on for each different value, in the order of the values. */
@@ -161,7 +211,8 @@ function stacked(rows, labels) {
     ...means.map((row, label) => row.map((value) => BETWEEN * Math.sqrt(groups[label].length) * value))];
 }
 
-/* Signed coefficients and their covariance under errors that groups share: law._covariance. */
+/* Signed coefficients, their covariance under errors that groups share, and which of them the draws determine:
+   law._covariance. */
 function covarianceOf(design, seconds, labels) {
   const size = design[0].length, free = coefficientsOf(design, seconds, labels, true);
   const fitted = design.map((row, k) => between(dot(row, free), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
@@ -187,48 +238,30 @@ function covarianceOf(design, seconds, labels) {
   let own = (estimate[0] * d - estimate[1] * b) / whole, shared = (estimate[1] * a - estimate[0] * c) / whole;
   if (Math.min(own, shared) < 0) [own, shared] = [(estimate[0] + estimate[1]) / (a + c), 0];
   const square = (matrix) => product(matrix, transposed(matrix)), [one, other] = [moved, grouped(moved)].map(square);
-  return { free, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
+  // What is left of a column that the others are fitted to.
+  const known = gram.map((column, j) => gram[j][j] - dot(column, solved(gram, column, range(size).filter((k) => k !== j))) > 1e-9);
+  return { free, known, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
 }
 
-/* The law of (draws, terms) rows and seconds of each epoch: {seconds, low, high, shown, sums, r2_over, r2_within}. */
-function lawOf(design, epochs, { labels, folds, reach }, together = {}) {
+/* The law of (draws, terms) rows and seconds of each epoch; forms: the members of each form, the simplest first. */
+function lawOf(design, epochs, { labels, folds, reach }, forms) {
   const logs = epochs.map((row) => row.map(Math.log));
   const seconds = design.map((_, k) => Math.exp(mean(logs.map((row) => row[k]))));
-  const terms = range(design[0].length), found = coefficientsOf(design, seconds, labels);
-  const { free, covariance } = covarianceOf(design, seconds, labels);
-  const ends = (weights, errors) => {
-    const width = errors * Math.sqrt(dot(weights, covariance.map((row) => dot(row, weights)))), value = dot(weights, found), middle = dot(weights, free);
-    return [Math.max(0, Math.min(value, middle - width)), Math.max(value, middle + width)];
-  };
-  const estimate = (weights) => {
-    const paid = terms.filter((j) => weights[j] > 0), [low, high] = ends(weights, reach[0]);
-    const most = Math.max(...design.map((row, k) => Math.min(...paid.map((j) => row[j] / weights[j])) / seconds[k]));
-    return { seconds: dot(weights, found), low, high, shown: ends(weights, reach[1])[0] * most > SHARE };
-  };
-  const each = terms.map((j) => estimate(terms.map((k) => Number(j === k))));
-  const [r2_over, r2_within] = explained(seconds, heldOut(design, seconds, labels, folds), labels);
-  return { seconds: found, ...Object.fromEntries(["low", "high", "shown"].map((name) => [name, each.map((one) => one[name])])),
-    sums: Object.entries(together).map(([name, { weights, words }]) => ({ name, words, ...estimate(weights) })), r2_over, r2_within };
+  const fits = mapValues(forms, (members) => fitForm(design, seconds, labels, members));
+  const predicted = mapValues(forms, (members, name) => heldOut(design, seconds, labels, folds, members, fits[name].binding));
+  const errors = mapValues(predicted, (times) => foldErrors(seconds, times, folds));
+  const form = chooseForm(errors), members = forms[form], { costs, binding } = fits[form];
+  const masked = keepBinding(design, members, binding), { free, known, covariance } = covarianceOf(masked, seconds, labels);
+  const largest = (rows) => transposed(rows.map((row, k) => row.map((value) => value / seconds[k]))).map((column) => Math.max(...column));
+  const bounds = largest(design).map((share) => 1 / Math.max(share, 1e-12)), shares = largest(masked);
+  const isKnown = known.map((value, j) => value || !members.some((member) => member[j]));
+  const ends = (quantile) => costs.map((cost, j) => {
+    const width = quantile * Math.sqrt(covariance[j][j]);
+    return isKnown[j] ? [Math.max(0, Math.min(cost, free[j] - width)), Math.max(cost, free[j] + width)] : [0, bounds[j]];
+  });
+  const [low, high] = transposed(ends(reach[0])), [r2_over, r2_within] = explained(seconds, predicted[form], labels);
+  return { form, seconds: costs, low, high, shown: ends(reach[1]).map(([end], j) => end * shares[j] > MIN_TIME_SHARE), known: isKnown,
+    binding, errors: mapValues(errors, mean), r2_over, r2_within };
 }
 
-/* Places of the fewest terms that predict as well as all: left out one by one, judged in standard errors. */
-async function fewestOf(design, seconds, labels, folds, rest = () => {}) {
-  const judged = (columns) => heldOut(design.map((row) => columns.map((j) => row[j])), seconds, labels, folds)
-    .map((predicted, k) => Math.log(seconds[k] / predicted) ** 2);
-  let kept = range(design[0].length);
-  const way = [{ kept, errors: judged(kept) }];
-  while (kept.length > 1) {
-    const fewer = kept.slice(1).map((left) => {
-      const columns = kept.filter((column) => column !== left);
-      return { kept: columns, errors: judged(columns) };
-    });
-    const means = fewer.map((each) => mean(each.errors));
-    way.push(fewer[means.indexOf(Math.min(...means))]);
-    kept = way.at(-1).kept;
-    await rest(1 - kept.length / design[0].length);
-  }
-  const means = way.map((each) => mean(each.errors)), best = means.indexOf(Math.min(...means));
-  const { errors } = way[best];
-  const error = Math.sqrt(sum(errors.map((value) => (value - means[best]) ** 2)) / (errors.length - 1) / errors.length);
-  return way[means.findLastIndex((value) => value - means[best] <= Math.max(error, 1e-12))].kept;
-}
+const mapValues = (object, change) => Object.fromEntries(Object.entries(object).map(([name, value]) => [name, change(value, name)]));

@@ -77,14 +77,12 @@ async function away() {
 
 /* Fits what was timed, however it ended. */
 async function conclude(result) {
-  const rest = async (share) => {
-    progress(0.95 + 0.05 * share, "fitting the law");
-    await pause();
-  };
-  state.profile = await profileOf(state.page, result, rest);
+  progress(0.95, "fitting the law");
+  await pause();
+  state.profile = profileOf(state.page, result);
   if (state.profile) {
-    const { seconds, r2_over, r2_within } = state.profile.law;
-    result.law = { seconds: Object.fromEntries(Object.keys(state.page.terms).map((name, j) => [name, seconds[j]])), r2_over, r2_within };
+    const { form, seconds, r2_over, r2_within } = state.profile.law;
+    result.law = { form, seconds: Object.fromEntries(Object.keys(state.page.terms).map((name, j) => [name, seconds[j]])), r2_over, r2_within };
   }
 }
 
