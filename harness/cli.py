@@ -1,6 +1,7 @@
 """The command line `raster-harness`; `harness.commands` has a file for each command."""
 
 import contextlib
+import io
 import logging
 import os
 import platform
@@ -30,6 +31,7 @@ from harness.errors import (
     HarnessError,
     UsageError,
     format_os_error,
+    is_memory_error,
 )
 from harness.machine import system
 from harness.progress import detach_terminal
@@ -113,6 +115,10 @@ def main() -> None:
         from harness.workers import serving
 
         serving.start_server()  # imports in parallel with this process
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files may have any character
+            with contextlib.suppress(OSError):
+                stream.reconfigure(errors="backslashreplace")
     # A signal that was ignored at the start stays ignored.
     with system.signals_handled_by(_stop, lambda before: before != signal.SIG_IGN):
         try:
@@ -154,7 +160,7 @@ def _explain(error: BaseException) -> int | str | None:
             return _say(*_format_misuse(error))
         case OSError():
             return _say(f"error: {format_os_error(error)}", BAD_INPUT)
-        case MemoryError():
+        case MemoryError() | ImportError() | RuntimeError() if is_memory_error(error):
             return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
         case _ if _is_input_error(error):
             return _say(f"error: {error}", BAD_INPUT)

@@ -62,6 +62,12 @@ class InconclusiveError(HarnessError):
     exit_code = INCONCLUSIVE
 
 
+def is_memory_error(error: BaseException) -> bool:
+    """Return whether an error means that memory is lacking, also to load a library or a thread."""
+    signs = ("failed to map segment", "annot allocate memory", "can't start new thread")
+    return isinstance(error, MemoryError) or any(sign in str(error) for sign in signs)
+
+
 def format_os_error(error: OSError) -> str:
     """Return one line about an error of the operating system, with a remedy."""
     path = f"{error.filename}: " if error.filename else ""

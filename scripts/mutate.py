@@ -21,7 +21,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -34,6 +33,8 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import pytest
+
+from harness.machine.git import run_git
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -190,7 +191,7 @@ class CheckoutCopy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        for name in subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines():
+        for name in run_git(ROOT, "ls-files", "-z").split("\0"):
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)

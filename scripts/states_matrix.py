@@ -23,6 +23,7 @@ from statistics import median
 from typing import Any
 
 from harness.errors import REGRESSION
+from harness.machine.git import run_git
 from harness.metrics.decision import decide_all
 from harness.metrics.groups import compute_time_ratio
 from harness.results.run_folder import read_run
@@ -150,9 +151,11 @@ def compare_planted(state: str, worsening: str, out: Path) -> int:
     if not (project / ".git").exists():
         project.mkdir(parents=True, exist_ok=True)
         (project / "mine.py").write_text(PLUGIN)
-        identity = ("-c", "user.name=who", "-c", "user.email=who@user.example")
-        for command in (["init", "-q"], ["add", "mine.py"], ["commit", "-q", "-m", "first"]):
-            subprocess.run(["git", "-C", str(project), *identity, *command], check=True)
+        run_git(project, "init", "-q")
+        for name, value in (("name", "who"), ("email", "who@user.example")):
+            run_git(project, "config", f"user.{name}", value)
+        run_git(project, "add", "mine.py")
+        run_git(project, "commit", "-q", "-m", "first")
     (project / "mine.py").write_text(content)
     folder = out / f"planted-{worsening}-{state}"
     options = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]

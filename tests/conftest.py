@@ -34,6 +34,7 @@ settings.load_profile("ci")
 
 serving.PRELOADED = "tests.preloaded"
 
+MEASURED_STOLEN_S, MEASURED_OTHERS_S = system.stolen_s, system.other_processes_s
 system.stolen_s = system.other_processes_s = lambda: 0.0
 """Ignore steal time and other programs, which would disturb the milliseconds of a test's run."""
 

@@ -74,14 +74,13 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
                     "runs of one device each"
                 )
         return {(name, min(old)): min(new) for name, (old, new) in changed.items()}
-    if both and not any(old & new for old, new in both.values()):
-        names = (
-            ", ".join(sorted(set().union(*sides))) for sides in zip(*both.values(), strict=True)
-        )
-        raise IncompatibleRunsError(
-            "BASE ran on {} and HEAD on {}: counters and times differ between devices; "
-            "add --across-devices to compare them".format(*names)
-        )
+    for name, (old, new) in both.items():
+        if not old & new:
+            names = (", ".join(sorted(devices)) for devices in (old, new))
+            raise IncompatibleRunsError(
+                "{}: BASE ran on {} and HEAD on {}: counters and times differ between devices; "
+                "add --across-devices to compare them".format(name, *names)
+            )
     for label, (old, new) in find_changed_hardware(base, head).items():
         raise IncompatibleRunsError(
             f"{label} was '{old}' in BASE and is '{new}' in HEAD: "

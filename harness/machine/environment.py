@@ -20,6 +20,7 @@ from typing import Any
 import psutil
 
 from harness import __version__
+from harness.machine import system
 from harness.machine.git import describe_project, git_state
 from triangulators.compute import compiled_files
 
@@ -58,7 +59,7 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
 
     triangulators : names, whose modules' folders identify the measured repository
     """
-    memory = psutil.virtual_memory()
+    memory = system.ask(psutil.virtual_memory)
     return {
         "harness": __version__,
         "code": code_version(),
@@ -70,12 +71,12 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
         "packages": {name: _version(name) for name in PACKAGES},
         "kernel": f"{platform.system()} {platform.release()}",
         "cpu": processor()["name"],
-        "cores": psutil.cpu_count(logical=False),
-        "threads": psutil.cpu_count(),
+        "cores": system.ask(lambda: psutil.cpu_count(logical=False)),
+        "threads": os.cpu_count(),
         "governor": _read(GOVERNOR).strip() or None,
-        "load": list(psutil.getloadavg()),
-        "memory_gib": round(memory.total / 2**30, 1),
-        "memory_free_gib": round(memory.available / 2**30, 1),
+        "load": list(system.ask(psutil.getloadavg) or []) or None,
+        "memory_gib": round(memory.total / 2**30, 1) if memory else None,
+        "memory_free_gib": round(memory.available / 2**30, 1) if memory else None,
         "gpus": _nvidia(),
         "variables": {name: os.environ[name] for name in VARIABLES if name in os.environ},
     }
@@ -84,7 +85,7 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
 def list_warnings(facts: dict[str, Any]) -> list[str]:
     """Return reasons why times measured on this machine scatter, a line each."""
     warnings = []
-    load, threads = facts["load"][0], facts["threads"] or 1
+    load, threads = (facts["load"] or [0.0])[0], facts["threads"] or 1
     if load > MAX_LOAD_PER_CORE * threads:
         warnings.append(
             f"the machine is busy (load {load:.1f} on {threads} threads): times will scatter; "

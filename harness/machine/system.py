@@ -13,10 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 from platformdirs import user_cache_path
+
+T = TypeVar("T")
 
 TEMPORARY_PREFIX = "raster-harness-tmp-"
 """Prefix of the folders for temporary files that `harness.supervisor` makes, one for a program."""
@@ -167,14 +169,27 @@ class RunQueueClock:
         self._files.clear()
 
 
+def ask(function: Callable[[], T]) -> T | None:
+    """Return what a function of psutil returns, or None if the system has no answer.
+
+    A container or a sandbox may have no /proc.
+    """
+    try:
+        return function()
+    except (OSError, psutil.Error, NotImplementedError):
+        return None
+
+
 def stolen_s() -> float:
     """Return the steal time of all cores, in seconds; 0 if the system does not report it."""
-    return float(getattr(psutil.cpu_times(), "steal", 0.0))
+    return float(getattr(ask(psutil.cpu_times), "steal", 0.0))
 
 
 def other_processes_s() -> float:
-    """Return the CPU time of all other processes since the system started, in seconds."""
-    total, process = psutil.cpu_times(), psutil.Process().cpu_times()
+    """Return the CPU seconds of all other processes since the system started; 0 if unknown."""
+    total, process = ask(psutil.cpu_times), ask(lambda: psutil.Process().cpu_times())
+    if total is None or process is None:
+        return 0.0
     states = ("user", "nice", "system", "irq", "softirq")
     busy_s = sum(float(getattr(total, state, 0.0)) for state in states)
     return busy_s - float(process.user + process.system)

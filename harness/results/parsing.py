@@ -400,7 +400,7 @@ def _find_problem(name: str, part: Any) -> str | None:
             case "devices":
                 for label, values in part.items():
                     device = _Fields(values, f"{label}.")
-                    for inner in device.names():
+                    for inner in ("details", "timer"):
                         device.part(inner, _Fields.names)
             case "warnings":
                 _Fields({name: part}).texts(name)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import psutil
 
+from harness.machine import system
 from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 
 T = TypeVar("T")
@@ -26,7 +27,8 @@ POLL_S = 0.1
 
 def get_third_party_limits() -> Limits:
     """Return the limits of a process in which a third party's code triangulates."""
-    return Limits(int(MEMORY_SHARE * psutil.virtual_memory().available))
+    memory = system.ask(psutil.virtual_memory)
+    return Limits(int(MEMORY_SHARE * memory.available) if memory else None)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from typing import Any, NoReturn, TypeVar
 import psutil
 
 from harness.machine import system
+from harness.machine.user_modules import hidden_working_folder
 from harness.workers import serving
 from harness.workers.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
@@ -152,7 +153,16 @@ class Worker:
                 self._limits,
             )
             self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
-            self._process.start()
+            try:
+                with hidden_working_folder():  # which a new Python would search first
+                    self._process.start()
+            except (EOFError, OSError) as error:  # the fork server has ended
+                self._process = None
+                reason = summarize_error(error)
+                raise TaskError(
+                    f"{self.name}: no process can be started ({reason}); close other programs, or "
+                    "allow more memory and processes (ulimit)"
+                ) from error
             child_end.close()
         _LOG.info("%s: started process %s", self.name, self._process.pid)
         with contextlib.suppress(psutil.NoSuchProcess):  # the process has ended already

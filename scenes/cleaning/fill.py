@@ -37,10 +37,10 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
     rings = np.array([shapely.Polygon(c) for c in contours if len(c) >= 3], dtype=object)
     if not len(rings):
         return []
+    outlines = shapely.get_exterior_ring(rings)
+    _check_crossings(outlines)
     area = _fill_nested(rings, rule) if shapely.is_valid(rings).all() else None
     if area is None:
-        outlines = shapely.get_exterior_ring(rings)
-        _check_crossings(outlines)
         faces, winding = winding_numbers(outlines)
         inside = winding != 0 if rule == "nonzero" else winding % 2 == 1
         area = shapely.coverage_union_all(faces[inside])
@@ -180,13 +180,17 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
 
 
 def _check_crossings(rings: NDArray[Any]) -> None:
-    """Raise shapely.GEOSException for rings that cross too often, estimated by some edges."""
+    """Raise shapely.GEOSException for rings that cross or coincide too often, by some edges."""
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) <= _SAMPLE:
         return
     same = ring[1:] == ring[:-1]
     edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
     sample = edges[:: max(len(edges) // _SAMPLE, 1)]
-    pairs = shapely.STRtree(edges).query(sample, predicate="crosses").shape[1]
-    if pairs * len(edges) / len(sample) / 2 > MAX_CROSSINGS:
-        raise shapely.GEOSException(f"it crosses itself more than {MAX_CROSSINGS} times")
+    tree, pairs = shapely.STRtree(edges), 0
+    limit = 2 * MAX_CROSSINGS * len(sample) / len(edges)
+    for edge in sample:  # one by one, as each may meet all others
+        meeting, touching = (len(tree.query(edge, predicate=p)) for p in ("intersects", "touches"))
+        pairs += meeting - touching - 1  # without the edge itself
+        if pairs > limit:
+            raise shapely.GEOSException(f"it crosses itself more than {MAX_CROSSINGS} times")

@@ -6,6 +6,7 @@ Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.
 
 import base64
 import json
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,6 +39,9 @@ COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
+HARMLESS = re.compile(rf"^(KHR_mesh_quantization|{_INSTANCING})$|material|texture|light")
+"""Extensions that are read, or that do not affect triangles."""
+
 
 class GltfFile:
     """A model in memory: JSON, and the bytes of the buffers.
@@ -56,6 +60,12 @@ class GltfFile:
             raise SceneError(
                 f"{path}: {compressed[0]} is unsupported; unpack the model first, for example by "
                 "`gltf-transform copy`"
+            )
+        required = [n for n in self.json.get("extensionsRequired", []) if not HARMLESS.search(n)]
+        if required:
+            raise SceneError(
+                f"{path}: requires the extension {required[0]}, which is unsupported; export the "
+                "model without it"
             )
         self.buffers = [self._read_buffer(buffer) for buffer in self.json.get("buffers", [])]
 
@@ -196,6 +206,8 @@ class GltfFile:
             if "mesh" in node:
                 placements[index(node["mesh"])] += tuple(self._instances(node, matrix))
             stack += [(child, matrix) for child in node.get("children", [])]
+        if stack:
+            raise ValueError("the nodes are not a tree: a node is in itself or has two parents")
         return placements
 
     def _instances(

@@ -5,6 +5,7 @@ Every exception of a reader is caught at one of two boundaries, `clear_errors` a
 and logged with the traceback.
 """
 
+import csv
 import logging
 import re
 import struct
@@ -40,6 +41,8 @@ its format, or export it again
     except MemoryError as error:
         raise SceneError(f"{name} needs more memory than available: give a part of it") from error
     except Exception as error:
+        if isinstance(error, ImportError) and error.path:  # a library could not be loaded
+            raise
         raise SceneError(
             f"{name} cannot be read as {kind}: {format_reason(error)}; "
             "check its format, or export it again"
@@ -176,6 +179,31 @@ def check_truncation(path: Path) -> None:
     evidence = check(path) if check is not None else None
     if evidence:
         raise truncation_error(path, evidence)
+
+
+def check_quotes(path: Path) -> None:
+    """Raise SceneError for CSV with text after a closing quote.
+
+    GDAL reads on to the next quote, so rows would be lost in silence.
+    """
+    # Any byte is a character, so that invalid text is found by the reader of the file.
+    with path.open(encoding="latin-1", newline="") as stream:
+        head = stream.readline(MAX_LINE_CHARACTERS)
+        stream.seek(0)
+        separator = max(",;\t|", key=head.count)
+        rows = csv.reader(stream, delimiter=separator, strict=True)
+        limit = csv.field_size_limit(MAX_LINE_CHARACTERS)
+        try:
+            for _ in rows:
+                pass
+        except csv.Error as error:
+            if "expected after" in str(error):
+                raise SceneError(
+                    f"{path} line {rows.line_num}: text after a closing quote; write each quote "
+                    "inside a quoted value twice"
+                ) from error
+        finally:
+            csv.field_size_limit(limit)
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:

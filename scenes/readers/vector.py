@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 from scenes.readers import geojson
 from scenes.readers.gdal import FailureLog
 from scenes.readers.geoparquet import to_pandas
-from scenes.readers.guard import check_last_line, refuse_special, truncation_error
+from scenes.readers.guard import (
+    check_last_line,
+    check_quotes,
+    refuse_special,
+    truncation_error,
+)
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
@@ -61,6 +66,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     is_sequence = geojson.is_sequence(source.path)
     if is_sequence:
         check_last_line(source.path, lambda line: bool(json.loads(line)))
+    if _open_options(source.path) and not (source.rows and source.rows[0]):
+        check_quotes(source.path)
     failures = FailureLog()
     count = missing = 0
     with warnings.catch_warnings(), _explain_errors(source):

@@ -16,7 +16,7 @@ from harness.compare.model import CaseChange, Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import classify
 from harness.compare.wording import build_tables, format_headline
-from harness.errors import UsageError
+from harness.errors import IncompatibleRunsError, UsageError
 from harness.metrics.groups import IDENTIFYING
 from harness.rasterisers.reference import Binning
 from harness.results.run_folder import Run, read_run
@@ -391,3 +391,14 @@ def test_driver_version_may_change_and_device_may_not():
     ]
     assert find_changed_hardware(runs[0], runs[1]) == {}
     assert find_changed_hardware(*runs[1:]) == {"opengl on gpu0": names[1:]}
+
+
+def test_devices_of_every_rasteriser_are_compared(tmp_path):
+    """The runs share opengl's device; webgpu's differ, so that its cases have no pair."""
+    runs = []
+    for number, device in enumerate(("lavapipe", "swiftshader"), 1):
+        edit = {"fan": lambda record, to=device: record.update(rasteriser="webgpu", device=to)}
+        runs.append(read_run(write_run(tmp_path / device, seed=number, edits=edit)))
+    with pytest.raises(IncompatibleRunsError, match=r"webgpu: BASE ran on lavapipe and HEAD on sw"):
+        compare_runs(*runs, Settings())
+    assert len(compare_runs(*runs, Settings(across_devices=True)).cases) == len(TRIANGULATORS)

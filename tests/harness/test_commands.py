@@ -122,6 +122,13 @@ def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
         )
 
 
+def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
+    monkeypatch.setattr("harness.rasterisers.default_rasteriser", lambda: "webgpu")
+    code, _, err = harness("profile", "--device", "no-such-device")
+    assert code != 0
+    assert "no device works here; measuring with webgpu" in err
+
+
 def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch):
     names = []
     monkeypatch.setattr(

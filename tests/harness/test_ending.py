@@ -51,6 +51,8 @@ def system_error(number: int) -> OSError:
         (system_error(errno.EROFS), 2, ["somewhere/file", "Read-only file system", "--out"]),
         (system_error(errno.EACCES), 2, ["somewhere/file", "Permission denied"]),
         (MemoryError(), 2, ["out of memory", "smaller scene"]),
+        (ImportError("a.so: failed to map segment"), 2, ["out of memory", "smaller scene"]),
+        (RuntimeError("can't start new thread"), 2, ["out of memory", "smaller scene"]),
         (SystemExit(0), 2, ["a plugin called sys.exit(0)"]),
         (RuntimeError("odd\nlines"), 70, ["internal error", "RuntimeError: odd"]),
         (EOFError("cut off"), 70, ["internal error", "cut off"]),
@@ -250,3 +252,13 @@ def test_signals_in_destructors_end_the_command(tmp_path, number):
     process = program("list", "scenes", hook=tmp_path, stdout=subprocess.PIPE)
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err.splitlines()[-1]) == (130, b"stopped")
+
+
+def test_name_outside_the_encoding_of_the_output_is_escaped(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    file = tmp_path / "naïve.wkt"
+    file.write_text("POLYGON ((0 0, 9 0, 0 9, 0 0))")
+    process = program("inspect", str(file), "--sizes", "16", stdout=subprocess.PIPE)
+    out, err = process.communicate()
+    assert (process.returncode, b"Traceback" in err) == (0, False)
+    assert b"na\\xefve.wkt" in out

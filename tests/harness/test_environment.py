@@ -16,8 +16,9 @@ from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
+from harness.workers.pool import third_party_limits
 from tests.compare.runs import MACHINE, slower, write_run
-from tests.conftest import require_ok
+from tests.conftest import MEASURED_OTHERS_S, MEASURED_STOLEN_S, require_ok
 from tests.records import lines_of
 
 
@@ -199,3 +200,17 @@ def test_history_ignores_changes_of_the_processor(tmp_path):
     assert changed == set()
     one = [replace(run, facts=runs[0].facts) for run in runs]
     assert {s.metric for s in read_series(one) if s.changes} == {"time"}
+
+
+def test_system_without_proc_has_unknown_facts_and_no_error(monkeypatch):
+    def fail(*_: object, **__: object) -> None:
+        raise FileNotFoundError(2, "No such file or directory", "/proc/meminfo")
+
+    for name in ("virtual_memory", "cpu_times", "cpu_count", "getloadavg", "Process"):
+        monkeypatch.setattr(f"psutil.{name}", fail)
+    facts = environment.collect(0)
+    assert facts["memory_gib"] is facts["cores"] is facts["load"] is None
+    assert facts["threads"] >= 1
+    assert not any("busy" in line for line in environment.list_warnings(facts))
+    assert third_party_limits().memory_bytes is None
+    assert MEASURED_STOLEN_S() == MEASURED_OTHERS_S() == 0.0

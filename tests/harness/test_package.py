@@ -48,6 +48,11 @@ def test_the_wheel_has_every_file_of_the_packages(tmp_path):
         if file.is_file()
     }
     assert expected <= held
+    licences = ("report/static/LICENSE-echarts", "report/static/LICENSE-d3")
+    assert {
+        *(f"harness/{name}.txt" for name in licences),
+        "scenes/tiles/LICENSE-helsinki.txt",
+    } <= held
     assert any(name.endswith("entry_points.txt") for name in held)
 
 

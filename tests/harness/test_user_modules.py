@@ -1,10 +1,12 @@
 """The current folder is imported from only for functions that the user names, and last."""
 
+import multiprocessing
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from harness.workers.worker import Worker
 from tests.conftest import assert_one_line
 from tests.paths import ROOT, run_python
 
@@ -101,3 +103,12 @@ def test_a_checkout_works_at_any_path(tmp_path):
     assert lines[:2] == ["-P", "-c"]
     assert lines[3:] == [str(root), "list", "a b"]
     assert not [*tmp_path.rglob("made")]
+
+
+def test_workers_started_from_scratch_do_not_import_strangers_modules(folder, monkeypatch):
+    """As on macOS and Windows, where Python starts them by `python -c`."""
+    context = multiprocessing.get_context("spawn")
+    monkeypatch.setattr("harness.workers.serving.start_server", lambda: context)
+    with Worker("worker") as worker:
+        assert worker.call(abs, -3) == 3
+    assert list(folder.glob("imported-*")) == []

@@ -302,3 +302,14 @@ def test_ctrl_c_does_not_reach_the_loading_server(tmp_path):
     (tmp_path / "own.py").write_text(CTRL_C)
     done = run_python(tmp_path / "own.py", start_new_session=True)
     assert (done.stdout, done.stderr) == ("heard\n2\n", "")
+
+
+def test_process_that_cannot_be_started_is_one_error(monkeypatch):
+    """The fork server ends if memory is lacking."""
+
+    def fail(_: object) -> None:
+        raise EOFError("unexpected EOF")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", fail)
+    with pytest.raises(TaskError, match=r"no process can be started .*EOFError.*ulimit"):
+        Worker("worker")

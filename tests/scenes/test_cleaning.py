@@ -204,3 +204,16 @@ class TestFillRules:
         rings = [np.array([(a, b), (c, b), (c, d), (a, d)])[::way] for a, b, c, d, way in boxes]
         assert shapely.area(fill_contours(rings, "nonzero")).sum() == nonzero
         assert shapely.area(fill_contours(rings, "evenodd")).sum() == evenodd
+
+
+def test_contours_that_coincide_too_often_are_refused():
+    """Coincident edges do not cross, but each pair is a pair to resolve."""
+    there_and_back = np.tile([(0.0, 0.0), (2.0, 1.0)], (2000, 1))
+    with pytest.raises(shapely.GEOSException, match="crosses itself more than"):
+        fill_contours([np.vstack([there_and_back, [(1.0, 3.0)]])])
+    wheel = [
+        np.array([(0, 0), (np.cos(a), np.sin(a)), (np.cos(a + 1e-3), np.sin(a + 1e-3))])
+        for a in np.linspace(0, 6, 1500)
+    ]
+    (area,) = fill_contours(wheel)  # edges that only touch are no crossings
+    assert area.area == pytest.approx(1500 * np.sin(1e-3) / 2)

@@ -447,3 +447,18 @@ def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
         assert Path(path).name in str(error.value)
     with pytest.raises(SceneError, match=r"cannot be opened: .*null"):
         load("a\0b.geojson")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_csv_with_text_after_a_closing_quote_is_refused(tmp_path, separator):
+    """GDAL joins the rows up to the next quote, so that polygons are lost in silence."""
+    rows = ['"POLYGON ((0 0,1 0,0 1,0 0))"', '"POLYGON ((0 0,2 0,0 2,0 0))"']
+    whole, torn = (
+        "\n".join([f"WKT{separator}name", *(f'{row}{separator}"a ""b"""' for row in r)])
+        for r in (rows, [rows[0] + '"', *rows[1:]])
+    )
+    for name, text in (("whole", whole), ("torn", torn)):
+        (tmp_path / f"{name}.csv").write_text(text)
+    assert len(load(tmp_path / "whole.csv").polygons) == 2
+    with pytest.raises(SceneError, match=r"torn.csv line 2: text after a closing quote"):
+        load(tmp_path / "torn.csv")

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -396,6 +397,21 @@ class TestGltf:
         builder = Builder(self.CORNERS, self.PAIR)
         builder.json["extensionsUsed"] = [extension]
         with pytest.raises(SceneError, match=f"a.glb: {extension} is unsupported; unpack"):
+            load(builder.write(tmp_path / "a.glb"))
+
+    @pytest.mark.parametrize(
+        ("changes", "reason"),
+        [
+            ({"extensionsRequired": ["KHR_x"]}, "requires the extension KHR_x, which is unsupp"),
+            ({"extensionsRequired": ["KHR_materials_x", "EXT_mesh_gpu_instancing"]}, ""),
+            ({"nodes": [{"children": [1, 1]}, {"mesh": 0}]}, "the nodes are not a tree"),
+            ({"nodes": [{"mesh": 0, "children": [0]}]}, "the nodes are not a tree"),
+        ],
+    )
+    def test_no_part_is_lost_in_silence(self, tmp_path, changes, reason):
+        builder = Builder(self.CORNERS, self.PAIR)
+        builder.json |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]} | changes
+        with pytest.raises(SceneError, match=reason) if reason else nullcontext():
             load(builder.write(tmp_path / "a.glb"))
 
 
