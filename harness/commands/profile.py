@@ -52,7 +52,7 @@ def profile(
     from harness.workers.worker import Worker
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    (name,) = options.named_rasterisers((rasteriser,) if rasteriser else None)
+    (name,) = options.choose_rasterisers((rasteriser,) if rasteriser else None)
     backend = Backend(name, rasterisers.find_device(name, device))
     kind = rasterisers.get(name)
     draws = [draw for draw in design.make_draws(seed) if kind.supports(Options(work=draw.work))]

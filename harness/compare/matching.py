@@ -74,9 +74,9 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
                     "runs of one device each"
                 )
         return {(name, min(old)): min(new) for name, (old, new) in changed.items()}
-    for name, (old, new) in both.items():
-        if not old & new:
-            names = (", ".join(sorted(devices)) for devices in (old, new))
+    for name, sides in both.items():
+        if not sides[0] & sides[1]:
+            names = (", ".join(sorted(devices)) for devices in sides)
             raise IncompatibleRunsError(
                 "{}: BASE ran on {} and HEAD on {}: counters and times differ between devices; "
                 "add --across-devices to compare them".format(name, *names)

@@ -16,7 +16,7 @@ from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
-from harness.workers.pool import third_party_limits
+from harness.workers.pool import get_third_party_limits
 from tests.compare.runs import MACHINE, slower, write_run
 from tests.conftest import MEASURED_OTHERS_S, MEASURED_STOLEN_S, require_ok
 from tests.records import lines_of
@@ -212,5 +212,5 @@ def test_system_without_proc_has_unknown_facts_and_no_error(monkeypatch):
     assert facts["memory_gib"] is facts["cores"] is facts["load"] is None
     assert facts["threads"] >= 1
     assert not any("busy" in line for line in environment.list_warnings(facts))
-    assert third_party_limits().memory_bytes is None
+    assert get_third_party_limits().memory_bytes is None
     assert MEASURED_STOLEN_S() == MEASURED_OTHERS_S() == 0.0
