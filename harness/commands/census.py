@@ -10,12 +10,12 @@ import typer
 
 from harness.commands.many_files import complete, refuse_set_aside, warn_of_skipped
 from harness.commands.options import (
+    Condition,
     Dask,
     Layer,
     Quiet,
     ValueList,
     Verbose,
-    Where,
     make_list_parser,
     refuse_given,
 )
@@ -75,7 +75,7 @@ def census(
         ),
     ] = None,
     layer: Layer = None,
-    where: Where = None,
+    condition: Condition = None,
     dask: Dask = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -101,13 +101,13 @@ def census(
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # A thousand units, or a hundredth of a degree: a kilometre.
         size = cell or (0.01 if has_degrees(files(file)[0]) else 1000.0)
-        _count_dataset(file, out, Census(names, scale, size, layer, where), dask, reporter)
+        _count_dataset(file, out, Census(names, scale, size, layer, condition), dask, reporter)
         return
     of_files: dict[str, object] = {
         "--units-per-pixel": units_per_pixel,
         "--cell": cell,
         "--layer": layer,
-        "--where": where,
+        "--where": condition,
     }
     refuse_given(of_files, "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512")
     name, selection = tiles

@@ -53,7 +53,7 @@ def inspect(
         ),
     ] = None,
     layer: options.Layer = None,
-    where: options.Where = None,
+    condition: options.Condition = None,
     triangulator: Annotated[
         options.ValueList | None,
         typer.Option(
@@ -119,7 +119,7 @@ def inspect(
         default = (*default, SHAPE_OPTIMUM)
     recipes = parse_all(triangulator or default, seed=seed)
     options.refuse_own_source(scene, out)
-    scene = join_name(scene, layer=layer, where=where)
+    scene = join_name(scene, layer=layer, where=condition)
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

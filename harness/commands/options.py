@@ -113,9 +113,9 @@ Json = Annotated[
     bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
 ]
 Layer = Annotated[str | None, typer.Option(help="Layer of the file to read.")]
-Where = Annotated[
+Condition = Annotated[
     str | None,
-    typer.Option(help="Condition on the polygons to read, as in SQL: height > 10."),
+    typer.Option("--where", help="Condition on the polygons to read, as in SQL: height > 10."),
 ]
 Limit = Annotated[int | None, typer.Option(min=1, help="Maximum number of polygons to read.")]
 Dask = Annotated[

@@ -35,7 +35,7 @@ def run(
         ),
     ] = None,
     layer: options.Layer = None,
-    where: options.Where = None,
+    condition: options.Condition = None,
     limit: options.Limit = None,
     triangulators: options.Triangulators = options.ValueList(DEFAULT_TRIANGULATORS),
     rasterisers: options.Rasterisers = None,
@@ -75,9 +75,10 @@ def run(
             "raster-harness profile.",
         ),
     ] = None,
-    beside: Annotated[
+    baseline_reference: Annotated[
         str | None,
         typer.Option(
+            "--beside",
             help="Measure another version of your code in the same rounds: a commit or branch of "
             "your repository, or a folder. It becomes the run `base` in the folder.",
         ),
@@ -131,7 +132,7 @@ def run(
         if is_model_with_views(scene) and not options.is_given(context, "triangulators"):
             triangulators = options.ValueList(MODEL_TRIANGULATORS)
         plan = Plan(
-            scene=join_name(scene, layer=layer, where=where, limit=limit),
+            scene=join_name(scene, layer=layer, where=condition, limit=limit),
             seed=seed,
             triangulators=run_inputs.parse_recipes(triangulators, seed, profile),
             rasterisers=options.choose_rasterisers(rasterisers),
@@ -151,7 +152,7 @@ def run(
         )
     folder = outcome.choose_folder(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    with run_inputs.open_baseline(beside, plan, resume, twice=draw_twice) as baseline:
+    with run_inputs.open_baseline(baseline_reference, plan, resume, twice=draw_twice) as baseline:
         run_options = RunOptions(
             resume=resume is not None,
             force=force,

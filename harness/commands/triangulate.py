@@ -7,12 +7,12 @@ import typer
 
 from harness.commands.many_files import format_notes, triangulate_many_files
 from harness.commands.options import (
+    Condition,
     Dask,
     Layer,
     Limit,
     Quiet,
     Verbose,
-    Where,
     refuse_given,
     refuse_own_source,
 )
@@ -58,7 +58,7 @@ def triangulate(
         ),
     ] = None,
     layer: Layer = None,
-    where: Where = None,
+    condition: Condition = None,
     limit: Limit = None,
     certify: Annotated[
         bool,
@@ -106,7 +106,7 @@ def triangulate(
         polygon_options: dict[str, object] = {
             "--triangulator": triangulator,
             "--layer": layer,
-            "--where": where,
+            "--where": condition,
             "--certify": certify,
             "--dask": dask,
         }
@@ -131,7 +131,7 @@ def triangulate(
         from harness.scaling.triangulated import Triangulating
 
         import_parquet()
-        work = Triangulating(name, layer, where, certify)
+        work = Triangulating(name, layer, condition, certify)
         triangulate_many_files(file, out, work, dask, reporter)
         return
 
@@ -144,7 +144,7 @@ def triangulate(
         reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
     ):
         report = export_file(
-            join_name(file, layer=layer, where=where, limit=limit),
+            join_name(file, layer=layer, where=condition, limit=limit),
             out,
             name,
             progress=report_progress,

@@ -141,7 +141,7 @@ def count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
     return corners // 3 if primitive.get("mode", 4) == 4 else corners - 2
 
 
-def _plain(document: dict[str, Any], like: dict[str, Any] | None = None) -> dict[str, Any]:
+def _plain(document: dict[str, Any], template: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the JSON without references to indices; additions at the end of lists are skipped."""
     document = copy.deepcopy(document)
     for mesh in document["meshes"]:
@@ -149,7 +149,7 @@ def _plain(document: dict[str, Any], like: dict[str, Any] | None = None) -> dict
             primitive.pop("indices", None)
             primitive.pop("mode", None)
     for name in ("accessors", "bufferViews"):
-        document[name] = document[name][: len((like or document)[name])]
+        document[name] = document[name][: len((template or document)[name])]
     for buffer in document["buffers"]:
         buffer.pop("byteLength")
         buffer.pop("uri", None)

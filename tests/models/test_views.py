@@ -116,7 +116,7 @@ def test_unchanged_models_are_not_counted(tmp_path, harness, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory):
+def plates(tmp_path_factory):
     """A plate, the plate with shorter diagonals, and the reduction of their length."""
     folder = tmp_path_factory.mktemp("law")
     before, after = folder / "before.glb", folder / "after.glb"
@@ -125,9 +125,9 @@ def both(tmp_path_factory):
     return before, after, done.before - done.after
 
 
-def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
+def expected_and_counted(plates, pixels: int) -> tuple[float, float, float]:
     """Return the helper lanes saved by E, by Q of each view, and as counted."""
-    before, after, shorter = both
+    before, after, shorter = plates
     lanes = []
     for path in (before, after):
         scene = read(str(path), pixels=pixels)
@@ -145,13 +145,13 @@ def expected_and_counted(both, pixels: int) -> tuple[float, float, float]:
     return by_e, by_q, counted
 
 
-def test_e_predicts_savings_for_slivers_of_some_pixels(both):
-    by_e, by_q, counted = expected_and_counted(both, 1024)
+def test_e_predicts_savings_for_slivers_of_some_pixels(plates):
+    by_e, by_q, counted = expected_and_counted(plates, 1024)
     assert by_e == pytest.approx(counted, rel=0.1)
     assert by_q == pytest.approx(counted, rel=0.02)
 
 
-def test_only_q_predicts_savings_of_small_models(both):
-    by_e, by_q, counted = expected_and_counted(both, 16)
+def test_only_q_predicts_savings_of_small_models(plates):
+    by_e, by_q, counted = expected_and_counted(plates, 16)
     assert by_e > 3 * counted > 0
     assert by_q == pytest.approx(counted, rel=0.05)

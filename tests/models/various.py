@@ -33,9 +33,9 @@ def solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
     shape = shapely.Point(0, 0).buffer(size, quad_segs=8)
     shape = shape.difference(shapely.Point(0.2 * size, 0.1 * size).buffer(0.3 * size, quad_segs=8))
     shape = shape.difference(shapely.box(-0.6 * size, -0.2 * size, -0.4 * size, 0.2 * size))
-    made = trimesh.creation.extrude_polygon(shape, 0.2 * size, engine="earcut")
-    made.apply_transform(trimesh.transformations.rotation_matrix(turn, [1, 2, 3]))
-    return made
+    mesh = trimesh.creation.extrude_polygon(shape, 0.2 * size, engine="earcut")
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, [1, 2, 3]))
+    return mesh
 
 
 def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
@@ -167,7 +167,7 @@ def fan(model: Model) -> None:
     model.json["meshes"][0]["primitives"].append({"attributes": about, "mode": 6})
 
 
-def few(model: Model) -> None:
+def small_and_large_indices(model: Model) -> None:
     """Indices of one byte, and of four bytes although two would do."""
     small = shape_of(solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
@@ -212,14 +212,14 @@ def with_data_uri(path: Path) -> Path:
     return _as_gltf(path, lambda data: "data:application/octet-stream;base64," + data)
 
 
-def with_buffer_beside(path: Path) -> Path:
+def with_buffer_file(path: Path) -> Path:
     file = path.with_suffix(".bin")
 
-    def beside(data: str) -> str:
+    def write_buffer(data: str) -> str:
         file.write_bytes(base64.b64decode(data))
         return file.name
 
-    return _as_gltf(path, beside)
+    return _as_gltf(path, write_buffer)
 
 
 def _as_gltf(path: Path, store: Callable[[str], str]) -> Path:
@@ -245,10 +245,10 @@ MODELS: dict[str, Callable[[Path], Path]] = {
     "no-indices.glb": written(without_indices),
     "strip.glb": written(strip),
     "fan.glb": written(fan),
-    "few.glb": written(few),
+    "few.glb": written(small_and_large_indices),
     "quantized.glb": written(quantized),
     "variants.glb": written(with_variants),
     "plain.gltf": with_data_uri,
-    "beside.gltf": with_buffer_beside,
+    "beside.gltf": with_buffer_file,
     "plain.obj": plain,
 }

@@ -3,7 +3,7 @@
 const PAGE = 50;
 const list = { from: 0, sort: null, descending: false };
 
-/* [heading, name of the figure]; what no case has is left out when the page starts. */
+/* [heading, name of the metric]; columns without values are removed when the page starts. */
 let fields = [];
 
 function allFields() {

@@ -87,7 +87,7 @@ function noteOn(marks) {
   const line = isRatio() ? " On the dashed line both ratios are equal." : unit ? " On the dashed line both are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
     ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
-  const same = chart.same ? ` ${number(chart.same)} marks on 1, where nothing differs from ${group().base}, are left out.` : "";
+  const same = chart.same ? ` ${number(chart.same)} marks on 1, equal to ${group().base}, are not drawn.` : "";
   return `${number(marks.length)} marks${base}.${line}${same}${sample}`;
 }
 

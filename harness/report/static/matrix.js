@@ -10,7 +10,7 @@ function drawMatrix() {
   const { matrices } = state.report;
   const matrix = matrices.find((each) => each.statistic === $("statistic").value);
   if (!matrix) {
-    $("matrix").replaceChildren(element("p", { class: "empty" }, "Nothing was counted for each polygon, so no criterion can be judged."));
+    $("matrix").replaceChildren(element("p", { class: "empty" }, "No criterion can be evaluated, as the run has no counters per polygon."));
     return;
   }
   const best = matrix.columns.map((_, j) => Math.max(...matrix.cells.map((row) => row[j]?.[0] ?? -Infinity)));
@@ -34,7 +34,7 @@ function setUpMatrix() {
   $("matrix-note").textContent = study
     ? "Small numbers are 95 % intervals. The best criterion of a column is framed."
     : `Of all polygons and triangulators in ${groups[0]?.condition ?? ""}, relative to ${groups[0]?.base ?? ""} on the same polygon. `
-      + "The best of a column is framed. raster-harness study validate judges criteria on many triangulations of each polygon, with intervals.";
+      + "The best value of a column is framed. raster-harness study validate evaluates criteria on many triangulations per polygon, with intervals.";
   tables.matrix = () => csv(["rasteriser", "device", "criterion", "measure", "statistic", "value", "ci_low", "ci_high"],
     matrices.flatMap((m) => m.rows.flatMap((row, i) => m.columns.flatMap((c, j) => (m.cells[i][j] ? [[c.rasteriser, c.device, row.name, c.measure, m.statistic, ...m.cells[i][j]]] : [])))));
   drawMatrix();
