@@ -1,5 +1,5 @@
 "use strict";
-/* The browser's GPU: counts fragments, quads and partial quads exactly, and draws again and again to be timed. */
+/* The browser's GPU: exact counts of fragments, quads and partial quads, and repeated draws for timing. */
 
 const FORMAT = "rgba8unorm";
 const KEEP_ALPHA = 7, WRITE_ALL = 15;
@@ -11,7 +11,7 @@ const SELF_TEST_PX = 1024;
 const BROWSERS = "WebGPU is in Chrome and Edge from 113 (Android: 121), in Safari from 26, and in Firefox from 141 on "
   + "Windows and 145 on Macs with Apple's chips. On Linux, Chrome may need chrome://flags/#enable-unsafe-webgpu.";
 
-/* {adapter, device, info}; throws an Error with a sentence for people. */
+/* Returns {adapter, device, info}; throws an Error with a message for the user. */
 async function openDevice() {
   if (!navigator.gpu) throw new Error(`This browser has no WebGPU. ${BROWSERS}`);
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
@@ -140,7 +140,7 @@ class Painter {
   }
 }
 
-/* Ranges of triangles, none of which shades so many lanes that a counter of 32 bits could wrap. */
+/* Ranges of triangles whose lanes fit a counter of 32 bits. */
 function batches(frame, rows) {
   const ranges = [];
   let first = 0, lanes = 0;
@@ -207,7 +207,7 @@ class Drawing {
     pass.setVertexBuffer(0, this.buffers[0]);
     pass.setVertexBuffer(1, this.buffers[1]);
     pass.setIndexBuffer(this.buffers[2], "uint32");
-    // A draw of nothing is a pass alone: browsers warn of more.
+    // An empty draw is only a pass, as browsers warn of draws without triangles.
     if (this.indices) pass.drawIndexed(this.indices, instances);
     pass.end();
     if (stamps && last) encoder.resolveQuerySet(this.queries, 0, 2, this.answers, 0);

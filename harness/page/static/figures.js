@@ -1,5 +1,5 @@
 "use strict";
-/* Medians, and the ratio of two drawings with its interval: as harness/stats/intervals.py has them. */
+/* Medians, and the ratio of two drawings with interval, as in harness/stats/intervals.py. */
 
 function median(values) {
   const sorted = [...values].sort((a, b) => a - b);
@@ -11,7 +11,7 @@ const sum = (values) => values.reduce((total, value) => total + value, 0);
 const mean = (values) => sum(values) / values.length;
 const range = (size) => Array.from({ length: size }, (_, k) => k);
 
-/* By how much a log ratio moves from one run to the next, beyond what its rounds show. */
+/* Variation of a log ratio between runs, in addition to the variation between rounds. */
 const RUN_SCATTER = 0.003;
 const NORMAL = 1.959963985;
 
@@ -22,14 +22,14 @@ function student(freedom) {
     + (3 * z ** 7 + 19 * z ** 5 + 17 * z ** 3 - 15 * z) / (384 * freedom ** 3);
 }
 
-/* The mean of independent values and the ends of Student's 95 % interval of it. */
+/* The mean of independent values, and the bounds of Student's 95 % interval. */
 function studentInterval(values) {
   const middle = mean(values), freedom = values.length - 1;
   const reach = student(freedom) * Math.sqrt(sum(values.map((value) => (value - middle) ** 2)) / freedom / values.length);
   return [middle, middle - reach, middle + reach];
 }
 
-/* Ends of the studentised bootstrap's 95 % interval of the mean of values: see harness/stats/intervals.py. */
+/* Bounds of the studentised bootstrap's 95 % interval of the mean of values, see harness/stats/intervals.py. */
 const TAIL = 0.01, STUDENTISED = 1999;
 
 function meanInterval(values, random = Math.random) {

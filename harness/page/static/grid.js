@@ -7,7 +7,7 @@ const PROBE_PX = 64, PROBES = 80;
 
 const snapped = (points, step) => (step === 1 ? points : points.map((value) => Math.floor((value + step / 2) / step) * step));
 
-/* What the reference counts of each polygon. */
+/* Counters of the reference per polygon. */
 function countExactly(frame, rows) {
   const [fragments, quads, partial_quads, covering_triangles] = [0, 1, 2, 3].map(() => new Array(frame.polygons).fill(0));
   const corner = (index) => [frame.points[2 * index], frame.points[2 * index + 1]];
@@ -21,10 +21,10 @@ function countExactly(frame, rows) {
 
 const COUNTERS = ["fragments", "quads", "partial_quads", "covering_triangles"];
 
-/* Polygons in which two counts differ. */
+/* Number of polygons with different counts. */
 const differingOf = (p, q) => p.fragments.filter((_, k) => COUNTERS.some((name) => p[name][k] !== q[name][k])).length;
 
-/* The coarsest grid's step that is the device's, in 1/256 px; null if it counts by another rule on all of them. */
+/* Step of the device's grid in 1/256 px, the coarsest that agrees; null if the coverage rule differs on all grids. */
 async function findStep(painter) {
   let seed = 7;
   const random = (below) => { seed = (seed * 16807) % 2147483647; return seed % below; };

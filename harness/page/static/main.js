@@ -1,5 +1,5 @@
 "use strict";
-/* Counts, then times, view by view; keeps what was measured whatever happens; offers it as one file. */
+/* Counts, then times, view by view; retains completed measurements, and offers the result as a file. */
 
 const PACE = { quick: 0.6, usual: 4, long: 10 };
 const RESULT = "raster-harness device result";

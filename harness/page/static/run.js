@@ -28,12 +28,12 @@ async function measure() {
   const painter = new Painter(device, info, state.page.shaders);
   const lost = device.lost.then((why) => `The browser lost the GPU (${why.message || why.reason}).`);
   try {
-    // Whatever is waited for ends when the device is lost.
+    // All pending promises end when the device is lost.
     await Promise.race([measureAll(result, painter, budget), lost.then((why) => { throw new Error(why); })]);
   } catch (error) {
-    // Whatever still goes on ends with the round under way.
+    // Running measurements end with the current round.
     state.stop = true;
-    // What fails because the device is lost may be heard of first; a busy browser takes its time.
+    // A failure may arrive before the loss of the device that caused it.
     const later = new Promise((resolve) => setTimeout(resolve, 1000));
     throw new Error(await Promise.race([lost, later.then(() => error.message)]));
   } finally {
@@ -109,7 +109,7 @@ function fileName() {
   return `${words.toLowerCase().replaceAll(/[^a-z0-9]+/g, "-").replaceAll(/^-|-$/g, "")}.json`;
 }
 
-/* The result as text, and its digest, by which `raster-harness import` sees whether the file is whole. */
+/* The result as text, and its digest, by which `raster-harness import` detects modified files. */
 async function savedText() {
   const text = JSON.stringify(state.result);
   const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", new TextEncoder().encode(text)));

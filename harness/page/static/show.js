@@ -1,15 +1,15 @@
 "use strict";
-/* What people see: numbers, the ranking of each view, predicted against measured. */
+/* Display: numbers, the ranking of each view, predicted against measured. */
 
 const conditionOf = (view) => `${view.resolution} px${view.rotation ? `, turned ${view.rotation}°` : ""}`;
 const colourOf = (name) => state.page.looks[name][state.dark ? "dark" : "colour"];
 const AGAIN = "(the base again)";
 const FEWEST_EPOCHS = 4;
 
-/* Helper lanes of a case: 4 lanes a quad, less those that cover something. */
+/* Helper lanes of a case: 4 lanes per quad minus fragments. */
 const helpersOf = (counters) => 4 * sum(counters.quads) - sum(counters.fragments);
 
-/* Rows of a view's ranking: what was counted, and the time against the base's where it was timed. */
+/* Rows of a view's ranking: counters, and the time relative to the base if timed. */
 function rankedOf(view) {
   const base = view.times?.[state.page.base];
   const rows = Object.entries(view.cases).map(([name, each]) => {
@@ -89,7 +89,7 @@ function drawCharts() {
   $("chart-note").textContent = `${conditionOf(view)}; both relative to ${state.page.base}. One mark is a triangulator.`;
 }
 
-/* The sentence that says what came out. */
+/* The sentence with the result. */
 function answerOf(result) {
   const name = deviceName(result, "this device");
   const view = result.views.find((each) => each.times && rankedOf(each).some((row) => row.ratio && row.complete));

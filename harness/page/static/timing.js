@@ -1,6 +1,6 @@
 "use strict";
-/* Honest times, as harness/measuring/timing.py takes them: shuffled interleaved rounds, in epochs before each
-   in which all drawings are prepared again. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
+/* Timing as in harness/measuring/timing.py: shuffled interleaved rounds, in epochs before which all drawings
+   are prepared again. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
 
 const EMPTY = "(empty)", REFERENCE = "(reference)";
 const AGREEMENT = 0.3, MIN_ROUNDS = 12, EPOCH_ROUNDS = 2, EPOCHS = 12, LONGEST_BATCH = 10;
@@ -17,7 +17,7 @@ function shuffle(values, random) {
   }
 }
 
-/* The smallest step of the wall clock that shows, in seconds. */
+/* The smallest visible step of the wall clock, in seconds. */
 function clockResolution() {
   let smallest = Infinity;
   for (let k = 0; k < 20; k++) {
@@ -29,7 +29,7 @@ function clockResolution() {
   return smallest;
 }
 
-/* The step that all of a GPU's times are multiples of, in seconds: browsers round them to 0.1 ms or so. */
+/* The step of the GPU's timer in seconds: browsers round times to about 0.1 ms. */
 function stepOf(nanoseconds) {
   let step = 0;
   for (let value of nanoseconds) {
@@ -39,8 +39,8 @@ function stepOf(nanoseconds) {
   return Math.max(step, 1) * 1e-9;
 }
 
-/* Draw something known and big; the GPU's timer is believed only if the wall clock agrees.
-   nothing : a drawing of nothing, whose wall time is the cost of asking */
+/* Select the timer by a large draw; the GPU's timer is used only if the wall clock agrees.
+   nothing : an empty drawing, whose wall time is the cost of a request */
 async function selfTest(big, nothing) {
   const asking = [];
   for (let k = 0; k < 5; k++) asking.push((await nothing.sample(1)).wall);
@@ -62,10 +62,10 @@ async function selfTest(big, nothing) {
   return { ...test, timer: "gpu", resolution_s: step, reason: `the GPU timer saw ${figures}` };
 }
 
-/* How many draws make a batch last `batch` seconds, and the seconds of one; draws until times are stable. */
+/* Draws until times are stable; returns the draws per batch of `batch` seconds, and the seconds per draw. */
 async function warmUp(drawing, batch, limit, timer) {
   const deadline = timing.clock() + limit;
-  // What the very first draw takes longer would pass for a whole batch.
+  // The additional time of the first draw might exceed a batch.
   await drawing.sample(1);
   let repeats = 1;
   let seconds = secondsOf(await drawing.sample(repeats), timer);
@@ -101,7 +101,7 @@ async function timeTogether(names, prepare, settings, test, reportShare, stopped
   let gone = 0;
   const now = () => timing.clock() - gone;
   const start = now();
-  // Browsers take milliseconds to ask and to answer: a batch shorter than that would waste the budget.
+  // Browsers take milliseconds per batch, so shorter batches would waste the budget.
   const batch = Math.max(settings.min_batch_s, 100 * test.resolution_s, 3 * test.asking_s);
   const budget = settings.budget_s * names.length;
   let drawings = await prepare(names);
@@ -123,7 +123,7 @@ async function timeTogether(names, prepare, settings, test, reportShare, stopped
   }
   const begun = now();
   const epoch = Math.max(0, start + budget - begun) / EPOCHS;
-  // A slow device has time for few rounds, and most is reportShare by those of different epochs.
+  // On a slow device, rounds of different epochs are more informative than rounds of one epoch.
   const round = sum(names.map((name) => drawn[name] * times[name].repeats));
   const least = EPOCHS * (EPOCH_ROUNDS + 1) * round > limit_s - (begun - start) ? 1 : EPOCH_ROUNDS;
   let until = begun + epoch;
@@ -145,7 +145,7 @@ async function timeTogether(names, prepare, settings, test, reportShare, stopped
     }
     const unseen = await away();
     gone += unseen;
-    // A round is kept whole or not at all.
+    // Incomplete rounds are discarded.
     if (!unseen) {
       for (const name of names) times[name].samples_s.push(seconds[name]);
       epochs[epochs.length - 1] += 1;

@@ -7,7 +7,7 @@ const unitOf = (name) => state.report.figures[name]?.unit ?? "";
 const chosen = (id) => $(id).value;
 const isRatio = () => chosen("scale") === "ratio";
 
-/* Marks: {x: [left, right], y, case, polygon}, x and y null where there is no figure. */
+/* Marks: {x: [left, right], y, case, polygon}; x and y are null without a value. */
 function marksOfPolygons() {
   const { cases, views } = state.report;
   const view = views[group().view];
@@ -158,7 +158,7 @@ function diagonal(marks, i, colour) {
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
 }
 
-/* Smallest and largest, without spreading ten thousand arguments. */
+/* Minimum and maximum, without spreading ten thousand arguments. */
 function sampleEnds(values) {
   return values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 }
@@ -232,7 +232,7 @@ function setUpChart() {
   })));
 }
 
-/* The measures a mark can have: counters of polygons, or figures of whole cases. */
+/* Possible measures of marks: counters of polygons, or metrics of cases. */
 function fillMeasures() {
   const before = chosen("measure");
   let names = group().measures;
@@ -252,13 +252,13 @@ function bestOther() {
   return others.reduce((best, name) => ((ranks[name] ?? -1) > (ranks[best] ?? -1) ? name : best), others[0]);
 }
 
-/* Predictions in the unit of a counter, of those that the chosen polygons or cases have. */
+/* Predictions of the selected polygons or cases in the unit of a counter. */
 function estimatesHere() {
   const kept = Object.values(state.report.views[group().view]?.predicted ?? {})[0];
   return Object.keys(state.report.estimates).filter((name) => (kept ? name in kept : casesOf(state.group).some((each) => positive(each.row[`predicted_${name}`]))));
 }
 
-/* Called when another group is chosen. */
+/* Called when another group is selected. */
 function fillChart() {
   const view = state.report.views[group().view];
   $("level").options[0].disabled = !view || !group().measures.length;

@@ -1,4 +1,4 @@
-/* Every number of the page as CSV: each part adds its table to `tables`, made when asked for. */
+/* All numbers of the page as CSV: each part adds a function to `tables` that makes its table. */
 
 const tables = {};
 

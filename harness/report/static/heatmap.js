@@ -1,4 +1,4 @@
-/* Where it costs: one polygon under two triangulators, a slider between them, and a gallery. */
+/* Heatmaps: a polygon with two triangulators, a slider between these, and a gallery. */
 
 const heat = { k: 0, maps: {} };
 const THUMBNAILS = 12;
@@ -11,7 +11,7 @@ function drawingNow() {
   return view ? unpackDrawing(view) : null;
 }
 
-/* The counts to show of a polygon triangulated by `name`, with the window; null if it is not. */
+/* The counts and the window of a polygon triangulated by `name`; null if the triangulator failed. */
 function mapOf(k, name) {
   const { points, triangles } = polygonOf(drawingNow(), k, name);
   if (!triangles) return null;
@@ -94,7 +94,7 @@ function drawLegend(most) {
   $("legend").replaceChildren(`${MAPS[$("map").value]} per pixel:`, ...entries);
 }
 
-/* A polygon by its number in the frame, and in the scene where that differs. */
+/* Label of a polygon: the number in the frame, and in the scene if different. */
 function polygonName(k) {
   const view = state.report.views[group().view];
   const own = view.chosen[k], source = view.drawing.source[k];
@@ -106,7 +106,7 @@ function costsOf(name) {
   return each?.counted?.[$("measure").value] ?? each?.counted?.[group().main];
 }
 
-/* Positions of polygons, those first whose cost differs most between two triangulators. */
+/* Positions of polygons, in descending order of the cost difference between two triangulators. */
 function mostDifferent(a, b) {
   const view = state.report.views[group().view];
   const [p, q] = [costsOf(a), costsOf(b)];
@@ -120,7 +120,7 @@ function drawGallery() {
   const [p, q] = [costsOf(a), costsOf(b)];
   const shown = mostDifferent(a, b).slice(0, THUMBNAILS);
   const maps = shown.map((k) => mapOf(k, b) ?? mapOf(k, a));
-  // One scale for all: a shade means the same in every thumbnail.
+  // One scale for all thumbnails.
   const most = maps.reduce((value, map) => (map ? Math.max(value, largest(map.values)) : value), 1);
   $("gallery").replaceChildren(...shown.map((k, i) => {
     const map = maps[i];
@@ -139,7 +139,7 @@ function showPolygon(k) {
   drawHeatmap();
 }
 
-/* Opens the heatmap of polygon k for two triangulators: what a click on a mark does. */
+/* Opens the heatmap of polygon k for two triangulators, after a click on a mark. */
 function openHeatmap(k, a, b) {
   const drawing = drawingNow();
   if (drawing) {

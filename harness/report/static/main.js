@@ -2,7 +2,7 @@
 
 const MOST_BOXES = 12;
 
-/* Choose a group: everything that shows one follows. */
+/* Select a group, and update all parts. */
 function choose(index) {
   state.group = index;
   const { groups } = state.report;
@@ -24,7 +24,7 @@ function chooseCondition() {
   $("status").textContent = `Showing ${$("condition").value}`;
 }
 
-/* One box a family of triangulators; a study has so many that they are folded away. */
+/* A checkbox per family of triangulators; collapsed for the many families of a study. */
 function offerNames() {
   const families = [...new Set(namesOfAll().map(familyOf))];
   const boxes = families.map((family) => {

@@ -49,7 +49,7 @@ function colourOf(name) {
 
 const shapeOf = (name) => state.report.looks[name].symbol;
 
-/* random#1 and random#2 are one family: one colour, one box to tick. */
+/* random#1 and random#2 are one family, with one colour and one checkbox. */
 const familyOf = (name) => name.split("#")[0];
 const isHidden = (name) => state.hidden.has(familyOf(name));
 

@@ -1,4 +1,4 @@
-/* The ranking of triangulators, one table for each rasteriser and device of the chosen conditions. */
+/* The ranking of triangulators: a table for each rasteriser and device of the selected conditions. */
 
 const WIDTH = 210;
 

@@ -1,10 +1,10 @@
-/* What a polygon's triangles cost in each pixel, exactly as the harness counts it. */
+/* Costs of a polygon's triangles per pixel, exactly as the harness counts them. */
 
 const LARGEST = 1400;
 
 const startsOf = (counts) => { let sum = 0; return counts.map((count) => (sum += count) - count); };
 
-/* The drawing of a view, its numbers unpacked when first needed. */
+/* The drawing of a view, unpacked on first use. */
 function unpackDrawing(view) {
   const { drawing } = view;
   if (!drawing || drawing.ready) return drawing;
@@ -18,7 +18,7 @@ function unpackDrawing(view) {
   return drawing;
 }
 
-/* {points, triangles}: flat arrays of x, y and of three indices; triangles null where not done. */
+/* {points, triangles}: flat arrays of x, y and of three indices; triangles is null if the triangulator failed. */
 function polygonOf(drawing, k, name) {
   const first = drawing.starts[k], size = drawing.sizes[k];
   const points = drawing.points.subarray(2 * first, 2 * (first + size));
@@ -27,7 +27,7 @@ function polygonOf(drawing, k, name) {
   return { points, triangles };
 }
 
-/* Pixels {left, bottom, width, height} around points, one of margin; at most LARGEST a side. */
+/* Pixels {left, bottom, width, height} around points, with a margin of 1; at most LARGEST per side. */
 function windowOf(points) {
   let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
   for (let i = 0; i < points.length; i += 2) {
