@@ -151,7 +151,7 @@ def _count_dataset(
             filtered = f" for where={condition}: widen the filter" if condition else ""
             raise InputError(f"{pattern} holds no usable polygon{filtered}")
         raise NothingMeasuredError(
-            f"{os.path.relpath(out)}: no {census.noun[:-1]} was done by all triangulators"
+            f"{os.path.relpath(out)}: no {census.noun[:-1]} was completed by all triangulators"
         )
     if not totals.sum_groups().total("fragments")[0]:
         option = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"

@@ -28,4 +28,4 @@ def check_evidence(
     if not checked:
         raise InputError(f"{file} has no evidence: triangulate --certify --evidence writes it")
     if refused:
-        raise InconclusiveError(f"{file}: {refused} of {checked} proofs refused, see above")
+        raise InconclusiveError(f"{file}: {refused} of {checked} proofs are refused; see above")

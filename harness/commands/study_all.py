@@ -92,17 +92,17 @@ def study_all(
         f"Rasterisers: {','.join(settings.rasterisers)}; device: {device or 'the best one here'}."
     )
     atomic.write(file, replication.format_page([*evidence_of.items()], conditions).encode())
-    judged = 0
+    evaluated = 0
     for name, evidence in evidence_of.items():
         figures = [
             figure for _, figure in replication.evaluate_claims(evidence) if figure is not None
         ]
-        judged += len(figures)
+        evaluated += len(figures)
         decided = [figure for figure in figures if not figure.too_few]
         holds = sum(figure.holds for figure in decided)
         console.print(f"{name}: {holds} of {len(decided)} findings hold", markup=False)
-    console.print(f"to read: {file}", markup=False, soft_wrap=True)
-    if not judged:
+    console.print(f"report: {file}", markup=False, soft_wrap=True)
+    if not evaluated:
         raise NothingMeasuredError(
             "no finding could be evaluated: no part of the study has the necessary metrics"
         )

@@ -145,7 +145,7 @@ def test_census_needs_a_footprint_of_all_triangulators(harness, parts, no_plots)
     names = "fan,tests.broken:raise_error"
     code, _, error = harness("census", f"{parts}", "-o", "out", "--triangulators", names)
     assert code == 4
-    assert "error: out: no footprint was done by all triangulators" in error
+    assert "error: out: no footprint was completed by all triangulators" in error
 
 
 SQUARE = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
