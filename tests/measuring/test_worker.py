@@ -287,10 +287,10 @@ def test_workers_get_the_current_environment(monkeypatch):
 CTRL_C = """
 import os, signal
 signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
-from harness.workers.serving import start
+from harness.workers.serving import start_server
 from harness.workers.worker import Worker
 if __name__ == "__main__":
-    start()
+    start_server()
     os.killpg(0, signal.SIGINT)
     with Worker("a worker") as worker:
         print(worker.call(len, [1, 2]))

@@ -126,7 +126,7 @@ def _gltf(before: Path, after: Path) -> Any:
         same = np.frombuffer(content, "u1") == np.frombuffer(other[: len(content)], "u1")
         if len(other) < len(content) or not (same | free[number]).all():
             yield f"bytes of buffer {number}"
-    if json.dumps(_plain(one)) != json.dumps(_plain(two, like=one)):
+    if json.dumps(_plain(one)) != json.dumps(_plain(two, template=one)):
         yield "JSON"
     for mesh, changed_mesh in zip(one["meshes"], two["meshes"], strict=True):
         for primitive, other in zip(mesh["primitives"], changed_mesh["primitives"], strict=True):

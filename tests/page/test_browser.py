@@ -136,7 +136,7 @@ def test_measurements_of_a_lost_device_are_retained(gpu_browser, page):
     assert "lost the GPU" in result["problem"]
     assert len(result["views"][0]["cases"]) == 3
     assert sum(result["views"][0]["epochs"]) > 1
-    assert "start again for the rest" in gpu_browser.evaluate("$('notice').textContent")
+    assert "start again for the others" in gpu_browser.evaluate("$('notice').textContent")
     assert not gpu_browser.evaluate("$('start').disabled")
 
 
