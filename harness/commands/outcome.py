@@ -12,7 +12,7 @@ from rich.console import Console
 from harness import atomic
 from harness.errors import INTERRUPTED, InconclusiveError, NothingMeasuredError, UsageError
 from harness.measuring.plan import Plan
-from harness.measuring.run import Part, RunOptions, RunResult
+from harness.measuring.run import RunOptions, RunResult, ScenePart
 from harness.measuring.run import run as carry_out
 from harness.metrics.decision import COVERED, decide_all
 from harness.metrics.processors import describe_machine
@@ -66,7 +66,7 @@ def require_finished(outcome: RunResult, resume_hint: str, *, quiet: bool = Fals
 
 def measure_study(
     plan: Plan,
-    split: Callable[[str, Scene], list[Part]],
+    split: Callable[[str, Scene], list[ScenePart]],
     folder: Path,
     reporter: Reporter,
     *,

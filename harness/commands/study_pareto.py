@@ -14,7 +14,7 @@ from harness.settings import TimingSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-    from harness.measuring.run import Part
+    from harness.measuring.run import ScenePart
     from scenes import Scene
 
 
@@ -62,7 +62,7 @@ def study_pareto(
     reporter = Reporter(quiet=quiet, verbose=verbose)
     fronts: dict[str, pd.DataFrame] = {}
 
-    def split_scene(label: str, full_scene: Scene) -> list[Part]:
+    def split_scene(label: str, full_scene: Scene) -> list[ScenePart]:
         parts, part_fronts = pareto.make_parts(label, full_scene, polygons, view)
         fronts.update(part_fronts)
         return parts

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from harness.measuring.plan import Plan
-    from harness.measuring.run import Part
+    from harness.measuring.run import ScenePart
     from harness.results.run_folder import Run
     from scenes import Scene
 
@@ -131,14 +131,14 @@ def measure_validation(
 ) -> Validation:
     """Measure many triangulations of single polygons; write tables, plots and the report."""
     from harness.commands.outcome import measure_study
-    from harness.measuring.run import Part
+    from harness.measuring.run import ScenePart
     from harness.report.page import write_report
     from harness.study import correlations, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
 
-    def split_scene(label: str, full_scene: Scene) -> list[Part]:
+    def split_scene(label: str, full_scene: Scene) -> list[ScenePart]:
         return [
-            Part(f"{label}#{number}", part, choose_triangulators(size, part.polygons[0]))
+            ScenePart(f"{label}#{number}", part, choose_triangulators(size, part.polygons[0]))
             for number, part in choose_polygons(full_scene, size)
         ]
 

@@ -1,1 +1,1 @@
-"""Compares two runs and says what changed: for a person, for a machine, and as a CI gate."""
+"""Comparison of two runs, as text, as JSON, and as a gate for CI."""

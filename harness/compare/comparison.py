@@ -52,7 +52,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     base, head : Run
         The runs before and after the change.
     settings : Settings, optional
-        Thresholds and gates; by default those of `Settings`.
+        Thresholds and gates; by default `Settings()`.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 
 
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
-    """Return the comparison of a first run, whose baseline at `path` is still to come."""
+    """Return the comparison of a first run, before a baseline is stored at `path`."""
     head = select_latest(head)
     matches = match_cases(Run(head.path, {}, []), head, across_devices=settings.across_devices)
     return Comparison(
@@ -112,9 +112,9 @@ def _has_other_device(matches: Sequence[Match]) -> bool:
 
 
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
-    """Return a case with its status and, if it was measured in both runs, its counters.
+    """Return a case with the status and, if measured in both runs, the counters.
 
-    run : HEAD, with its plan
+    run : HEAD, with the plan
     """
     base, head = match.base, match.head
     status, reason = _status(match, run)
@@ -150,7 +150,7 @@ def _status(match: Match, run: Run) -> tuple[Status, str]:
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
     before, after = base.polygons, head.polygons
-    if before and after and before != after:  # the first runs do not have them
+    if before and after and before != after:  # the oldest runs have no numbers of polygons
         status: Status = "fewer-polygons" if after < before else "more-polygons"
         return status, f"{before} then, {after} now; {_reason(head)}".rstrip("; ")
     return "compared", ""
@@ -163,7 +163,7 @@ def _reason(record: Record) -> str:
 def _compare_times(
     matches: Sequence[Match], cases: Sequence[CaseChange], settings: Settings, machines_differ: bool
 ) -> tuple[list[CaseChange], list[Drift]]:
-    """Return the cases with their changes of times, and the drift of each group."""
+    """Return the cases with changes of times, and the drift of each group."""
     changes_by_case = {}
     groups: dict[CaseGroup, dict[int, times.Pair]] = defaultdict(dict)
     for number, (match, case) in enumerate(zip(matches, cases, strict=True)):
@@ -211,7 +211,7 @@ def _notes(base: Run, head: Run, differ: bool) -> list[str]:
         lines = [*run.problems, *(run.facts.get("warnings") or [])]
         lines += get_run_state(run).warnings
         lines += ["no cases"] * (not run.records)
-        lines += ["interrupted before its end"] * bool(run.facts.get("interrupted"))
+        lines += ["interrupted before the end"] * bool(run.facts.get("interrupted"))
         notes += [f"{name}: {line}" for line in lines]
     if differ:
         notes.append(

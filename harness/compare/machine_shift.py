@@ -1,4 +1,4 @@
-"""The machine's share of a case's log ratio between two separate runs, estimated by its peers."""
+"""The machine's share of a case's log ratio between separate runs, estimated from peers."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ MIN_CASE_SD = 0.0075
 """Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
 OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the interval outside which one peer is excluded."""
+"""Confidence of the interval outside which a single peer is excluded."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class MachineShift:
     """The machine's share of a case's log ratio.
 
     low, high : bounds of the share
-    sd : standard deviation of the case's log ratio about it
-    degrees : degrees of freedom of `sd`; inf if it is a constant
+    sd : standard deviation of the case's log ratio about the share
+    degrees : degrees of freedom of `sd`; inf for a constant
     against : source of the estimate
     """
 
@@ -37,10 +37,10 @@ class MachineShift:
 
 
 def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the machine's share of a case's log ratio, estimated by its k peers' (k,) log ratios.
+    """Return the machine's share of a case's log ratio, estimated from (k,) log ratios of peers.
 
     With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
-    deviation sigma. The variance of a median of k normal values is about pi / 2k of theirs, so the
+    deviation sigma. A median of k normal values has about pi / 2k of their variance, so the
     case x lies about the peers' median m with variance sigma^2 (1 + pi / 2k). With the sample
     deviation s in place of sigma, (x - m) / (s sqrt(1 + pi / 2k)) follows Student's distribution
     with k - 1 degrees of freedom: the interval covers 95.2 to 95.6 % for 2 to 8 peers. Taking s as
@@ -49,22 +49,24 @@ def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift
 
     sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
     the normal quantile times `MIN_CASE_SD` is wide enough; if not, Student's times s is: the larger
-    of both covers the case in either situation. One peer whose own code changed would widen the
-    interval of all others: it is excluded if the other peers' 99 % interval excludes it.
+    of both covers the case in either situation. A single peer with changed code would widen the
+    interval of all cases: a peer is excluded if outside the 99 % interval of the other peers.
     """
     if len(logs) > MIN_PEERS:
-        others = [_shift_of(np.delete(logs, peer), confidence) for peer in range(len(logs))]
+        shifts = [
+            _estimate_shift_of(np.delete(logs, peer), confidence) for peer in range(len(logs))
+        ]
         changed = [
-            abs(log - other.low) > two_sided_quantile(OUTLIER_CONFIDENCE, other.degrees) * other.sd
-            for log, other in zip(logs, others, strict=True)
+            abs(log - shift.low) > two_sided_quantile(OUTLIER_CONFIDENCE, shift.degrees) * shift.sd
+            for log, shift in zip(logs, shifts, strict=True)
         ]
         if sum(changed) == 1:
-            return others[changed.index(True)]
-    return _shift_of(logs, confidence)
+            return shifts[changed.index(True)]
+    return _estimate_shift_of(logs, confidence)
 
 
-def _shift_of(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the median of (k,) peers' log ratios and the deviation of a case about it."""
+def _estimate_shift_of(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+    """Return the median of (k,) peers' log ratios and the deviation of a case about the median."""
     count = len(logs)
     sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
     if two_sided_quantile(confidence, degrees) * sd <= two_sided_quantile(confidence) * MIN_CASE_SD:

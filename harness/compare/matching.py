@@ -1,4 +1,4 @@
-"""Match the cases of two runs by their identity.
+"""Match the cases of two runs by identity.
 
 A case's key is not used: it includes the scene's content, and changed content is to be reported. A
 case of HEAD's plan without a record in HEAD is lost. Differences of plan, software and machine
@@ -23,7 +23,7 @@ ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "thre
 
 @dataclass(frozen=True)
 class Match:
-    """A case with its records in BASE and in HEAD, each None if the run has none."""
+    """A case with the records in BASE and HEAD, None for a run without a record."""
 
     id: CaseId
     base: Record | None
@@ -64,9 +64,9 @@ def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
 def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
     """Return (rasteriser, device in BASE) -> device in HEAD of the devices to pair."""
     before, after = _devices(base.records), _devices(head.records)
-    both = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
+    common = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
     if across_devices:
-        changed = {name: devices for name, devices in both.items() if devices[0] != devices[1]}
+        changed = {name: devices for name, devices in common.items() if devices[0] != devices[1]}
         for name, devices in changed.items():
             if max(map(len, devices)) > 1:
                 raise IncompatibleRunsError(
@@ -74,7 +74,7 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
                     "runs of one device each"
                 )
         return {(name, min(old)): min(new) for name, (old, new) in changed.items()}
-    for name, sides in both.items():
+    for name, sides in common.items():
         if not sides[0] & sides[1]:
             names = (", ".join(sorted(devices)) for devices in sides)
             raise IncompatibleRunsError(
@@ -90,15 +90,17 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
 
 
 def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
-    """Return label -> renderers of the devices whose renderer differs between the runs.
+    """Return label -> renderers of the devices with different renderers in the two runs.
 
     The driver's version, in brackets in a renderer's name, may change.
     """
     before, after = _renderers(base), _renderers(head)
-    both = {label: (before[label], after[label]) for label in sorted(before.keys() & after.keys())}
+    common = {
+        label: (before[label], after[label]) for label in sorted(before.keys() & after.keys())
+    }
     return {
         label: names
-        for label, names in both.items()
+        for label, names in common.items()
         if len({name.partition("(")[0].strip() for name in names}) > 1
     }
 
@@ -113,7 +115,7 @@ def _renderers(run: Run) -> dict[str, str]:
 
 
 def explain_missing(head: Run, case: CaseId) -> str | None:
-    """Return why `head` should have a record of the case, or None if the case is not in its plan.
+    """Return why `head` should have a record of the case, or None for a case outside the plan.
 
     Without a plan, as for a single file of records, every case should be there.
     """
@@ -124,7 +126,7 @@ def explain_missing(head: Run, case: CaseId) -> str | None:
         return "HEAD has no plan"
     if not _is_planned(plan, case, head):
         return None
-    stopped = "was stopped before its end" if head.facts.get("interrupted") else "is incomplete"
+    stopped = "was interrupted" if head.facts.get("interrupted") else "is incomplete"
     return f"it is in HEAD's plan: the run {stopped}"
 
 
@@ -139,9 +141,9 @@ def _is_planned(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
     for name, value in parts.items():
         if isinstance(plan.get(name), list) and value not in plan[name]:
             return False
-    # The scene of a file that was moved has another path in the plan, and its name in the records.
+    # For a moved file the plan has the old path, and the records have the name.
     scenes = {Path(str(plan.get("scene", case.scene))).name, *(r.id.scene for r in head.records)}
-    # Without a named device the records have the one that was selected.
+    # Without a named device the records have the selected device.
     devices = plan.get("devices")
     used = [r.id.device_name for r in head.records if r.id.rasteriser == case.rasteriser]
     named = (*used, *(devices if isinstance(devices, list) else ()))

@@ -19,7 +19,7 @@ Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
-"""Estimate of the machine's drift; `same-triangles`: both versions are one drawing."""
+"""Estimate of the machine's drift; `same-triangles`: the versions have the same drawing."""
 
 Status = Literal[
     "compared",
@@ -86,7 +86,7 @@ class CounterChange:
 class TimeChange:
     """Times of a case in both runs.
 
-    ratio, low, high : HEAD over BASE without machine drift, with its confidence interval, or None
+    ratio, low, high : HEAD over BASE without machine drift, with a confidence interval, or None
         if not computable
     raw_ratio : HEAD over BASE as timed
     against : estimate of the machine drift: none is needed in common `rounds`; otherwise `peers`,
@@ -118,8 +118,8 @@ class TimeChange:
 class Drift:
     """Common change of all cases that were timed together, between BASE and HEAD.
 
-    ratio, low, high : median HEAD over BASE of the cases, with an interval that spans it as timed
-        and over the reference draw's
+    ratio, low, high : median HEAD over BASE of the cases, with an interval that spans the ratios as
+        timed and relative to the reference draw
     reference : HEAD over BASE of the reference draw, or None if a run has none
     gated : True if `regressed` makes the gate fail: only if both were timed in the same rounds
     """
@@ -150,7 +150,7 @@ class CaseChange:
     time: TimeChange | None = None
 
     def regressions(self) -> list[CounterChange]:
-        """Return the counters that changed for the worse beyond their thresholds."""
+        """Return the counters that became worse by more than the thresholds."""
         return [change for change in self.counters if change.regressed]
 
 
@@ -227,7 +227,7 @@ class Comparison:
         return [case for case in self.cases if self.is_regressed(case)]
 
     def drifted(self) -> list[Drift]:
-        """Return the groups whose drift regressed, if times are gated."""
+        """Return the regressed drifts, if times are gated."""
         if not self.settings.gates_time:
             return []
         return [drift for drift in self.drifts if drift.gated and drift.outcome == "regressed"]
@@ -244,7 +244,7 @@ GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
 TABLE = "raster-harness"
 KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
-"""Table of a project's settings in pyproject.toml, and its keys."""
+"""Table of a project's settings in pyproject.toml, and the keys."""
 
 TIME_THRESHOLD = 0.05
 """Tolerated relative increase of a time by default; see docs/how-to/ci.md."""

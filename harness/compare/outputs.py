@@ -40,7 +40,7 @@ SCHEMA_VERSION = 2
 
 
 def to_json(comparison: Comparison) -> dict[str, Any]:
-    """Return the content of the JSON report; its schema is docs/ci/compare.schema.json."""
+    """Return the content of the JSON report; schema: docs/ci/compare.schema.json."""
     content = asdict(comparison)
     for case, entry in zip(comparison.cases, content["cases"], strict=True):
         entry["name"] = _name_to_json(case.id)
@@ -110,7 +110,7 @@ def to_markdown(
 ) -> str:
     """Return Markdown: the verdict, then differences, then all other facts folded.
 
-    limit : maximum number of characters; tables beyond it are omitted and counted
+    limit : maximum number of characters; further tables are omitted and counted
     grown : polygons with the largest growth
     """
     verdict, _, details = format_headline(comparison).partition(": ")
@@ -144,7 +144,7 @@ def escape(text: str) -> str:
 
 
 def _sanitise(text: str) -> str:
-    """Return one line without control characters, in which `@name` mentions nobody."""
+    """Return a line without control characters and mentions (`@name`)."""
     return printable(text).replace("@", "@\u200b")
 
 

@@ -1,4 +1,4 @@
-"""Polygons whose cost grew most between two runs, with heatmaps."""
+"""Polygons with the largest growth of cost between two runs, with heatmaps."""
 
 import base64
 import io
@@ -29,7 +29,8 @@ class Grown:
     """A polygon of a case that costs more in HEAD.
 
     case : name of the case
-    metric : the counter, whose values are `base` and `head`
+    metric : the counter
+    base, head : values of the counter
     polygon : index in the scene
     frame : frame of this polygon alone
     triangles : (m, 3) vertex indices in BASE and in HEAD
@@ -55,7 +56,7 @@ class Grown:
 def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
     """Return the polygons with the largest growth in the regressed cases, in descending order.
 
-    Only cases whose counters per polygon and triangles were stored in both runs have any.
+    Both runs must have stored the counters per polygon and the triangles.
     """
     names = {case.id for case in comparison.regressed() if case.status == "compared"}
     base, head = select_latest(base), select_latest(head)
@@ -78,9 +79,9 @@ def _find_growths(base: Run, head: Run, match: Match) -> Iterator[tuple[str, int
     before, after = _read_counters(base, match.base), _read_counters(head, match.head)
     for metric in COST_COUNTERS:
         if metric in before and metric in after and len(before[metric]) == len(after[metric]):
-            both = np.stack([before[metric], after[metric]], axis=1)
-            for index in np.argsort(both[:, 0] - both[:, 1], kind="stable")[:MAX_GROWN].tolist():
-                old, new = both[index].tolist()
+            pairs = np.stack([before[metric], after[metric]], axis=1)
+            for index in np.argsort(pairs[:, 0] - pairs[:, 1], kind="stable")[:MAX_GROWN].tolist():
+                old, new = pairs[index].tolist()
                 if new > old:
                     yield metric, index, old, new
             return

@@ -3,10 +3,10 @@
 Between two runs the machine drifts: all cases of a run become a few per cent faster or slower
 together, and other programs lengthen some samples but shorten none. Three things follow.
 
-- A time is summarised by a low quantile of its samples, which other programs hardly move.
+- A time is summarised by a low quantile of the samples, which other programs hardly affect.
 - The drift is the median log ratio of a group's cases. A case is compared with its peers: the other
-  cases of its group that drew the same polygons. Their scatter says how far two runs of equal code
-  lie apart, because each process lays out memory differently; the interval includes this scatter.
+  cases of its group that drew the same polygons. Their scatter is the difference between
+  two runs of equal code, as memory layout differs between processes; the interval includes it.
 - The drift itself is reported and never gated: it is the machine's as often as the code's.
 
 None of this is needed if both versions were timed in the same rounds. A round's disturbance affects
@@ -135,7 +135,7 @@ def read_pair(
 def _are_one_drawing(base: Record, head: Record) -> bool:
     """Return whether one drawing was timed for both versions, whose triangles are equal.
 
-    Both records then have its samples. Equal samples of a coarse timer are no proof: the sums of
+    Both records then have the same samples. A coarse timer may give equal samples, so the sums of
     the criteria and the counters are compared, too.
     """
     return (base.time, base.predicted, base.counters) == (head.time, head.predicted, head.counters)
@@ -199,7 +199,7 @@ def _estimate_shift(
             return f"too few cases drew the same {pair.polygons:,} polygons; use run --beside"
     if pair.reference is None or settings.normalise == "none":
         if machines_differ:
-            return "the machines differ, and there is no reference draw"
+            return "the machines differ, and a reference draw is missing"
         return MachineShift(0.0, 0.0, DRIFT_SD, math.inf, "none")
     reference = log_ratio(*pair.reference)
     low, high = sorted((reference if machines_differ else 0.0, reference))
@@ -218,7 +218,9 @@ def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChang
             change = replace(change, q_value=(q_value := next(q_values)))
             limit = MAX_ROUNDS_Q if change.against == "rounds" else 1 - settings.confidence
             if change.outcome in ("regressed", "improved") and q_value > limit:
-                reason = f"not significant among so many cases (q = {q_value:.2g})"
+                reason = (
+                    f"not significant after correction for the number of cases (q = {q_value:.2g})"
+                )
                 change = replace(change, outcome="inconclusive", reason=reason)
         corrected.append(change)
     return corrected
@@ -279,7 +281,7 @@ def _drift_of_runs(
     if references:
         reference = log_ratio(*references[0])
         reference_error = float(margins(*references[0], settings.confidence).max())
-    # The variance of a median of k normal values is pi / 2k of theirs.
+    # A median of k normal values has pi / 2k of their variance.
     sampling = float(np.median(errors)) * math.sqrt(math.pi / (2 * len(pairs)))
     margin = math.hypot(
         two_sided_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error
@@ -312,17 +314,18 @@ def _inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
 
 
 def _same_drawing(pair: Pair) -> TimeChange:
-    """Return the change of a case whose triangles are equal in both versions: no test, no p."""
+    """Return the change, without a test, of a case with equal triangles in both versions."""
     return TimeChange("unchanged", "", against="same-triangles", **summarise(pair.base, pair.head))
 
 
 def classify(
     lowest: float, highest: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
-    """Return the outcome for a log ratio in `least`..`most` with interval `low`..`high`.
+    """Return the outcome for a log ratio in `lowest`..`highest` with interval `low`..`high`.
 
-    It is `regressed` or `improved` only beyond the threshold with an interval that excludes 0, and
-    `unchanged` only with an interval inside the threshold; otherwise inconclusive, with the reason.
+    The outcome is `regressed` or `improved` only beyond the threshold with an interval that
+    excludes 0, and `unchanged` only with an interval inside the threshold; otherwise inconclusive,
+    with the reason.
     """
     bound = math.log1p(threshold)
     if lowest > bound and low > 0:
@@ -342,10 +345,10 @@ def compare_rounds(
     parts: Parts = (None, None),
     quiet: NDArray[np.bool_] | None = None,
 ) -> TimeChange:
-    """Compare two versions by their rounds' ratios; element r of both is from round r.
+    """Compare two versions by the ratios of rounds; element r of both is from round r.
 
     parts : rounds of each epoch and of each process, in order
-    quiet : (r,) rounds to use: a disturbance affects both versions, except if one of them waited
+    quiet : (r,) rounds to use: a disturbance affects both versions, unless one version waited
         for a core
     """
     ratio = paired_ratio(head, base, *parts, quiet)

@@ -117,7 +117,7 @@ def format_thresholds(comparison: Comparison) -> str:
 
 
 def format_counter(change: CounterChange) -> str:
-    """Return `99,275 → 111,496 (+12.3 %)`, or the value alone if it is unchanged."""
+    """Return `99,275 → 111,496 (+12.3 %)`, or the value alone if unchanged."""
     return (
         format_number(change.head)
         if change.exact == "equal"
@@ -134,7 +134,7 @@ def format_grown(grown: Grown) -> str:
 
 
 def format_time(change: TimeChange | Drift) -> str:
-    """Format the ratio of times with its interval: `1.084 (1.052-1.113)`."""
+    """Format the ratio of times with the interval: `1.084 (1.052-1.113)`."""
     if isinstance(change, TimeChange) and change.against == "same-triangles":
         return SAME_TRIANGLES
     if change.ratio is None:
@@ -145,8 +145,8 @@ def format_time(change: TimeChange | Drift) -> str:
 def format_drift(comparison: Comparison, drift: Drift) -> str:
     """Describe the drift of a group and of the reference draw."""
     if drift.gated:
-        words = drift.outcome if comparison.settings.gates_time else NOT_GATED
-        return f"all cases together: time {format_time(drift)}, in the same rounds: {words}"
+        label = drift.outcome if comparison.settings.gates_time else NOT_GATED
+        return f"all cases together: time {format_time(drift)}, in the same rounds: {label}"
     text = f"all cases together: time {drift.ratio:.3f}"
     if drift.reference is not None:
         text += f", reference draw {drift.reference:.3f}"
@@ -172,7 +172,7 @@ ORDER: tuple[Kind, ...] = get_args(Kind)
 
 
 def describe_case(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
-    """Return the highlighting of a case and its verdict in a few words."""
+    """Return the highlighting and the verdict of a case, in a few words."""
     if case.status != "compared":
         is_unsure = case.status in ("only-base", "content-changed")
         text = ": ".join(filter(None, (STATUS_TEXT[case.status], case.reason)))
@@ -245,7 +245,7 @@ class Row:
 
 @dataclass(frozen=True)
 class CaseTable:
-    """The cases of one group, which differ in their triangulators alone.
+    """The cases of a group, which differ in the triangulator alone.
 
     drift : description of the group's drift, or "" if no case was timed
     drifted : True if the drift makes the gate fail
@@ -281,7 +281,7 @@ def build_tables(comparison: Comparison, max_counters: int = len(COST_COUNTERS))
 
 
 def _select_counters(cases: Sequence[CaseChange]) -> list[str]:
-    """Return the counters with a column, those that regressed first."""
+    """Return the counters with a column; regressed counters are first."""
     changes = [change for case in cases for change in case.counters]
     counted = [change for change in changes if find_metric(change.metric).is_cost]
     regressed = sort_by_cost(change.metric for change in counted if change.regressed)
@@ -303,7 +303,7 @@ def _build_row(
 
 
 def _format_cell(change: CounterChange | None) -> str:
-    """Return HEAD's value and, if it differs from BASE's, the growth."""
+    """Return HEAD's value, and the growth if BASE's value differs."""
     if change is None:
         return ""
     return format_number(change.head) + (

@@ -196,9 +196,9 @@ def _caches(folder: Path) -> Iterator[tuple[str, int]]:
 
 def _label(facts: Mapping[str, Any]) -> str:
     numbers = "/".join(str(facts[name]) for name in ("family", "model") if facts[name])
-    words = " ".join(part for part in (facts["name"] or facts["vendor"], numbers) if part)
+    text = " ".join(part for part in (facts["name"] or facts["vendor"], numbers) if part)
     bits = f"{facts['vector_bits']}-bit" if facts["vector_bits"] else ""
-    return ", ".join(part for part in (words, bits) if part) or "unknown processor"
+    return ", ".join(part for part in (text, bits) if part) or "unknown processor"
 
 
 def _read(file: Path) -> str:

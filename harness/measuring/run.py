@@ -58,7 +58,7 @@ _CLOSED_TRIANGLE = 4
 """Number of coordinates of a triangle in shapely, which repeats the first vertex."""
 
 
-class Part(NamedTuple):
+class ScenePart(NamedTuple):
     """A part of a scene that is measured separately.
 
     label : the scene's name in records
@@ -70,7 +70,7 @@ class Part(NamedTuple):
     triangulators: tuple[Recipe, ...] = ()
 
 
-Split = Callable[[str, Scene], list[Part]]
+Split = Callable[[str, Scene], list[ScenePart]]
 """(label, scene) -> parts that a study measures separately."""
 
 
@@ -207,7 +207,7 @@ def _measure(
 ) -> RunResult:
     # Only the name labels a file, as the same file in another folder is the same scene.
     label = scene_label(plan.scene)
-    parts = options.split(label, scene) if options.split else [Part(label, scene)]
+    parts = options.split(label, scene) if options.split else [ScenePart(label, scene)]
     plans = [replace(plan, triangulators=p.triangulators or plan.triangulators) for p in parts]
     loaded = set(plan.triangulators)
     recipes = dict.fromkeys(chain.from_iterable(part.triangulators for part in plans))

@@ -126,7 +126,7 @@ def _estimate_saving(ratio: Ratio, base: Time) -> _Estimate:
 def _divide(kind: Kind, top: _Estimate, bottom: _Estimate, has_interval: bool) -> BreakEven:
     """Return `top` over `bottom`, which is above 0, with the interval for independent estimates.
 
-    The ends of both intervals give those of the ratio: MOVER-R (Newcombe, Statistical Methods in
+    The ends of both intervals determine the ratio's: MOVER-R (Newcombe, Statistical Methods in
     Medical Research 25, 2016, after Donner and Zou). The number of draws is at least 0.
     """
     draws = max(0.0, top.value / bottom.value)

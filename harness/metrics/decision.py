@@ -156,19 +156,19 @@ def _choose(
     rivals: Sequence[Standing], base: Standing, measure: str | None
 ) -> tuple[Reason, Standing, Ratio | None]:
     # Strongest reason first: too little data, then times, then counters.
-    others = [rival for rival in rivals if rival is not base]
-    if not others:
+    challengers = [rival for rival in rivals if rival is not base]
+    if not challengers:
         return "single", rivals[0], None
     default = base if base in rivals else rivals[0]
     covered = default.record.counters.get(COVERED)
     if covered is not None and covered < MIN_PIXELS:
         return "few pixels", default, None
-    for rival in others:
+    for rival in challengers:
         if rival.verdict == FASTER:
             saving = rival.ratio and (rival.ratio.joint or rival.ratio)
             if saving is not None and saving.verdict == FASTER:
                 return "faster", rival, saving
-    if all(rival.verdict == SLOWER for rival in others):
+    if all(rival.verdict == SLOWER for rival in challengers):
         return "others slower", base, None
     candidates = [rival for rival in rivals if rival.verdict != SLOWER]
     counts = [

@@ -129,7 +129,7 @@ def _divide(value: float | None, base: float | None, factor: float = 1) -> float
 def compute_lower_bound(record: Record) -> Record | None:
     """Return a record with a lower bound for every triangulation, or None if unknown.
 
-    The counters are those of the polygons drawn in one piece each.
+    The polygons are drawn in one piece each.
     """
     fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:

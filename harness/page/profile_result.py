@@ -14,7 +14,7 @@ from pydantic import model_validator as validator
 from harness.errors import IncompatibleRunsError, InputError
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
-from harness.page.saved import Finite, Part, Share, Text, Whole, check_rounds
+from harness.page.saved import Finite, SavedModel, Share, Text, Whole, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN
@@ -34,19 +34,19 @@ no time changes by 1e-4."""
 Counted = Mapping[str, int]
 
 
-class _Page(Part):
+class _Page(SavedModel):
     harness: Text
     design: Whole
     seed: Annotated[int, Field(ge=0, lt=2**53)]
 
 
-class _Draw(Part):
+class _Draw(SavedModel):
     checksum: Whole
     fragments: Whole
     quads: Whole
 
 
-class _Law(Part):
+class _Law(SavedModel):
     form: Annotated[str, StringConstraints(max_length=50)]
     seconds: dict[Annotated[str, StringConstraints(max_length=50)], Share]
     r2_over: Finite

@@ -23,7 +23,7 @@ from harness.page.saved import (
     Finite,
     Measured,
     Name,
-    Part,
+    SavedModel,
     Share,
     Text,
     Whole,
@@ -45,13 +45,13 @@ CONTROLS = (EMPTY, REFERENCE, "(the base again)")
 """Drawings that are timed in addition to the cases; the last one is the base again."""
 
 
-class _Page(Part):
+class _Page(SavedModel):
     harness: Text
     scene: Name
     created: Text
 
 
-class _Record(Part):
+class _Record(SavedModel):
     """Fields of a record that do not depend on the device."""
 
     scene: Name
@@ -75,7 +75,7 @@ class _Record(Part):
     outline_quads: Whole | None = None
 
 
-class _Counters(Part):
+class _Counters(SavedModel):
     """Counters per polygon."""
 
     fragments: list[Whole]
@@ -99,7 +99,7 @@ def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.in
     return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in COUNTERS)
 
 
-class _Case(Part):
+class _Case(SavedModel):
     record: _Record
     counters: _Counters
     differing: Whole
@@ -131,7 +131,7 @@ class _Case(Part):
         return self
 
 
-class _View(Part):
+class _View(SavedModel):
     resolution: Annotated[int, Field(ge=RESOLUTIONS[0], le=RESOLUTIONS[1])]
     rotation: Finite
     fit: Literal["box", "circle"]

@@ -29,13 +29,13 @@ Finite = Annotated[float, Field(gt=-MAX_NUMBER, lt=MAX_NUMBER, allow_inf_nan=Fal
 Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 
 
-class Part(BaseModel):
+class SavedModel(BaseModel):
     """A part of a result; missing and unknown fields are invalid."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
-class Device(Part):
+class SavedDevice(SavedModel):
     """GPU as reported by a browser.
 
     step : step of the vertex grid, in 1/256 px
@@ -52,7 +52,7 @@ class Device(Part):
     limits: Annotated[dict[Name, Whole], Field(min_length=1, max_length=100)]
 
 
-class Timer(Part):
+class Timer(SavedModel):
     """Result of the self-test of `timing.js`."""
 
     timer: Literal["gpu", "wall"]
@@ -63,7 +63,7 @@ class Timer(Part):
     reason: Text
 
 
-class Times(Part):
+class Times(SavedModel):
     """Seconds of one draw in each round."""
 
     repeats: Annotated[int, Field(ge=1, le=2**20)]
@@ -78,14 +78,14 @@ def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
         raise ValueError("a draw took no time")
 
 
-class Measured(Part):
+class Measured(SavedModel):
     """Fields of all kinds of results."""
 
     version: Literal[1]
     started: Text
     ended: Text
     browser: Text
-    device: Device
+    device: SavedDevice
     timer: Timer | None
     budget_s: Seconds
     complete: bool

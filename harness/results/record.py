@@ -88,8 +88,8 @@ class CaseGroup:
 
     def __str__(self) -> str:
         """Return `city 1024 px, opengl on llvmpipe`."""
-        where = f"{self.rasteriser} on {self.device_name}"
-        return printable(f"{self.scene} {self.condition}, {where}")
+        device = f"{self.rasteriser} on {self.device_name}"
+        return printable(f"{self.scene} {self.condition}, {device}")
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,8 @@ class CaseId:
     @cached_property
     def group(self) -> CaseGroup:
         """The case without its triangulator."""
-        where = (self.scene, self.rasteriser, self.device, self.host)
-        return CaseGroup(*where, self.view, self.options)
+        fields = (self.scene, self.rasteriser, self.device, self.host)
+        return CaseGroup(*fields, self.view, self.options)
 
     @cached_property
     def name(self) -> str:

@@ -45,7 +45,7 @@ THIN = "thinner than the grid of 1/256 px"
 class Counting(PartWork):
     """Options common to both kinds of census.
 
-    triangulators : full names; the others are compared with the first
+    triangulators : full names; the first is the base of the gains
     noun : name of the counted things
     """
 
@@ -73,7 +73,7 @@ class Census(Counting):
     where: str | None = None
 
     def cut(self, path: str) -> Slices:
-        """Cut a file by its rows."""
+        """Cut a file by rows."""
         return cut_file(path, self.layer, self.where)
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
@@ -96,7 +96,7 @@ class TileCensus(Counting):
     selection: TileSelection
 
     def cut(self, path: str) -> Slices:
-        """Cut an archive by its tiles."""
+        """Cut an archive by tiles."""
         return cut_tiles(path, self.selection.zooms)
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
@@ -189,7 +189,7 @@ class _Counter:
         margin: int | None = None,
         window: NDArray[np.int64] = UNBOUNDED,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Triangulate p polygons by each triangulator, and add their counts to their groups.
+        """Triangulate p polygons by each triangulator, and add the counts to the groups.
 
         Returns flags (p,) of the polygons that all triangulated, and counts (t, p, len(MEASURES)).
         """
@@ -214,11 +214,11 @@ class _Counter:
             self.noted.note(kind, [(labels[k], why)], int(times[k]))
             counted[k] = False
         number = {group: k for k, group in enumerate(dict.fromkeys(part.group for part in batch))}
-        of = np.repeat([number[part.group] for part in batch], sizes)
+        groups = np.repeat([number[part.group] for part in batch], sizes)
         counts = np.stack(tables)
         for group, k in number.items():
-            members = (of == k) & counted
-            dropped = int(times[(of == k) & ~drawn].sum())
+            members = (groups == k) & counted
+            dropped = int(times[(groups == k) & ~drawn].sum())
             sums = _sum_up(counts[:, members], polygons[members], times[members], dropped)
             self.counted.add(group, sums)
         return counted, counts
@@ -299,7 +299,7 @@ def _count_triangles(
     window: NDArray[np.int64],
     threads: int | None,
 ) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Triangulate polygons by one triangulator, and count their triangles.
+    """Triangulate polygons by a triangulator, and count the triangles.
 
     polygons, owners : p pieces on the pixel grid, and the index (0 to count - 1) of their polygons
     window : drawn window, as `Frame.window`

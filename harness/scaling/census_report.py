@@ -39,8 +39,8 @@ def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     Shares and quantiles are exact to the width of a bin, 0.5 %: a quantile is the lower bound of
     its bin.
     """
-    both = pd.MultiIndex.from_product([triangulators, GAINED], names=["triangulator", "measure"])
-    table = both.to_frame(index=False)
+    index = pd.MultiIndex.from_product([triangulators, GAINED], names=["triangulator", "measure"])
+    table = index.to_frame(index=False)
     totals = sums.totals[:, [MEASURES.index(measure) for measure in GAINED]]
     base = np.broadcast_to(totals[0], totals.shape)
     table["footprints"] = sums.count("polygons")

@@ -118,7 +118,7 @@ class PartWork:
     suffix: ClassVar[str]
 
     def cut(self, path: str) -> Slices:
-        """Cut a file into slices; raise SceneError or OSError if it cannot be read."""
+        """Cut a file into slices; raise SceneError or OSError if the file is unreadable."""
         raise NotImplementedError
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
@@ -133,7 +133,7 @@ class PartWork:
     def do(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
         """Write a part's file into the folder `out`, unless it exists; return its content.
 
-        threads : number of threads, or None for one per core
+        threads : number of threads, by default the number of cores
 
         Raises
         ------
@@ -175,7 +175,7 @@ def _release() -> None:
 def files(pattern: str) -> list[Path]:
     """Return the files of a name, a folder or a pattern such as 'parts/*.parquet'.
 
-    A folder of map tiles counts as one file. Raises UsageError if there is no file.
+    A folder of map tiles counts as one file. Raises UsageError if no file matches.
     """
     path = Path(pattern)
     if path.is_dir() and not path.suffix and not is_folder(pattern):
@@ -200,7 +200,7 @@ def files(pattern: str) -> list[Path]:
 class Summary:
     """State of the folder after a command.
 
-    parts, parts_done : number of parts, and of those with a result
+    parts, parts_done : number of parts, and of parts with a result
     fresh : parts that this command processed
     counts : polygons dropped, repaired or failed by (kind, reason)
     set_aside : reason for each file or part without a result
@@ -234,7 +234,7 @@ class Dataset:
     Raises
     ------
     UsageError
-        if there is no file, or the folder cannot be written or holds other results
+        if no file matches, the folder cannot be written, or has incompatible results
     """
 
     def __init__(self, pattern: str, out: Path, work: PartWork) -> None:
@@ -268,7 +268,7 @@ class Dataset:
             self._pruned += slices.pruned
             for rows, size in zip(slices.rows, slices.sizes, strict=True):
                 content = json.dumps([slices.identity, rows, self._about], sort_keys=True)
-                # A file that is given twice has its parts twice.
+                # A repeated file has repeated parts.
                 repetition = seen[content]
                 seen[content] += 1
                 about = {
@@ -280,7 +280,7 @@ class Dataset:
                 self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
     def _scan_parts(self, keys: set[str]) -> None:
-        """Read the results in the folder; refuse a folder with other results."""
+        """Read the results in the folder; refuse a folder with incompatible results."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
@@ -401,7 +401,7 @@ class Dataset:
     def _tidy(self) -> None:
         """Remove temporary folders of finished parts that killed processes have left.
 
-        Those of other parts may belong to a running command.
+        Files of other parts may belong to a running command.
         """
         for folder in self.out.glob(f"{TEMPORARY_PREFIX}*"):
             if folder.name.removeprefix(TEMPORARY_PREFIX).partition("-")[0] in self.done:

@@ -1,7 +1,7 @@
 """Executors of tasks: this process, or Dask workers, local or of a scheduler at an address.
 
-A task may run more than once, if its process was killed. So its result must be the same each time,
-and be stored under one name.
+A task may run more than once, if a process was killed. Therefore a task must store the same result
+under the same name each time.
 
 Each thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that
 process, not the worker, so the failing task is known. If the worker is killed, so is the process
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from harness.workers.worker import Worker
 
 MAX_ATTEMPTS = 3
-"""Failures of a task before it is set aside."""
+"""Number of failures after which a task is not repeated."""
 
 TASK_TIMEOUT_S = 3600.0
 """Time limit of a task; a task that exceeds it has failed."""

@@ -90,7 +90,7 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % interval of sum(values) / sum(base), both (n,).
 
-    Values are resampled together with their bases; a ratio's standard error is the jackknife's.
+    Values are resampled in pairs with bases; a ratio's standard error is the jackknife's.
     `UNKNOWN` as for `mean_interval`, if a base is negative or all are 0, and if an end lies further
     outside the range of the single ratios than the width of that range: resamples of a few values
     can be so similar that their errors are almost 0. Source: B. Efron and R. Tibshirani, An
@@ -125,7 +125,7 @@ def _studentised_ends(value: float, error: float, t: NDArray[np.float64]) -> tup
 
 
 def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (k,) jackknife standard errors of ratios, one per row of (k, n) values.
+    """Return the (k,) jackknife standard errors of the ratios of the rows of (k, n) values.
 
     A factor common to all rows is omitted, as it cancels in the studentised bootstrap.
     """
@@ -134,7 +134,7 @@ def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> N
     return errors
 
 
-def median_interval_or_unknown(values: NDArray[np.float64]) -> tuple[float, float]:
+def find_median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return `median_interval` of (n,) values, or `UNKNOWN` for fewer than `MIN_VALUES`."""
     return UNKNOWN if len(values) < MIN_VALUES else median_interval(values.tolist())
 
@@ -147,7 +147,7 @@ UNDECIDED: Final = "not significant"
 
 @dataclass(frozen=True)
 class Ratio:
-    """Time of one drawing over that of another, with its 95 % confidence interval.
+    """Ratio of the times of two drawings, with a 95 % confidence interval.
 
     rounds : number of rounds
     quiet : False if the run was disturbed, so that the verdict is never significant
@@ -173,10 +173,10 @@ RUN_SCATTER = 0.003
 """Standard deviation of the log ratio of two drawings between runs in one state of the machine,
 beyond the scatter of rounds and epochs: memory layout differs between processes, and so does the
 load of a shared host. Measured by 20 equal runs; tested on runs of four processes each, on another
-CPU, and on those of docs/findings-tables.md, "What do other programs do to an answer?"."""
+CPU, and on the runs of docs/findings-tables.md, "What do other programs do to an answer?"."""
 
 MIN_EPOCHS = 4
-"""Minimum number of epochs to estimate their scatter."""
+"""Minimum number of epochs to estimate the scatter between epochs."""
 
 FOLDS = 6
 """Number of parts into which the rounds of a single epoch are divided."""
@@ -187,8 +187,8 @@ def split_rounds(
 ) -> list[NDArray[np.intp]]:
     """Return the indices of rounds in parts that are as independent as possible.
 
-    The parts are processes if there are several, otherwise epochs, otherwise `FOLDS` parts whose
-    rounds alternate.
+    The parts are processes if there are several, otherwise epochs, otherwise `FOLDS` parts of
+    alternating rounds.
 
     processes, epochs : number of rounds of each
     """
@@ -225,7 +225,7 @@ def paired_ratio(
     mask : (r,) array of bool, optional
         Rounds to use; by default all.
     candidates : int, optional
-        Number of ratios from which this one is selected by its value; the interval is simultaneous
+        Number of ratios from which this ratio is selected by value; the interval is simultaneous
         for all of them by Sidak's inequality, which is exact for independent ratios.
 
     Returns
@@ -275,7 +275,7 @@ def _count_rounds(mask: NDArray[np.bool_], parts: Sequence[int] | None) -> list[
 def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
     """Return the ratio of a run with an interval that also covers the scatter between runs.
 
-    The interval's half-widths and those of `RUN_SCATTER` add as squares.
+    The half-widths of the interval and of `RUN_SCATTER` add as squares.
 
     candidates : see `paired_ratio`
     """

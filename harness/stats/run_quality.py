@@ -30,7 +30,7 @@ STATES: tuple[State, ...] = get_args(State)
 """From the best to the worst."""
 
 MAX_WAITED_SHARE = 0.02
-"""Maximum share of its time that an undisturbed sample waits for a core."""
+"""Maximum share of an undisturbed sample's time spent waiting for a core."""
 
 UNDISTURBED_QUANTILE = 0.1
 """Quantile of the samples' ratios of wall clock to CPU time that an undisturbed sample has."""
@@ -52,7 +52,7 @@ reference draws of 0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
 """Criteria for two modes: minimum share of the samples in each, minimum ratio of the upper to the
-lower, and minimum distance in their standard deviations. Halves of one normal distribution are 2.7
+lower, and minimum distance in standard deviations. Halves of one normal distribution are 2.7
 apart, of a uniform one 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108, 1994)."""
 
 REMEDY = (
@@ -99,7 +99,7 @@ def find_undisturbed(time: Time) -> NDArray[np.bool_]:
 
 
 def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
-    """Return the (r,) mask of the rounds for a ratio: undisturbed ones, if there are enough.
+    """Return the (r,) mask of the rounds for a ratio: undisturbed rounds, if there are enough.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
 
 
 def find_two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the medians of the two modes of the samples, or None if they have one mode.
+    """Return the medians of the two modes of the samples, or None for a single mode.
 
     The logarithms are split at the minimum of the variance within both parts (N. Otsu, IEEE
     Transactions on Systems, Man and Cybernetics 9, 1979).
@@ -187,7 +187,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
         for time in drawings.values()
         if time.others_s is not None and time.timing_s
     ]
-    # Without other programs, threads waited for threads of their own process.
+    # Without other programs, threads waited for other threads of the same process.
     if (
         waited > MAX_DISTURBED_SHARE * count
         and max(other_shares, default=math.inf) > MAX_DISTURBED_SHARE
@@ -225,7 +225,7 @@ def _level_processes(time: Time) -> NDArray[np.float64]:
 
 
 def get_run_state(run: Run) -> RunState:
-    """Return the state in a run's `run.json`, or if missing, computed from its samples."""
+    """Return the state in a run's `run.json`, or the state computed from the samples."""
     stored = run.facts.get("state")
     if isinstance(stored, Mapping) and stored.get("state") in STATES:
         why = stored.get("why")
@@ -235,7 +235,7 @@ def get_run_state(run: Run) -> RunState:
 
 
 def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> str:
-    """Return why the times of a case in two separate runs cannot be compared, or "" if they can.
+    """Return why the times of a case in two separate runs are incomparable, or "".
 
     machines_differ : True if reference draws differ because of the machines
     """

@@ -22,7 +22,7 @@ from harness.metrics.groups import IDENTIFYING
 from harness.metrics.per_polygon import spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
-from harness.stats.intervals import UNKNOWN, median_interval_or_unknown
+from harness.stats.intervals import UNKNOWN, find_median_interval
 from harness.style import (
     draw_figure,
     legend_below,
@@ -85,7 +85,7 @@ def estimate_median(values: ArrayLike) -> Estimate:
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     value = float(np.median(finite)) if len(finite) else float("nan")
-    return Estimate(value, *median_interval_or_unknown(finite), len(finite))
+    return Estimate(value, *find_median_interval(finite), len(finite))
 
 
 def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
@@ -128,7 +128,7 @@ def get_label(measure: str) -> str:
 def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
-    Equal triangulations of several triangulators, recognised by their criteria, are one row.
+    Equal triangulations of several triangulators, recognised by the criteria, are one row.
     Triangulations with T-junctions are skipped: they have fewer triangles and cover other pixels.
     """
     rows = []
@@ -146,7 +146,7 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
         rows.append(row)
     if not rows:
         return pd.DataFrame()
-    # Drawings that only differ in their work are one row, with a time for each.
+    # Drawings that differ in the work alone are one row, with a time for each.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     shared = [name for name in KEYS if name != "triangulator"]
     criteria = table[list(IDENTIFYING)].round(6)

@@ -23,7 +23,7 @@ AXES = {
     "work": "work per fragment (iterations)",
     "samples": "samples per pixel",
 }
-"""Axes of a study of gains, with their labels."""
+"""Axes of a study of gains, with labels."""
 
 DRAWN = ("scene", "rasteriser", "device")
 KEYS = (*AXES, "fit", "order")
@@ -127,7 +127,7 @@ def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
 
 def _draw_figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
     figure, (axes,) = make_grid((4.6, 3.6))
-    # Only this axis varies; the others are fixed at the values for which it has most values.
+    # Only this axis varies; all other fields have the values with the most points on the axis.
     fixed_keys = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(fixed_keys), key=lambda group: group[1][axis].nunique())
     styles = choose_looks(list(fixed["triangulator"]))

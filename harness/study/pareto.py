@@ -1,4 +1,4 @@
-"""Pareto fronts of the paper's criteria A and D, and the draw times of their triangulations.
+"""Pareto fronts of the paper's criteria A and D, and the draw times of the triangulations.
 
 For a single polygon, the complete Pareto front is computed. For a scene, the weights of the mixture
 are swept. This gives exactly the vertices of the convex hull of the scene's front in the two
@@ -17,7 +17,7 @@ from shapely import Polygon
 
 from harness.errors import InputError
 from harness.frame import View, make_frame
-from harness.measuring.run import Part
+from harness.measuring.run import ScenePart
 from harness.metrics.groups import IDENTIFYING, RecordGroup, group_run
 from harness.metrics.per_polygon import read_columns
 from harness.metrics.registry import PREDICTED
@@ -82,7 +82,7 @@ def list_compared() -> tuple[str, ...]:
 
 def make_parts(
     label: str, scene: Scene, polygons: int, view: View
-) -> tuple[list[Part], dict[str, pd.DataFrame]]:
+) -> tuple[list[ScenePart], dict[str, pd.DataFrame]]:
     """Return the parts to measure, and `FRONTS` of each single polygon by the label of its part.
 
     polygons : number of single polygons; a scene of one polygon is always that polygon
@@ -106,14 +106,14 @@ def make_parts(
             points = (f"pareto#{k}" for k in sample)
             sweep = (*SWEEP, WITH_C) if is_single else ()
             name = f"{label}#{number}"
-            parts.append(Part(name, part, parse_all((*points, *list_compared(), *sweep))))
+            parts.append(ScenePart(name, part, parse_all((*points, *list_compared(), *sweep))))
             rows = [(number, k, *cost, k in sample) for k, cost in enumerate(costs)]
             fronts[name] = pd.DataFrame(rows, columns=FRONTS)
     if not is_single:
-        parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *list_compared()))))
+        parts.append(ScenePart(label, scene, parse_all((*SWEEP, WITH_C, *list_compared()))))
     if not parts:
         raise InputError(
-            f"{scene.name}: its polygon is split by the grid at {view.resolution} px; "
+            f"{scene.name}: the polygon is split by the grid at {view.resolution} px; "
             "use a larger --resolution"
         )
     return parts, fronts
@@ -122,7 +122,7 @@ def make_parts(
 def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
-    Triangulators that skipped polygons are omitted, because their sums cover fewer polygons.
+    Triangulators that skipped polygons are omitted, as the sums cover fewer polygons.
     """
     table: list[dict[str, object]] = []
     position = {record.id.scene: number for number, record in enumerate(reversed(run.records))}

@@ -33,7 +33,7 @@ def test_action_uses_declared_inputs_and_steps():
 @pytest.mark.parametrize("step", [s for s in STEPS if "run" in s], ids=lambda s: s["name"])
 def test_scripts_are_valid_and_read_values_from_the_environment(step, tmp_path):
     assert step["shell"] == "bash"
-    assert not expressions(step["run"])  # what an input holds must never be run as code
+    assert not expressions(step["run"])  # inputs must never be executed as code
     script = tmp_path / "script.sh"
     script.write_text(step["run"])
     subprocess.run(["bash", "-n", script], check=True)
@@ -45,7 +45,7 @@ def test_scripts_are_valid_and_read_values_from_the_environment(step, tmp_path):
 
 @pytest.mark.parametrize("name", ["RUN", "COMPARE", "PACKAGES"])
 def test_unclosed_quote_exits_with_2(name):
-    """What came after it was dropped, and the rest was measured."""
+    """An unclosed quote must not drop the options after it."""
     (step,) = (s for s in STEPS if name in s.get("env", {}))
     values = {"RUN": "--scene city", "COMPARE": "", "FOLDER": "/nowhere"}
     environment = {**os.environ, **values, "ACTION": str(ROOT), name: "--scene city '--limit 3"}

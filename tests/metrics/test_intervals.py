@@ -14,9 +14,9 @@ from harness.stats.intervals import (
     UNDECIDED,
     Ratio,
     add_run_scatter,
+    find_median_interval,
     mean_interval,
     median_interval,
-    median_interval_or_unknown,
     paired_ratio,
     ratio_interval,
     split_rounds,
@@ -63,9 +63,9 @@ def test_few_equal_or_dominated_values_have_no_interval(values):
 
 
 def test_median_of_few_values_has_no_interval():
-    assert np.isnan(median_interval_or_unknown(np.arange(5.0))).all()
-    assert median_interval_or_unknown(np.arange(6.0)) == (0.0, 5.0)
-    assert median_interval_or_unknown(np.ones(8)) == (1.0, 1.0)
+    assert np.isnan(find_median_interval(np.arange(5.0))).all()
+    assert find_median_interval(np.arange(6.0)) == (0.0, 5.0)
+    assert find_median_interval(np.ones(8)) == (1.0, 1.0)
 
 
 def test_interval_of_a_share_depends_on_the_number_of_groups():

@@ -101,9 +101,9 @@ def test_folder_is_merged_file_by_file_outermost_last(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def write_half(place):
-    with atomic.create_folder(place, merge=True) as made:
-        (made / "table.csv").write_text("ha")
+def write_half(path):
+    with atomic.create_folder(path, merge=True) as folder:
+        (folder / "table.csv").write_text("ha")
         raise KeyboardInterrupt
 
 

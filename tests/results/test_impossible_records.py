@@ -36,7 +36,7 @@ def test_each_command_names_the_record_and_goes_on(harness, block, field):
     lines[1] = json.dumps({**json.loads(lines[1]), field: IMPOSSIBLE[field][0]}) + "\n"
     file.write_text("".join(lines))
     facts = json.loads(Path("damaged/run.json").read_text())
-    del facts["written"]  # its digest would tell of the edit before the records do
+    del facts["written"]  # the digest would reveal the edit
     Path("damaged/run.json").write_text(json.dumps(facts))
     line = f"damaged/cases.jsonl, line 2: {IMPOSSIBLE[field][1]}"
     for name, command in COMMANDS.items():

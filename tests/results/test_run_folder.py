@@ -74,7 +74,7 @@ def test_records_modified_after_the_run_are_reported(tmp_path, when):
         (tmp_path / "cases.jsonl").write_text(content.replace("cccc", "bbbb"))
     problems = "".join(read_run(tmp_path).problems)
     assert ("modified after the run" in problems) == (when != "never")
-    with RunFolder.resume(tmp_path) as store:  # whoever goes on with it was told
+    with RunFolder.resume(tmp_path) as store:  # after the warning a resumed run is accepted
         store.append(stored("d"))
         store.write_facts({"interrupted": False})
     assert read_run(tmp_path).problems == []
@@ -100,7 +100,7 @@ def test_modified_arrays_are_reported_and_ignored(tmp_path, when):
         assert (message in "".join(run.problems)) == (when != "never")
         assert (read_arrays(run, A) is None) == (when != "never")
         assert read_arrays(run, B) is not None
-        with RunFolder.resume(tmp_path) as store:  # what was not written again is still the other's
+        with RunFolder.resume(tmp_path) as store:  # other arrays are still those of the plugin
             store.write_facts({"interrupted": False})
     with RunFolder.resume(tmp_path) as store:
         store.write_arrays(A, {"fragments": np.array([1, 2])})

@@ -256,21 +256,21 @@ def test_small_row_groups_are_joined_and_large_groups_split(parts, monkeypatch):
 
 def test_statistics_prune_row_groups_and_rows_are_filtered(parts, footprints):
     edge = float(np.sort(shapely.bounds(footprints[:PER_FILE])[:, 0])[50])
-    where = f"bbox.xmin < {edge!r}"
-    slices = cut_file(str(parts / "0.parquet"), where=where)
+    condition = f"bbox.xmin < {edge!r}"
+    slices = cut_file(str(parts / "0.parquet"), where=condition)
     assert slices.rows == [(0, 40), (40, 80)]
     assert slices.pruned == 40
-    read = [polygons_of(parts / "0.parquet", rows, where=where) for rows in slices.rows]
+    read = [polygons_of(parts / "0.parquet", rows, where=condition) for rows in slices.rows]
     assert [len(polygons) for polygons in read] == [40, 10]
 
 
 @pytest.mark.parametrize(
-    "where",
+    "condition",
     ["bbox.xmin > 1e9 OR id = 1", "NOT bbox.xmin > 1e9", "id IN (1, 2)", "storeys = '3'", None],
 )
-def test_only_plain_comparisons_prune(parts, where):
-    assert parse_comparisons(where) == []
-    assert len(cut_file(str(parts / "0.parquet"), where=where).rows) == 3
+def test_only_plain_comparisons_prune(parts, condition):
+    assert parse_comparisons(condition) == []
+    assert len(cut_file(str(parts / "0.parquet"), where=condition).rows) == 3
 
 
 def test_a_change_of_the_file_changes_its_identity(parts, footprints):

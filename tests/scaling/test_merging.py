@@ -180,7 +180,7 @@ def test_run_with_two_hosts_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     with pytest.raises(IncompatibleRunsError, match=r"two hosts \(here and there\)"):
         merge([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
-    # run.json written anew does not hide that the times are the same
+    # a rewritten run.json does not hide equal times
     later = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
     with pytest.raises(IncompatibleRunsError, match=r"same measurements with two hosts"):
         merge([set_host(first, "here"), set_host(later, "there")], tmp_path / "out")

@@ -266,12 +266,12 @@ KILLED = """
 import os, signal, sys
 from harness.scaling.sums import Counted
 from harness.cli import main
-begun = []
+started = []
 real = Counted.save
 def save(*arguments):
-    if begun:
+    if started:
         os.kill(os.getpid(), signal.SIGKILL)
-    begun.append(1)
+    started.append(1)
     real(*arguments)
 Counted.save = save
 sys.argv[1:] = {arguments!r}

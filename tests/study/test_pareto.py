@@ -9,7 +9,7 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
-from harness.measuring.run import Part
+from harness.measuring.run import ScenePart
 from harness.results.run_folder import read_run
 from harness.stats.intervals import add_run_scatter, paired_ratio
 from harness.study.pareto import (
@@ -239,7 +239,7 @@ def test_points_of_the_front_are_cases_by_number(block, tmp_path):
 
 def test_parts_have_triangulators_of_their_own(block, tmp_path):
     def split(label, scene):
-        return [Part(f"{label}#0", scene, parse_all(["delaunay"])), Part(label, scene)]
+        return [ScenePart(f"{label}#0", scene, parse_all(["delaunay"])), ScenePart(label, scene)]
 
     plan: Plan = plan_for(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)

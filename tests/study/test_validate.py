@@ -84,13 +84,13 @@ def test_stopped_study_is_reported_and_resumed(harness, command, monkeypatch):
         code, out, _ = harness(*arguments, "--out", "stopped")
     assert code == 130
     assert "continue with the same command and --resume stopped" in out
-    disturbed = RunState(DISTURBED, ("a loop ran beside it",))
+    disturbed = RunState(DISTURBED, ("another program ran",))
     monkeypatch.setattr("harness.measuring.run.assess_records", lambda *_: disturbed)
     out, _ = require_ok(harness(*arguments, "--resume", "stopped"))
     assert ("predicts the helper lanes of reference on cpu best (rank" in out) == (
         command == "validate"
     )
-    assert "the run's times are disturbed: a loop ran beside it. Therefore results use exact" in out
+    assert "the run's times are disturbed: another program ran. Therefore results use exact" in out
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
@@ -116,7 +116,7 @@ def test_failed_case_is_reported_with_the_exit_code(harness, command, monkeypatc
     assert code == 5
     assert "cases failed" in err.splitlines()[-1]
     assert "scripted failure" in (Path("out") / "cases.jsonl").read_text()
-    assert list(Path("out").glob("*.csv"))  # what was measured is told all the same
+    assert list(Path("out").glob("*.csv"))  # measured results are written
 
 
 def test_a_study_of_a_file_has_both_names():
