@@ -5,8 +5,8 @@
 FOLDER holds mapbox/earcut.hpp, from the source package of mapbox_earcut; without FOLDER, C++ is not
 timed. Print a line of CSV for each scene, language and candidate: the minimum over several rounds,
 in ms for all polygons of a scene at 1024 px. In a round the candidates of a language follow each
-other. JavaScript flips the triangles of npm's earcut, C++ those of earcut.hpp. Needs a quiet
-machine, except for ratios of C++, which measures CPU time.
+other. JavaScript flips the triangles of npm's earcut, C++ those of earcut.hpp. Flips end in a walk,
+except "native" ones. Needs a quiet machine, except for ratios of C++, which measures CPU time.
 """
 
 import argparse
@@ -38,7 +38,11 @@ def time_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) 
     candidates: dict[str, Callable[[], Any]] = {
         "earcut": lambda: [mapbox_earcut.triangulate_float64(*polygon) for polygon in rings],
         "with flips": lambda: [triangulate_float64(*polygon) for polygon in rings],
+        "with flips native": lambda: [
+            triangulate_float64(*polygon, order="native") for polygon in rings
+        ],
         "batch with flips": lambda: triangulate_many(arrays, "flips:l1"),
+        "batch with flips native": lambda: triangulate_many(arrays, "flips:l1", order="native"),
     }
     minima = dict.fromkeys(candidates, float("inf"))
     for _ in range(rounds):

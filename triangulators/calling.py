@@ -9,6 +9,7 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import require_number
 from triangulators.errors import TriangulationError
+from triangulators.geometry.order import walk
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, check_criterion, load, parse
 from triangulators.verify import check_rows, insert_dropped_vertices, orient_triangles
@@ -20,6 +21,7 @@ def triangulate(
     *,
     criterion: criteria.Criterion | str | Callable[..., float] | None = None,
     repair: bool = False,
+    order: str | None = None,
     **parameters: Any,
 ) -> np.ndarray:
     """Triangulate a polygon; no vertex is added.
@@ -36,6 +38,11 @@ def triangulate(
         three points (six numbers).
     repair
         Insert collinear vertices that a library dropped, which removes its T-junctions.
+    order
+        "walk" puts the triangles in an order from neighbour to neighbour, in which a GPU transforms
+        few vertices twice; "native" leaves the triangulator's order. The default is a walk for
+        "flips" and "earcut-refine", otherwise native, which for "optimal", "worst" and "refined" is
+        a walk as well.
     **parameters
         Passed to the triangulator, for example `seed` of "random", or the weights `alpha`, `beta`
         and `gamma` of the criterion "mixed".
@@ -54,7 +61,7 @@ def triangulate(
     UnavailableError
         If an optional package is missing.
     UnknownNameError
-        If there is no such triangulator or criterion.
+        If there is no such triangulator, criterion or order.
     ArgumentError
         If the criterion or its weights are given twice or are invalid.
     TriangulationError
@@ -75,7 +82,9 @@ def triangulate(
     """
     outline, choice, raw = _run_triangulator(polygon, name, criterion, parameters)
     triangles = _check_triangles(outline, raw, choice, criterion)
-    return insert_dropped_vertices(outline, triangles) if repair else triangles
+    if repair:
+        triangles = insert_dropped_vertices(outline, triangles)
+    return _order_triangles(outline, triangles, choice, order)
 
 
 def triangulate_with_gap(
@@ -112,7 +121,17 @@ def triangulate_with_gap(
     """
     outline, choice, raw = _run_triangulator(polygon, name, criterion, parameters, with_gap=True)
     raw, gap = raw if choice.entry.with_gap else (raw, None)
-    return _check_triangles(outline, raw, choice, criterion), gap
+    triangles = _check_triangles(outline, raw, choice, criterion)
+    return _order_triangles(outline, triangles, choice, None), gap
+
+
+def _order_triangles(
+    outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
+) -> np.ndarray:
+    """Return triangles (m, 3) in an order as for `triangulate`."""
+    if not choice.entry.uses_walk(order):
+        return triangles
+    return np.asarray(walk(np.ascontiguousarray(triangles), len(outline.points)))
 
 
 def _run_triangulator(

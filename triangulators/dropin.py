@@ -8,7 +8,7 @@
   shortens them in the L1 metric, which a GPU's quads follow (`flip`). Takes little longer than
   earcut.
 - "refined:half-perimeter" (also "refined"): the better result of flips from earcut's and from
-  Delaunay triangles, in an order that walks from neighbour to neighbour.
+  Delaunay triangles.
 - "optimal:half-perimeter": the minimum sum of the half-perimeters of bounding boxes.
 
 For an invalid polygon the last two return earcut's result, as a program that works with earcut
@@ -20,6 +20,7 @@ import numpy as np
 from triangulators.errors import TriangulationError, UnknownNameError, suggest
 from triangulators.geometry.earcut import clip_ears
 from triangulators.geometry.flips import shorten
+from triangulators.geometry.order import is_walk
 
 __all__ = ["triangulate_float32", "triangulate_float64", "triangulate_int32", "triangulate_int64"]
 
@@ -31,7 +32,10 @@ EXACT = 2**53
 
 
 def triangulate_float64(
-    vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
+    vertices: np.ndarray,
+    ring_end_indices: np.ndarray,
+    method: str = "flips:l1",
+    order: str = "walk",
 ) -> np.ndarray:
     """Triangulate the rings of a polygon.
 
@@ -43,6 +47,9 @@ def triangulate_float64(
         (r,) uint32, the end of each ring in `vertices`; the last one is n.
     method
         "flips:l1", "refined:half-perimeter" or "optimal:half-perimeter"; see the module.
+    order
+        "walk" is an order from neighbour to neighbour, in which a GPU transforms few vertices
+        twice; "native" leaves flipped triangles at earcut's positions. Other methods always walk.
 
     Returns
     -------
@@ -52,7 +59,7 @@ def triangulate_float64(
     Raises
     ------
     UnknownNameError
-        If there is no such method.
+        If there is no such method or order.
     ValueError
         As `mapbox_earcut` raises for arrays that do not fit each other.
 
@@ -63,11 +70,14 @@ def triangulate_float64(
     (6,)
     """
     raw = clip_ears(vertices, ring_end_indices)
-    return _improve(raw, vertices, ring_end_indices, method)
+    return _improve(raw, vertices, ring_end_indices, method, order)
 
 
 def triangulate_float32(
-    vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
+    vertices: np.ndarray,
+    ring_end_indices: np.ndarray,
+    method: str = "flips:l1",
+    order: str = "walk",
 ) -> np.ndarray:
     """Triangulate the rings of a polygon with float32 vertices.
 
@@ -75,27 +85,7 @@ def triangulate_float32(
     ----------
     vertices
         (n, 2) float32, converted exactly.
-    ring_end_indices, method
-        As for `triangulate_float64`.
-
-    Returns
-    -------
-    ndarray
-        (3 m,) uint32, as `triangulate_float64` returns.
-    """
-    return triangulate_float64(np.asarray(vertices, dtype=np.float64), ring_end_indices, method)
-
-
-def triangulate_int32(
-    vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
-) -> np.ndarray:
-    """Triangulate the rings of a polygon with int32 vertices.
-
-    Parameters
-    ----------
-    vertices
-        (n, 2) int32, converted exactly.
-    ring_end_indices, method
+    ring_end_indices, method, order
         As for `triangulate_float64`.
 
     Returns
@@ -104,12 +94,40 @@ def triangulate_int32(
         (3 m,) uint32, as `triangulate_float64` returns.
     """
     return triangulate_float64(
-        np.asarray(vertices).astype(np.int32, copy=False), ring_end_indices, method
+        np.asarray(vertices, dtype=np.float64), ring_end_indices, method, order
+    )
+
+
+def triangulate_int32(
+    vertices: np.ndarray,
+    ring_end_indices: np.ndarray,
+    method: str = "flips:l1",
+    order: str = "walk",
+) -> np.ndarray:
+    """Triangulate the rings of a polygon with int32 vertices.
+
+    Parameters
+    ----------
+    vertices
+        (n, 2) int32, converted exactly.
+    ring_end_indices, method, order
+        As for `triangulate_float64`.
+
+    Returns
+    -------
+    ndarray
+        (3 m,) uint32, as `triangulate_float64` returns.
+    """
+    return triangulate_float64(
+        np.asarray(vertices).astype(np.int32, copy=False), ring_end_indices, method, order
     )
 
 
 def triangulate_int64(
-    vertices: np.ndarray, ring_end_indices: np.ndarray, method: str = "flips:l1"
+    vertices: np.ndarray,
+    ring_end_indices: np.ndarray,
+    method: str = "flips:l1",
+    order: str = "walk",
 ) -> np.ndarray:
     """Triangulate the rings of a polygon with int64 vertices.
 
@@ -117,7 +135,7 @@ def triangulate_int64(
     ----------
     vertices
         (n, 2) int64. Doubles cannot represent an extent above 2^53, which gets earcut's result.
-    ring_end_indices, method
+    ring_end_indices, method, order
         As for `triangulate_float64`.
 
     Returns
@@ -132,20 +150,21 @@ def triangulate_int64(
     low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
     if any(above - below > EXACT for below, above in zip(low, high, strict=True)):
         return raw
-    return _improve(raw, vertices - np.array(low), ring_end_indices, method)
+    return _improve(raw, vertices - np.array(low), ring_end_indices, method, order)
 
 
 def _improve(
-    raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str
+    raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str, order: str
 ) -> np.ndarray:
     """Improve earcut's triangles `raw`, or return them if the rings are invalid."""
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
         raise UnknownNameError(f"unknown method {method!r}; {suggest(method, METHODS)}")
+    in_walk = is_walk(order)
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     if method == "flips:l1":
         if len(raw) > 3:
-            shorten(points, raw)
+            shorten(points, raw, in_walk)
         return raw
     if not len(raw) or not np.isfinite(points).all():
         return raw

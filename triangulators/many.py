@@ -58,6 +58,7 @@ def triangulate_many(
     device: str = CPU,
     criterion: Criterion | str | Callable[..., float] | None = None,
     repair: bool = False,
+    order: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
     """Triangulate many polygons; those that fail are listed in `failed`, not fatal.
@@ -77,7 +78,7 @@ def triangulate_many(
         OpenGL compute shaders, for polygons without holes, of up to 64 vertices, on a grid
         (1/256 px, integer metres, ...), with the same results. The CPU does the other polygons, and
         all of them if the device fails, which is logged once.
-    criterion, repair, **parameters
+    criterion, repair, order, **parameters
         As for `triangulate`.
 
     Returns
@@ -88,7 +89,7 @@ def triangulate_many(
     Raises
     ------
     UnknownNameError
-        If there is no such triangulator, criterion or device.
+        If there is no such triangulator, criterion, device or order.
     ArgumentError
         If the criterion is given twice, or `polygons` is a single polygon.
 
@@ -105,7 +106,7 @@ def triangulate_many(
     >>> results[0].shape, results.failed
     ((2, 3), {1: 'the polygon is empty'})
     """
-    options = {"criterion": criterion, "repair": repair, **parameters}
+    options = {"criterion": criterion, "repair": repair, "order": order, **parameters}
     batch = attempt_many(polygons, name, check=check, threads=threads, device=device, **options)
     offsets, triangles, done = batch.triangle_offsets, batch.triangles, batch.compiled
     if done.all():
@@ -141,6 +142,7 @@ def attempt_many(
     device: str = CPU,
     criterion: Criterion | str | Callable[..., float] | None = None,
     repair: bool = False,
+    order: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
     """Triangulate the polygons that a device or compiled code supports, for `triangulate_many`.
@@ -156,6 +158,7 @@ def attempt_many(
     result = Triangulations(batch.triangles, batch.triangle_offsets, compiled=batch.done)
     threads = threads or cores()
     choice = parse(name)
+    in_walk = choice.entry.uses_walk(order)
     if not choice.entry.builtin:
         choice.entry.load()
     check_name(device)
@@ -169,9 +172,10 @@ def attempt_many(
     if check and arrays is not polygons:
         valid = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clip_ears(batch, valid, threads, flips, NO_COST, False)
+        _clip_ears(batch, valid, threads, flips, NO_COST, False, in_walk)
     elif choice.entry.name in _FLIP_TRIANGULATORS:
-        _clip_ears(batch, valid, threads, find_test(cost), cost, choice.entry.name == "refined")
+        refined = choice.entry.name == "refined"
+        _clip_ears(batch, valid, threads, find_test(cost), cost, refined, in_walk)
     else:
         if device != CPU and cost["box"].tolist() in _DEVICE_COSTS:
             selected = valid & (arrays.ring_counts == 1)

@@ -44,6 +44,8 @@ class Entry:
         The command that installs `needs`.
     builtin : bool
         False for entry points and `module:function` strings.
+    order : "walk" or "native"
+        The default order of the triangles; "native" leaves the order of the function.
     """
 
     name: str
@@ -57,6 +59,16 @@ class Entry:
     needs: str | None = None
     install: str | None = None
     builtin: bool = True
+    order: str = "native"
+
+    def uses_walk(self, order: str | None) -> bool:
+        """Return whether triangles are put in a walk; order: that of the caller, or None.
+
+        Raises `UnknownNameError` if there is no such order.
+        """
+        from triangulators.geometry.order import is_walk  # compiled code
+
+        return is_walk(self.order if order is None else order)
 
     def available(self) -> str | None:
         """Return None if the triangulator is usable here, otherwise the command to install it."""
@@ -159,6 +171,7 @@ BUILTIN = {
             "earcut-refine",
             "ear clipping, then the Delaunay flips of refine() in npm's earcut 3.2.4",
             "flips:triangulate_as_earcut",
+            order="walk",
         ),
         _method(
             "flips",
@@ -166,6 +179,7 @@ BUILTIN = {
             criteria=True,
             default_criterion="l1",
             tests=FLIP_TESTS,
+            order="walk",
         ),
         _method(
             "refined",

@@ -1,7 +1,7 @@
 """`harness triangulate`: write the triangles of polygons, or a model with other diagonals."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -78,6 +78,13 @@ def triangulate(
             "polygons of up to 64 vertices."
         ),
     ] = None,
+    order: Annotated[
+        Literal["walk", "native"] | None,
+        typer.Option(
+            help="Order of each polygon's triangles: walk, from neighbour to neighbour (default), "
+            "or native, the triangulator's. A 3D model keeps its own order."
+        ),
+    ] = None,
     check: Annotated[
         bool,
         typer.Option("--check", help="For a 3D model: only print the changes; write no file."),
@@ -109,6 +116,7 @@ def triangulate(
             "--where": condition,
             "--certify": certify,
             "--dask": dask,
+            "--order": order,
         }
         refuse_given(
             single_file_options | polygon_options,
@@ -119,7 +127,7 @@ def triangulate(
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence requires --certify: give both")
-    from harness.export.export import export_file, resolve_triangulator_name
+    from harness.export.export import ORDER, export_file, resolve_triangulator_name
     from scenes.spec import join_name
     from triangulators.devices import CPU
 
@@ -131,7 +139,7 @@ def triangulate(
         from harness.scaling.triangulated import Triangulating
 
         import_parquet()
-        work = Triangulating(name, layer, condition, certify)
+        work = Triangulating(name, layer, condition, certify, order or ORDER)
         triangulate_many_files(file, out, work, dask, reporter)
         return
 
@@ -151,6 +159,7 @@ def triangulate(
             say=reporter.say,
             certify=evidence or certify,
             device=device or CPU,
+            order=order or ORDER,
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")

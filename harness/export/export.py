@@ -61,6 +61,9 @@ FORMATS: dict[str, Callable[[Output, ExportMetadata], Writer]] = {
 MODEL_SUFFIXES = (".glb", ".gltf", ".obj")
 """Suffixes of 3D models."""
 
+ORDER = "walk"
+"""Default order of a polygon's triangles, in which a GPU transforms few vertices twice."""
+
 DEFAULT_CRITERION = "half-perimeter"
 """Criterion to certify if a triangulator has none."""
 
@@ -168,6 +171,7 @@ def export_file(
     certify: bool | Path = False,
     device: str = CPU,
     chunk: int = CHUNK_POLYGONS,
+    order: str = ORDER,
     **parameters: Any,
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
@@ -191,7 +195,7 @@ def export_file(
         Compute a bound on each triangulation's distance from the optimum of its criterion
         (half-perimeter if it has no criterion). A path is a file for the proofs, one line per
         polygon.
-    device : str
+    device, order : str
         As for `triangulators.triangulate_many`.
     chunk : int
         Number of polygons in memory at a time.
@@ -222,7 +226,7 @@ def export_file(
             proofs = None if evidence is None else stack.enter_context(Output(evidence))
             if proofs is not None:
                 report.evidence = proofs.file(mode="w")
-            options = TriangulationOptions(name, parameters, device, say)
+            options = TriangulationOptions(name, {"order": order, **parameters}, device, say)
             writer = add_chunks(chunks, partial(make, output), options, report, progress)
             if writer is None or report.triangles == 0:
                 raise InputError(_format_empty_export(str(source), report))

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from harness.atomic import Output
 from harness.errors import InputError
-from harness.export.export import Certified, Report, TriangulationOptions, add_chunks
+from harness.export.export import ORDER, Certified, Report, TriangulationOptions, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
@@ -29,6 +29,7 @@ class Triangulating(PartWork):
     layer: str | None = None
     where: str | None = None
     certify: bool = False
+    order: str = ORDER
 
     def cut(self, path: str) -> Slices:
         """Cut a file by its rows."""
@@ -50,7 +51,8 @@ class Triangulating(PartWork):
         """Triangulate the rows."""
         report = Report(certified=Certified.of(self.triangulator) if self.certify else None)
         with Output(path, forced=True) as output:
-            options = TriangulationOptions(self.triangulator, {"threads": threads})
+            parameters = {"threads": threads, "order": self.order}
+            options = TriangulationOptions(self.triangulator, parameters)
             chunks = read_chunks(
                 part.path, layer=self.layer, where=self.where, rows=part.rows, size=CHUNK_ROWS
             )

@@ -5,7 +5,8 @@
 //     flip_triangles::flip(triangles, polygon);
 //
 // Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces
-// the shared edge by the other diagonal. ORDER.md specifies the order of flips, so that this file,
+// the shared edge by the other diagonal. Then the triangles are put in a walk from neighbour to
+// neighbour. ORDER.md specifies the order of flips and the walk, so that this file,
 // flip-triangles.js and Python's triangulators.flip return the same triangles.
 
 #pragma once
@@ -39,10 +40,15 @@ namespace flip_triangles {
  *  length; delaunay requires a vertex inside the circumcircle of the other triangle. */
 enum class By { l1, euclidean, delaunay };
 
+/** The order of the result: a walk from neighbour to neighbour, in which a GPU transforms few vertices
+ *  twice, or native: a flip's two triangles are at the positions of the old two. */
+enum class Order { walk, native };
+
 /** Flips diagonals and reuses memory between calls. Not thread-safe. */
 class Flipper {
 public:
-    /** Flip diagonals in place until no flip is an improvement; return the number of flips.
+    /** Flip diagonals in place until no flip is an improvement; then put the triangles in an order.
+     *  Return the number of flips.
      *
      *  triangles: `length` indices, three per triangle, in the same orientation, as from earcut.
      *  coordinates: x and y of `points` points, beginning every `stride` numbers. Integers above
@@ -50,25 +56,36 @@ public:
      *  Throws std::out_of_range if an index is out of range; the triangles are then unchanged. */
     template <class Index, class Number>
     std::size_t operator()(Index* triangles, std::size_t length, const Number* coordinates,
-                           std::size_t points, By by = By::l1, std::size_t stride = 2) {
+                           std::size_t points, By by = By::l1, std::size_t stride = 2,
+                           Order order = Order::walk) {
         static_assert(std::is_integral_v<Index> && std::is_arithmetic_v<Number>);
         xy.resize(2 * points);
         for (std::size_t i = 0; i < points; i++)
             store(i, coordinates[i * stride], coordinates[i * stride + 1]);
-        return flip(triangles, length, by);
+        return flip(triangles, length, by, order);
     }
 
     /** The same for a container of indices and the rings passed to earcut.hpp: containers of points
      *  that std::get accepts (std::array, std::pair, std::tuple). */
     template <class Triangles, class Rings>
-    std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1) {
+    std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1,
+                           Order order = Order::walk) {
         std::size_t points = 0;
         for (const auto& ring : polygon) points += ring.size();
         xy.resize(2 * points);
         points = 0;
         for (const auto& ring : polygon)
             for (const auto& point : ring) store(points++, std::get<0>(point), std::get<1>(point));
-        return flip(triangles.data(), triangles.size(), by);
+        return flip(triangles.data(), triangles.size(), by, order);
+    }
+
+    /** Put triangles in a walk from neighbour to neighbour, in place and in linear time. Triangles are
+     *  rotated, not mirrored. Throws std::out_of_range if an index is not below `points`. */
+    template <class Index>
+    void reorder(Index* triangles, std::size_t length, std::size_t points) {
+        read(triangles, length, points);
+        link();
+        walk(triangles);
     }
 
 private:
@@ -78,6 +95,12 @@ private:
     std::vector<std::int32_t> stack;    // half-edges to test
     std::vector<std::int32_t> slots;    // hash table of half-edges by their end points
     std::vector<unsigned char> queued;  // whether a half-edge is on the stack
+    std::vector<std::int32_t> entry;    // half-edge over which the walk enters a triangle, FREE or ROOT
+    std::vector<std::int32_t> size;     // triangles in the branch of a triangle
+    std::vector<std::int32_t> queue;    // triangles of a component, breadth first
+    std::vector<std::int32_t> walked;   // triangles in walk order
+    std::vector<unsigned char> met;     // whether a vertex belongs to an earlier triangle of the walk
+    static constexpr std::int32_t FREE = -2, ROOT = -1;
 
     struct Point {
         double x, y;
@@ -104,9 +127,10 @@ private:
         xy[2 * point + 1] = as_double(y);
     }
 
+    // Copy the indices to `origin`.
     template <class Index>
-    std::size_t flip(Index* triangles, std::size_t length, By by) {
-        const std::size_t count = length - length % 3, points = xy.size() / 2;
+    void read(const Index* triangles, std::size_t length, std::size_t points) {
+        const std::size_t count = length - length % 3;
         if (count > std::size_t(std::numeric_limits<std::int32_t>::max()) ||
             points > std::size_t(std::numeric_limits<std::uint32_t>::max()))
             throw std::length_error("flip_triangles: input is too large (max 2^31 indices, 2^32 points)");
@@ -117,11 +141,108 @@ private:
                 throw std::out_of_range("flip_triangles: index out of range");
             origin[e] = static_cast<std::uint32_t>(triangles[e]);
         }
-        if (count <= 3) return 0;
+    }
+
+    template <class Index>
+    std::size_t flip(Index* triangles, std::size_t length, By by, Order order) {
+        read(triangles, length, xy.size() / 2);
+        if (origin.size() <= 3) return 0;
         const std::size_t flips = run(by);
-        if (flips)
-            for (std::size_t e = 0; e < count; e++) triangles[e] = static_cast<Index>(origin[e]);
+        if (order == Order::walk)
+            walk(triangles);
+        else
+            for (std::size_t e = 0; e < origin.size(); e++) triangles[e] = static_cast<Index>(origin[e]);
         return flips;
+    }
+
+    static std::size_t at_index(std::int32_t value) { return static_cast<std::size_t>(value); }
+
+    // The twin of the k-th half-edge of a triangle, beginning with its entry, or a negative number.
+    std::int32_t twin_of(std::int32_t triangle, std::int32_t k) const {
+        const std::int32_t first = entry[at_index(triangle)];
+        return twin[at_index(3 * triangle + ((first < 0 ? 0 : first) + k) % 3)];
+    }
+
+    // Write the triangles of `origin` in walk order, given their twins.
+    template <class Index>
+    void walk(Index* triangles) {
+        const std::size_t m = origin.size() / 3;
+        entry.assign(m, FREE);
+        size.assign(m, 1);
+        queue.resize(m);
+        walked.clear();
+        for (std::size_t first = 0; first < m; first++)
+            if (entry[first] == FREE) walk_component(find_leaf(static_cast<std::int32_t>(first)));
+        std::uint32_t last = 0;
+        for (const auto vertex : origin) last = vertex > last ? vertex : last;
+        met.assign(std::size_t(last) + 1, 0);
+        for (std::size_t t = 0; t < m; t++) {
+            const std::uint32_t* vertex = &origin[3 * at_index(walked[t])];
+            std::uint32_t a = vertex[0], b = vertex[1], c = vertex[2];
+            if (met[c] && met[b] && !met[a])
+                std::tie(a, b, c) = std::make_tuple(b, c, a);
+            else if (met[c] && !met[b])
+                std::tie(a, b, c) = std::make_tuple(c, a, b);
+            triangles[3 * t] = static_cast<Index>(a);
+            triangles[3 * t + 1] = static_cast<Index>(b);
+            triangles[3 * t + 2] = static_cast<Index>(c);
+            met[a] = met[b] = met[c] = 1;
+        }
+    }
+
+    // Append the component of a triangle to `walked`.
+    void walk_component(std::int32_t root) {
+        entry[at_index(root)] = ROOT;
+        queue[0] = root;
+        std::size_t tail = 1;
+        for (std::size_t head = 0; head < tail; head++)
+            for (std::int32_t k = 0; k < 3; k++) {
+                const std::int32_t f = twin_of(queue[head], k);
+                if (f < 0 || entry[at_index(f / 3)] != FREE) continue;
+                entry[at_index(f / 3)] = f;
+                queue[tail++] = f / 3;
+            }
+        while (--tail > 0) {  // descendants come later
+            const std::size_t branch = at_index(queue[tail]);
+            size[at_index(twin[at_index(entry[branch])] / 3)] += size[branch];
+        }
+        stack[0] = root;
+        std::size_t height = 1;
+        while (height > 0) {
+            const std::int32_t triangle = stack[--height];
+            const std::size_t begin = height;
+            walked.push_back(triangle);
+            for (std::int32_t k = 0; k < 3; k++) {
+                const std::int32_t f = twin_of(triangle, k);
+                if (f < 0 || entry[at_index(f / 3)] != f) continue;
+                std::size_t at = height++;  // at most three branches: insertion sort, the smallest on top
+                for (; at > begin && size[at_index(stack[at - 1])] < size[at_index(f / 3)]; at--)
+                    stack[at] = stack[at - 1];
+                stack[at] = f / 3;
+            }
+        }
+    }
+
+    // The first triangle with at most one neighbour, breadth first from `first`; otherwise `first`.
+    std::int32_t find_leaf(std::int32_t first) {
+        std::int32_t leaf = -1;
+        entry[at_index(first)] = ROOT;
+        queue[0] = first;
+        std::size_t tail = 1;
+        for (std::size_t head = 0; head < tail && leaf < 0; head++) {
+            int neighbours = 0;
+            for (std::int32_t e = 3 * queue[head], end = e + 3; e < end; e++) {
+                const std::int32_t f = twin[at_index(e)];
+                if (f < 0) continue;
+                neighbours++;
+                if (entry[at_index(f / 3)] != FREE) continue;
+                entry[at_index(f / 3)] = ROOT;
+                queue[tail++] = f / 3;
+            }
+            if (neighbours < 2) leaf = queue[head];
+        }
+        while (tail > 0) entry[at_index(queue[--tail])] = FREE;
+        return leaf < 0 ? first : leaf;
     }
 
     void push(std::uint32_t e, std::size_t& size) {
@@ -289,11 +410,17 @@ private:
     }
 };
 
-/** `Flipper` for one call: `flip(indices, length, coordinates, points[, by[, stride]])` or
- *  `flip(indices, polygon[, by])`. */
+/** `Flipper` for one call: `flip(indices, length, coordinates, points[, by[, stride[, order]]])` or
+ *  `flip(indices, polygon[, by[, order]])`. */
 template <class Triangles, class... Rest>
 std::size_t flip(Triangles&& triangles, Rest&&... rest) {
     return Flipper()(std::forward<Triangles>(triangles), std::forward<Rest>(rest)...);
+}
+
+/** `Flipper::reorder` for one call. */
+template <class Index>
+void reorder(Index* triangles, std::size_t length, std::size_t points) {
+    Flipper().reorder(triangles, length, points);
 }
 
 }  // namespace flip_triangles

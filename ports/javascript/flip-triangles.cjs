@@ -7,7 +7,8 @@
     // Make a triangulated polygon cheaper to draw by flipping diagonals, on the same vertices.
     //
     // Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces
-    // the shared edge by the other diagonal. ORDER.md specifies the order of flips, so that this file,
+    // the shared edge by the other diagonal. Then the triangles are put in a walk from neighbour to
+    // neighbour. ORDER.md specifies the order of flips and the walk, so that this file,
     // flip_triangles.hpp and Python's triangulators.flip return the same triangles.
 
     const MAX_INTEGER = 2 ** 25; // integer coordinates up to this have exact orientations and lengths in doubles
@@ -20,6 +21,12 @@
     let stack = origin; // half-edges to test
     let slots = origin; // hash table of half-edges by their end points, with open addressing
     let queued = new Uint8Array(0); // whether a half-edge is on the stack
+    let entry = origin; // the half-edge over which the walk enters a triangle, FREE or ROOT
+    let branchSize = origin; // triangles in the branch of a triangle
+    let queue = origin; // triangles of a component, breadth first
+    let walked = origin; // triangles in walk order
+    let met = queued; // whether a vertex belongs to an earlier triangle of the walk
+    const FREE = -2, ROOT = -1;
 
     const isNumberList = (list) => (Array.isArray(list) || ArrayBuffer.isView(list)) && (list.length === 0 || typeof list[0] === "number");
     const next = (e) => (e % 3 === 2 ? e - 2 : e + 1);
@@ -27,22 +34,27 @@
     const isInteger = (...values) => values.every((v) => Math.abs(v) <= MAX_INTEGER && v === Math.floor(v));
 
     /**
-     * Flip diagonals in place until no flip is an improvement.
+     * Flip diagonals in place until no flip is an improvement; then put the triangles in a walk.
      *
      * @param {number[] | Uint16Array | Uint32Array | Int32Array} triangles three indices per triangle,
      *     in the same orientation, as from earcut
      * @param {ArrayLike<number>} vertices flat coordinates, as for earcut
-     * @param {{dimensions?: number, by?: "l1" | "euclidean" | "delaunay"}} [options] coordinates per
-     *     vertex (2), of which the first two are used; the value that a flip must reduce: the length of
-     *     the diagonal, |dx| + |dy| ("l1") or Euclidean, or the two angles opposite it ("delaunay")
+     * @param {{dimensions?: number, by?: "l1" | "euclidean" | "delaunay", order?: "walk" | "native"}} [options]
+     *     coordinates per vertex (2), of which the first two are used; the value that a flip must reduce:
+     *     the length of the diagonal, |dx| + |dy| ("l1") or Euclidean, or the two angles opposite it
+     *     ("delaunay"); order of the result: as by `reorder`, or "native", a flip's two triangles at the
+     *     positions of the old two
      * @returns {number} number of flips
      * @throws {RangeError} if an index is out of range or an option is unknown
      * @throws {TypeError} if triangles or vertices is not a flat array of numbers
      */
-    function flip(triangles, vertices, {dimensions = 2, by = "l1"} = {}) {
+    function flip(triangles, vertices, {dimensions = 2, by = "l1", order = "walk"} = {}) {
         const delaunay = by === "delaunay", l1 = by === "l1";
         if (!delaunay && !l1 && by !== "euclidean") {
             throw new RangeError(`flip: unknown by "${by}" (choose from l1, euclidean, delaunay)`);
+        }
+        if (order !== "walk" && order !== "native") {
+            throw new RangeError(`flip: unknown order "${order}" (choose from walk, native)`);
         }
         if (!(dimensions >= 2 && dimensions === Math.floor(dimensions))) {
             throw new RangeError(`flip: dimensions must be an integer >= 2, not ${dimensions}`);
@@ -51,18 +63,18 @@
             throw new TypeError("flip: triangles and vertices must be flat arrays of numbers (three.js: attribute.array)");
         }
         const count = triangles.length - triangles.length % 3;
-        let size = link(triangles, count, Math.floor(vertices.length / dimensions));
+        let height = link(triangles, count, Math.floor(vertices.length / dimensions));
         let flips = 0;
         let orientation = 0; // of the first triangle that is not degenerate
-        for (let e = 0; size && delaunay && !orientation && e < count; e += 3) {
+        for (let e = 0; height && delaunay && !orientation && e < count; e += 3) {
             const a = origin[e] * dimensions, b = origin[e + 1] * dimensions, c = origin[e + 2] * dimensions;
             // The sign of NaN becomes 0.
             orientation = Math.sign((vertices[b] - vertices[a]) * (vertices[c + 1] - vertices[a + 1]) -
                 (vertices[b + 1] - vertices[a + 1]) * (vertices[c] - vertices[a])) || 0;
         }
 
-        while (size) {
-            const e = stack[--size], f = twin[e];
+        while (height) {
+            const e = stack[--height], f = twin[e];
             queued[e] = 0;
             if (f < 0) continue;
 
@@ -94,13 +106,102 @@
             twin[f] = above;
             twin[e2] = f2;
             twin[f2] = e2;
-            if (below >= 0) { twin[below] = e; if (!queued[e]) queued[stack[size++] = e] = 1; }
-            if (above >= 0) { twin[above] = f; if (!queued[f]) queued[stack[size++] = f] = 1; }
-            if (twin[e1] >= 0 && !queued[e1]) queued[stack[size++] = e1] = 1;
-            if (twin[f1] >= 0 && !queued[f1]) queued[stack[size++] = f1] = 1;
+            if (below >= 0) { twin[below] = e; if (!queued[e]) queued[stack[height++] = e] = 1; }
+            if (above >= 0) { twin[above] = f; if (!queued[f]) queued[stack[height++] = f] = 1; }
+            if (twin[e1] >= 0 && !queued[e1]) queued[stack[height++] = e1] = 1;
+            if (twin[f1] >= 0 && !queued[f1]) queued[stack[height++] = f1] = 1;
         }
-        if (flips) for (let e = 0; e < count; e++) triangles[e] = origin[e];
+        if (order === "walk") walk(triangles, count);
+        else for (let e = 0; e < count; e++) triangles[e] = origin[e];
         return flips;
+    }
+
+    /**
+     * Put triangles in a walk from neighbour to neighbour, in place and in linear time, so that a GPU
+     * transforms few vertices twice. Triangles are rotated, not mirrored.
+     *
+     * @param {number[] | Uint16Array | Uint32Array | Int32Array} triangles as for `flip`
+     * @param {number} numberOfVertices all indices must be below it
+     * @throws {RangeError} if an index is out of range
+     * @throws {TypeError} if triangles is not a flat array of numbers
+     */
+    flip.reorder = function reorder(triangles, numberOfVertices) {
+        if (!isNumberList(triangles)) throw new TypeError("reorder: triangles must be a flat array of numbers");
+        const count = triangles.length - triangles.length % 3;
+        link(triangles, count, numberOfVertices);
+        walk(triangles, count);
+    };
+
+    /** Write the triangles of `origin` to `triangles` in walk order, given their twins. */
+    function walk(triangles, count) {
+        const m = count / 3;
+        entry.fill(FREE, 0, m);
+        branchSize.fill(1, 0, m);
+        let done = 0, last = 0;
+        for (let first = 0; first < m; first++) {
+            if (entry[first] === FREE) done = walkComponent(findLeaf(first), done);
+        }
+        for (let e = 0; e < count; e++) last = Math.max(last, origin[e]);
+        if (met.length <= last) met = new Uint8Array(last + 1);
+        for (let e = 0; e < count; e++) met[origin[e]] = 0;
+        for (let e = 0; e < count; e += 3) {
+            const row = 3 * walked[e / 3];
+            let a = origin[row], b = origin[row + 1], c = origin[row + 2];
+            if (met[c] && met[b] && !met[a]) [a, b, c] = [b, c, a];
+            else if (met[c] && !met[b]) [a, b, c] = [c, a, b];
+            met[triangles[e] = a] = met[triangles[e + 1] = b] = met[triangles[e + 2] = c] = 1;
+        }
+    }
+
+    /** The k-th half-edge of a triangle, beginning with its entry. */
+    const halfEdge = (t, k) => 3 * t + ((entry[t] < 0 ? 0 : entry[t]) + k) % 3;
+    const triangleOf = (e) => (e - e % 3) / 3;
+
+    /** Append the component of `root` to `walked`, from index `done` on; return the new end. */
+    function walkComponent(root, done) {
+        let tail = 1, height = 1;
+        entry[root] = ROOT;
+        queue[0] = root;
+        for (let head = 0; head < tail; head++) {
+            for (let k = 0; k < 3; k++) {
+                const f = twin[halfEdge(queue[head], k)];
+                if (f >= 0 && entry[triangleOf(f)] === FREE) {
+                    entry[triangleOf(f)] = f;
+                    queue[tail++] = triangleOf(f);
+                }
+            }
+        }
+        while (--tail > 0) branchSize[triangleOf(twin[entry[queue[tail]]])] += branchSize[queue[tail]]; // descendants come later
+        stack[0] = root;
+        while (height > 0) {
+            const t = walked[done++] = stack[--height], begin = height;
+            for (let k = 0; k < 3; k++) {
+                const f = twin[halfEdge(t, k)], branch = triangleOf(f);
+                if (f < 0 || entry[branch] !== f) continue;
+                let at = height++; // at most three branches: insertion sort, the smallest on top
+                for (; at > begin && branchSize[stack[at - 1]] < branchSize[branch]; at--) stack[at] = stack[at - 1];
+                stack[at] = branch;
+            }
+        }
+        return done;
+    }
+
+    /** The first triangle with at most one neighbour, breadth first from `first`; otherwise `first`. */
+    function findLeaf(first) {
+        let tail = 1, leaf = -1;
+        entry[queue[0] = first] = ROOT;
+        for (let head = 0; head < tail && leaf < 0; head++) {
+            let neighbours = 0;
+            for (let e = 3 * queue[head], end = e + 3; e < end; e++) {
+                if (twin[e] < 0) continue;
+                neighbours++;
+                const t = triangleOf(twin[e]);
+                if (entry[t] === FREE) entry[queue[tail++] = t] = ROOT;
+            }
+            if (neighbours < 2) leaf = queue[head];
+        }
+        while (tail > 0) entry[queue[--tail]] = FREE;
+        return leaf < 0 ? first : leaf;
     }
 
     /**
@@ -118,13 +219,14 @@
             twin = new Int32Array(count);
             stack = new Int32Array(count);
             queued = new Uint8Array(count);
+            [entry, branchSize, queue, walked] = Array.from({length: 4}, () => new Int32Array(count / 3));
         }
         if (slots.length < 1 << bits) slots = new Int32Array(1 << bits);
         const shift = 32 - bits, mask = (1 << bits) - 1;
         slots.fill(-1, 0, mask + 1);
         queued.fill(0, 0, count);
 
-        let size = 0;
+        let height = 0;
         for (let first = 0; first < count; first += 3) {
             const i = triangles[first], j = triangles[first + 1], k = triangles[first + 2];
             if (!(i >>> 0 === i && j >>> 0 === j && k >>> 0 === k && i < points && j < points && k < points)) {
@@ -155,7 +257,7 @@
                     if (oldest !== last) twin[last] = twin[oldest];
                     twin[oldest] = e;
                     twin[e] = oldest;
-                    queued[stack[size++] = oldest] = 1;
+                    queued[stack[height++] = oldest] = 1;
                 } else {
                     slots[slot] = e;
                     twin[e] = twin[last];
@@ -164,7 +266,7 @@
                 tail = head;
             }
         }
-        return size;
+        return height;
     }
 
     /** Whether d certainly lies inside the circle through a, b, c, counter-clockwise if orientation > 0. */

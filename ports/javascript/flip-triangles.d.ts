@@ -6,11 +6,18 @@ export interface Options {
      * or Euclidean length; "delaunay" requires a vertex inside the circumcircle of the other triangle.
      */
     by?: "l1" | "euclidean" | "delaunay";
+    /** Order of the result: as by `reorder` (default), or a flip's two triangles at the positions of the old two. */
+    order?: "walk" | "native";
 }
 
 /** Three indices per triangle, in the same orientation, as from earcut. */
 export type Triangles = number[] | Int8Array | Uint8Array | Uint8ClampedArray | Int16Array | Uint16Array
     | Int32Array | Uint32Array | Float32Array | Float64Array;
 
-/** Flip diagonals in place until no flip is an improvement; return the number of flips. */
-export default function flip(triangles: Triangles, vertices: ArrayLike<number>, options?: Options): number;
+declare const flip: {
+    /** Flip diagonals in place until no flip is an improvement; return the number of flips. */
+    (triangles: Triangles, vertices: ArrayLike<number>, options?: Options): number;
+    /** Put triangles in place in a walk from neighbour to neighbour; all indices are below `numberOfVertices`. */
+    reorder(triangles: Triangles, numberOfVertices: number): void;
+};
+export default flip;

@@ -113,7 +113,7 @@ function flipFace(face, {a, u, normal}, triangles, points, by) {
     const vertices = verticesOf(face, triangles), localIndex = new Map(vertices.map((i, local) => [i, local]));
     const flat = vertices.flatMap((i) => [dot(minus(points[i], a), right), dot(minus(points[i], a), up)]);
     const localTriangles = face.flatMap((t) => [0, 1, 2].map((k) => localIndex.get(triangles[3 * t + k])));
-    const flips = flip(localTriangles, flat, {by});
+    const flips = flip(localTriangles, flat, {by, order: "native"}); // a model keeps its order
     face.forEach((t, n) => [0, 1, 2].forEach((k) => (triangles[3 * t + k] = vertices[localTriangles[3 * n + k]])));
     return flips;
 }

@@ -17,6 +17,7 @@ from harness.export.export import FORMATS, export_file
 from scenes import SceneError, load
 from scenes.tiles.read import FILE
 from tests.conftest import make_geojson, require_ok
+from triangulators import triangulate_many
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")
@@ -156,6 +157,17 @@ def test_npz_has_plain_arrays(tmp_path, houses, chunk):
         assert data["attribute_name"].tolist() == ["a", "b ü", ""]
         assert data["attribute_height"][:2].tolist() == [3.5, 12.0]
         assert data["triangulator"] == "optimal:half-perimeter"
+
+
+@pytest.mark.parametrize("order", ["walk", "native"])
+def test_triangles_are_written_in_a_walk_by_default(tmp_path, harness, order):
+    options = [] if order == "walk" else ["--order", order]
+    command = ("triangulate", CITY, "--triangulator", "delaunay", "-o", "a.npz")
+    require_ok(harness(*command, *options))
+    expected = triangulate_many(load(CITY).polygons, "delaunay", order=order)
+    with np.load(tmp_path / "a.npz") as data:
+        first = np.repeat(data["vertex_offsets"][:-1], np.diff(data["triangle_offsets"]))
+        assert np.array_equal(data["triangles"] - first[:, None], expected.triangles)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

@@ -41,7 +41,8 @@ void expect_equal(const Indices& triangles, const Indices& expected, const std::
     std::vector<std::vector<std::array<Number, 2>>> polygon(1);
     for (std::size_t i = 0; i < xy.size(); i += 2)
         polygon[0].push_back({static_cast<Number>(xy[i]), static_cast<Number>(xy[i + 1])});
-    flip_triangles::flip(indices, polygon, by);
+    flip_triangles::flip(indices, polygon, by, flip_triangles::Order::native);
+    flip_triangles::reorder(indices.data(), indices.size(), polygon[0].size());
     if (!std::equal(indices.begin(), indices.end(), expected.begin(), [](Index a, std::int32_t b) { return a == Index(b); })) {
         std::fprintf(stderr, "triangles differ by type of indices or coordinates\n");
         std::exit(1);
@@ -61,18 +62,27 @@ int main(int, char** arguments) {
     const auto points = read<double>(folder + "points.f64");
     const auto triangles = read<std::int32_t>(folder + "triangles.i32");
     const auto bounds = read<std::int32_t>(folder + "bounds.i32");
-    const std::array<const char*, 3> names = {"l1", "euclidean", "delaunay"};
+    using flip_triangles::Order;
+    const std::array<const char*, 5> names = {"l1", "euclidean", "delaunay", "l1-native", "reorder"};
     flip_triangles::Flipper flipper;
     for (std::size_t test = 0; test < names.size(); test++) {
-        const auto by = static_cast<flip_triangles::By>(test);
+        const auto by = static_cast<flip_triangles::By>(test % 3);
+        const auto order = test == 3 ? Order::native : Order::walk;
         auto result = triangles;
         Indices counts;
         for (std::size_t i = 2; i < bounds.size(); i += 2) {
             const auto begin = result.begin() + bounds[i - 1], end = result.begin() + bounds[i + 1];
             const Indices before(begin, end);
             const std::vector<double> xy(points.begin() + 2 * bounds[i - 2], points.begin() + 2 * bounds[i]);
+            std::int32_t* indices = result.data() + bounds[i - 1];
+            if (test == 4) {
+                flipper.reorder(indices, before.size(), xy.size() / 2);
+                counts.push_back(0);
+                continue;
+            }
             counts.push_back(static_cast<std::int32_t>(
-                flipper(result.data() + bounds[i - 1], before.size(), xy.data(), xy.size() / 2, by)));
+                flipper(indices, before.size(), xy.data(), xy.size() / 2, by, 2, order)));
+            if (order == Order::native) continue;
             const Indices after(begin, end);
             if (xy.size() < 2 * 65536) expect_equal<std::uint16_t, double>(before, after, xy, by);
             if (is_integer(xy)) {

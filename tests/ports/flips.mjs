@@ -29,6 +29,8 @@ function writeAll(name, change) {
 for (const by of ["l1", "euclidean", "delaunay"]) {
     writeAll(by, (indices, coordinates) => flip(indices, coordinates, {by}));
 }
+writeAll("l1-native", (indices, coordinates) => flip(indices, coordinates, {order: "native"}));
+writeAll("reorder", (indices, coordinates) => flip.reorder(indices, coordinates.length / 2));
 // The same with typed indices and vertices of three numbers in an array.
 writeAll("l1-typed", (indices, coordinates) => {
     const typed = Uint32Array.from(indices), solid = [];

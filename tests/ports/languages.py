@@ -13,6 +13,7 @@ import numpy as np
 
 from triangulators.geometry import flips
 from triangulators.geometry.half_edges import link
+from triangulators.geometry.order import walk_along
 
 FOLDER = Path(__file__).resolve().parent
 PACKAGES = FOLDER.parents[1] / "ports" / "javascript" / "node_modules"
@@ -56,16 +57,26 @@ class Cases(NamedTuple):
         return self.points[first:last], self.corners[begin:end]
 
 
-def flip_in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return all corners after flips, and the number of flips of each polygon."""
+def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return all corners after flips, and the number of flips of each polygon.
+
+    name : "l1", "euclidean" or "delaunay", then a walk; "l1-native" or "earcut-refine", without a
+        walk; "reorder", a walk without flips
+    """
     result, counts = cases.corners.copy(), []
-    flip = flips.as_earcut if by == "earcut-refine" else getattr(flips, f"by_{by}")
+    by, _, native = name.partition("-")
+    flip = {"earcut": flips.as_earcut, "reorder": lambda *_: 0}.get(by) or getattr(
+        flips, f"by_{by}"
+    )
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
     ):
         points, before = cases.polygon(index)
         after = before.copy()
-        counts.append(flip(points, after, link(after)))
+        twin = link(after)
+        counts.append(flip(points, after, twin))
+        if not native:
+            after = walk_along(after.reshape(-1, 3), twin, len(points)).reshape(-1)
         result[begin:end] = after
     return result, np.array(counts, dtype=np.int32)
 

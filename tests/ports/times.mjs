@@ -25,6 +25,7 @@ const candidates = {
     earcut: () => polygons.forEach(({data, holes}) => earcut(data, holes)),
     refine: (copies) => polygons.forEach(({data}, i) => refine(copies[i], data)),
     l1: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data)),
+    "l1 native": (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {order: "native"})),
     euclidean: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "euclidean"})),
     delaunay: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "delaunay"})),
 };

@@ -3,7 +3,8 @@
     PYTHONPATH=. python -m tests.ports.vectors
 
 writes ports/vectors.txt again. Each polygon has a line of coordinates, a line with the triangles of
-ear clipping, and two lines for each test: name and number of flips, and the resulting triangles.
+ear clipping, and two lines for each test: name and number of flips, and the resulting triangles in
+a walk. The last test, "reorder", is a walk without flips.
 """
 
 import numpy as np
@@ -21,7 +22,7 @@ def render() -> str:
     """Return the text of the file: 40 random polygons, and overlapping triangles."""
     small = [rings for rings in random_polygons(3, 400) if 4 <= len(rings[0]) <= MAX_VERTICES]
     cases = _add_random_triangles(Cases.of(small[:40]))
-    results = {by: flip_in_python(cases, by) for by in FLIP_TESTS}
+    results = {by: flip_in_python(cases, by) for by in (*FLIP_TESTS, "reorder")}
     lines = []
     for index in range(len(cases.bounds) - 1):
         points, corners = cases.polygon(index)

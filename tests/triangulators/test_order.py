@@ -6,11 +6,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapely import Polygon
 
+from harness.frame import View, make_frame
+from harness.rasterisers.vertex_batches import count_batches
 from scenes import load
+from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import hard_polygons, smooth, star, with_hole
-from triangulators import triangulate, triangulate_many, vertices
-from triangulators.geometry.order import CACHE_SIZE, vertex_cache_order, walk
+from triangulators import (
+    UnknownNameError,
+    dropin,
+    flip,
+    triangulate,
+    triangulate_many,
+    triangulate_with_gap,
+    vertices,
+)
+from triangulators.geometry.order import CACHE_SIZE, ORDERS, vertex_cache_order, walk
 
 BATCH = 120
 """Indices after which a drawing program may start anew, and meets its vertices again."""
@@ -58,6 +70,78 @@ def test_optimum_is_in_walk_order(name):
     for polygon in (star(400, spread=0.4), smooth(90), with_hole(rng, 14, 6)):
         triangles = triangulate(polygon, name)
         assert np.array_equal(triangles, walk(triangles, len(vertices(polygon))))
+
+
+@pytest.mark.parametrize("name", ["ear-clipping", "delaunay", "flips", "flips:shape", "refined"])
+def test_order_of_all_interfaces(name):
+    rng = np.random.default_rng(4)
+    polygons = [star(90, seed, spread=0.4) for seed in range(5)] + [with_hole(rng, 14, 6)]
+    polygons.append(Polygon([(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)]))  # earcut drops a vertex
+    batches = {order: triangulate_many(polygons, name, order=order) for order in (*ORDERS, None)}
+    moved = 0
+    for index, polygon in enumerate(polygons):
+        native, ordered, default = (batches[order][index] for order in (*ORDERS[::-1], None))
+        assert np.array_equal(ordered, walk(native, len(vertices(polygon))))
+        assert np.array_equal(default, native if name in ("ear-clipping", "delaunay") else ordered)
+        assert np.array_equal(default, triangulate_with_gap(polygon, name)[0])
+        for order in ORDERS:
+            single = triangulate(polygon, name, order=order)
+            assert np.array_equal(single, batches[order][index])
+        moved += not np.array_equal(native, ordered)
+    assert (moved > 3) == (name != "refined")
+
+
+def test_dropin_and_flip_have_both_orders():
+    polygon = star(90, spread=0.4)
+    points, ends = earcut_rings(polygon)
+    raw = triangulate(polygon, "ear-clipping")
+    for order in ORDERS:
+        expected = triangulate(polygon, "flips:l1", order=order)
+        assert np.array_equal(flip(points, raw, order=order), expected)
+        result = dropin.triangulate_float64(points, ends, order=order)
+        assert np.array_equal(result.reshape(-1, 3), expected)
+    assert np.array_equal(flip(points, raw), walk(flip(points, raw, order="native"), len(points)))
+
+
+def test_unknown_order_is_refused():
+    polygon = star(9)
+    message = "unknown order 'best'; known: walk, native"
+    for call in (
+        lambda: triangulate(polygon, "delaunay", order="best"),
+        lambda: triangulate_many([polygon], "flips", order="best"),
+        lambda: flip(vertices(polygon), triangulate(polygon, "fan"), order="best"),
+        lambda: dropin.triangulate_float64(*earcut_rings(polygon), order="best"),
+    ):
+        with pytest.raises(UnknownNameError, match=message):
+            call()
+
+
+@pytest.mark.parametrize(
+    "scene", ["city", "glyphs", "cad", "helsinki", "stress", "counties:level=state"]
+)
+def test_shipped_orders_need_no_more_vertex_batches_than_ear_clipping(scene, tmp_path):
+    polygons = make_frame(load(scene).polygons, View(1024)).polygons
+    # Optima of large polygons with holes take seconds.
+    polygons = polygons.take(np.flatnonzero(polygons.vertex_counts <= 200).tolist())
+    limit = count_scene_batches(polygons, triangulate_many(polygons, "ear-clipping"))
+    for name in (
+        "optimal:half-perimeter",
+        "refined",
+        "flips:l1",
+        "flips:delaunay",
+        "earcut-refine",
+    ):
+        assert count_scene_batches(polygons, triangulate_many(polygons, name)) <= limit, name
+    assert (
+        count_scene_batches(polygons, triangulate_many(polygons, "flips", order="native")) > limit
+    )
+
+
+def count_scene_batches(polygons, triangulations):
+    """Return the vertex batches of all triangles, in one index buffer."""
+    assert not triangulations.failed
+    first = np.repeat(polygons.vertex_offsets[:-1], np.diff(triangulations.triangle_offsets))
+    return count_batches((triangulations.triangles + first[:, None]).astype(np.int32))[0]
 
 
 def test_walk_shades_few_vertices_again():

@@ -18,6 +18,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.geometry.half_edges import link
+from triangulators.geometry.order import walk_along
 
 _MAX_INTEGER = 2.0**25  # integer coordinates up to this have exact orientations and lengths
 _MAX_EXACT_SUM = 1.6e8  # of three squared distances; integer in-circle tests are exact up to this
@@ -219,10 +220,11 @@ def as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
 
 
 @njit(nogil=True)
-def shorten(points: np.ndarray, indices: np.ndarray) -> int:
-    """Apply `by_l1` in place to indices (3 m,) of any integer type; return the number of flips."""
+def shorten(points: np.ndarray, indices: np.ndarray, in_walk: bool) -> None:
+    """Apply `by_l1`, and optionally a walk, in place to indices (3 m,) of any integer type."""
     corner = indices.astype(np.int32)
-    flips = by_l1(points, corner, link(corner))
-    if flips > 0:
-        indices[:] = corner
-    return flips
+    twin = link(corner)
+    by_l1(points, corner, twin)
+    if in_walk:
+        corner = walk_along(corner.reshape(-1, 3), twin, len(points)).reshape(-1)
+    indices[:] = corner

@@ -27,12 +27,23 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import grouped
+from triangulators.errors import UnknownNameError, suggest
 from triangulators.geometry.half_edges import link
 
 CACHE_SIZE = 16
 """Assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch."""
 
+ORDERS = ("walk", "native")
+"""Orders of triangles: from neighbour to neighbour, or as the triangulator returns them."""
+
 _FREE, _ROOT = -2, -1  # markers instead of the half-edge over which a triangle is entered
+
+
+def is_walk(order: str) -> bool:
+    """Return whether an order of triangles is a walk; raise `UnknownNameError` if unknown."""
+    if order not in ORDERS:
+        raise UnknownNameError(f"unknown order {order!r}; {suggest(str(order), ORDERS)}")
+    return order == "walk"
 
 
 @njit(nogil=True)

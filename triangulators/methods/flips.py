@@ -28,7 +28,7 @@ from triangulators.geometry.flips import (
     run,
 )
 from triangulators.geometry.half_edges import is_triangulation, link
-from triangulators.geometry.order import walk_along
+from triangulators.geometry.order import is_walk, walk_along
 from triangulators.initial import initial_triangulations
 from triangulators.libraries import ear_clipping
 from triangulators.polygon import Boundary, boundary_area
@@ -97,12 +97,13 @@ def improve_batch(
     test: int,
     cost: Cost,
     two_starts: bool,
+    in_walk: bool,
 ) -> None:
     """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
     raw: triangles (m, 3), which are overwritten, and bounds: the rows of polygon i are
     bounds[i - first] to bounds[i - first + 1]. two_starts: whether to `refine` them instead of
-    flipping once.
+    flipping once. in_walk: whether to put them in a walk; the result of `refine` always is.
     """
     raw_triangles, bounds = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
@@ -117,7 +118,11 @@ def improve_batch(
         if not two_starts:
             flip_by(points, corner, twin, test, cost)
         if is_triangulation(points, rings, corner, twin):
-            copy_rows(refine(points, corner, twin, test, cost) if two_starts else rows, room)
+            if two_starts:
+                rows = refine(points, corner, twin, test, cost)
+            elif in_walk:
+                rows = walk_along(rows, twin, len(points))
+            copy_rows(rows, room)
             done[index] = True
 
 
@@ -136,12 +141,13 @@ def flip(
     points: np.ndarray,
     triangles: np.ndarray,
     by: criteria.Criterion | str | Callable[..., float] = "l1",
+    order: str = "walk",
     **parameters: Any,
 ) -> np.ndarray:
     """Flip the diagonals of existing triangles while a flip gains.
 
     A diagonal is an edge of two triangles; no other edge changes, and no vertex is added. The order
-    of flips is specified in ports/ORDER.md.
+    of flips and of the resulting triangles is specified in ports/ORDER.md.
 
     Parameters
     ----------
@@ -153,6 +159,9 @@ def flip(
         "l1" flips to diagonals with less abs(dx) + abs(dy), which a GPU's quads follow; "euclidean"
         to shorter ones; "delaunay" until no vertex is inside a neighbour's circumcircle; a
         criterion (see `criteria.find`) until no flip decreases it.
+    order
+        "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
+        few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
     **parameters
         Parameters of the criterion.
 
@@ -166,7 +175,7 @@ def flip(
     ValueError
         If an array has another shape, or an index is out of range.
     UnknownNameError
-        If `by` is neither a test nor a criterion.
+        If `by` is neither a test nor a criterion, or the order is unknown.
 
     References
     ----------
@@ -176,8 +185,9 @@ def flip(
     --------
     >>> kite = np.array([(0, 0), (2, -1), (9, 0), (2, 1)])
     >>> flip(kite, np.array([(0, 1, 2), (0, 2, 3)])).tolist()
-    [[0, 1, 3], [1, 2, 3]]
+    [[0, 1, 3], [3, 1, 2]]
     """
+    in_walk = is_walk(order)
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"flip: points have shape {points.shape}, expected (n, 2)")
@@ -186,8 +196,9 @@ def flip(
     rows = check_rows(indices.reshape(-1, 3) if flat else indices, points).copy()
     cost, test = _resolve_cost(points, rows, by, parameters)
     corner = rows.reshape(-1)
-    flip_by(points, corner, link(corner), test, cost)
-    return rows
+    twin = link(corner)
+    flip_by(points, corner, twin, test, cost)
+    return walk_along(rows, twin, len(points)) if in_walk else rows
 
 
 def _resolve_cost(
@@ -217,8 +228,8 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "l1",
     **parameters: Any,
 ) -> np.ndarray:
-    """Return ear clipping's triangles (m, 3) after `flip`."""
-    return flip(outline.points, ear_clipping(outline), criterion, **parameters)
+    """Return ear clipping's triangles (m, 3) after `flip`; `registry` has their order."""
+    return flip(outline.points, ear_clipping(outline), criterion, "native", **parameters)
 
 
 def triangulate_as_earcut(outline: Boundary) -> np.ndarray:

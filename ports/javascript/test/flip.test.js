@@ -12,12 +12,17 @@ const parse = (line) => line.split(" ").map(Number);
 const square = [0, 0, 9, 0, 9, 1, 0, 1];
 
 describe("triangles equal to Python's", () => {
-    for (let start = 0; start < lines.length; start += 8) {
+    for (let start = 0; start < lines.length; start += 10) {
         const vertices = parse(lines[start]), before = parse(lines[start + 1]);
-        for (let row = start + 2; row < start + 8; row += 2) {
+        for (let row = start + 2; row < start + 10; row += 2) {
             const [by, count] = lines[row].split(" "), after = parse(lines[row + 1]);
-            it(`polygon ${start / 8}, ${by}`, () => {
+            it(`polygon ${start / 10}, ${by}`, () => {
                 const triangles = before.slice();
+                if (by === "reorder") {
+                    flip.reorder(triangles, vertices.length / 2);
+                    assert.deepEqual(triangles, after);
+                    return;
+                }
                 assert.equal(flip(triangles, vertices, {by}), Number(count));
                 assert.deepEqual(triangles, after);
                 const typed = Uint16Array.from(before);
@@ -51,6 +56,9 @@ describe("input", () => {
             assert.throws(() => flip([0, 1, 2], square, {dimensions}), {name: "RangeError", message: /dimensions/});
         }
         assert.throws(() => flip([0, 1, 2], square, {by: "L1"}), RangeError);
+        assert.throws(() => flip([0, 1, 2], square, {order: "best"}), {name: "RangeError", message: /walk, native/});
+        assert.throws(() => flip.reorder([0, 1, 4], 4), {name: "RangeError", message: /0 to 3/});
+        assert.throws(() => flip.reorder([[0, 1, 2]], 3), {name: "TypeError", message: /flat array/});
         for (const bad of [null, undefined, 3, {length: 3}, "012", [[0, 0], [1, 0]], new BigInt64Array(8), new DataView(new ArrayBuffer(8))]) {
             assert.throws(() => flip([0, 1, 2], bad), {name: "TypeError", message: /flat arrays/});
             assert.throws(() => flip(bad, square), {name: "TypeError", message: /flat arrays/});
@@ -91,6 +99,14 @@ it("shortens the edges of earcut's triangles", () => {
     const before = length(triangles);
     assert.ok(flip(triangles, star) > 0);
     assert.ok(length(triangles) < 0.9 * before);
+});
+
+it("leaves the order of triangles if asked", () => {
+    const triangles = [0, 1, 2, 0, 2, 3], vertices = [0, 0, 4, -1, 9, 0, 4, 1];
+    flip(triangles, vertices, {order: "native"});
+    assert.deepEqual(triangles, [0, 1, 3, 1, 2, 3]);
+    flip.reorder(triangles, 4);
+    assert.deepEqual(triangles, [0, 1, 3, 3, 1, 2]);
 });
 
 it("is the same for require and a script tag", () => {

@@ -8,7 +8,8 @@ const vertices = new Float32Array([0, 0, 0, 2, -1, 0, 9, 0, 0, 2, 1, 0]);
 const options: Options = {dimensions: 3, by: "euclidean"};
 const count: number = flip([0, 1, 2, 0, 2, 3], vertices, options);
 flip(new Uint16Array([0, 1, 2]), [0, 0, 1, 0, 0, 1] as const);
-flip(new Uint32Array(3), vertices, {dimensions: 3});
+flip(new Uint32Array(3), vertices, {dimensions: 3, order: "native"});
+flip.reorder(new Uint32Array(3), 4);
 
 // The type of BufferAttribute.array in three.js.
 type Attribute = Int8Array | Uint8Array | Uint8ClampedArray | Int16Array | Uint16Array | Int32Array | Uint32Array
