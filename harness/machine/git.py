@@ -49,7 +49,7 @@ def run_git(folder: Path, *arguments: str) -> str:
     """Return the output of a git command in `folder`, without its last line break.
 
     Hooks, the file system monitor, external diff programs and the filters that the repository's
-    own settings define are off. Filters of the user's own settings, such as Git LFS, stay on.
+    own settings define are off. Filters of the user's settings, such as Git LFS, stay on.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def cache_file(name: str) -> Path:
 def signals_handled_by(
     handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
 ) -> Iterator[None]:
-    """Install `handler` for the `STOPPING` signals whose present handler it `replaces`."""
+    """Install `handler` for the `STOPPING` signals with the present handler `replaces`."""
     before = {
         number: signal.signal(number, handler)
         for number in STOPPING
@@ -133,7 +133,7 @@ a resolution of 16 ms there."""
 class RunQueueClock:
     """Time that the threads of this process have waited for a core; Linux only.
 
-    Files stay open, because opening them takes longer than some draws.
+    Files stay open, because opening a file takes longer than some draws.
     """
 
     def __init__(self) -> None:

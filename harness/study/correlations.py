@@ -91,7 +91,7 @@ def estimate_median(values: ArrayLike) -> Estimate:
 def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
     """Return the rank correlation of two columns of `table` within each polygon.
 
-    A polygon with several views has their mean, or NaN if a view has no rank correlation.
+    A polygon with several views has the mean over views, NaN if a view has no rank correlation.
     """
     views = ["polygon", *(name for name in VIEW if name in table)]
     values: dict[str, list[float]] = {}

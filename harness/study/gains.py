@@ -85,7 +85,7 @@ def _row(
 def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
     """Return one row per scene, device, view and shading with triangulators faster than `base`.
 
-    faster : triangulators that are significantly faster, and their gains
+    faster : triangulators that are significantly faster, with gains
     """
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)

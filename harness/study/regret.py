@@ -94,7 +94,7 @@ def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
         view = (case.view.resolution, case.view.rotation, case.options.samples)
         conditions = (case.rasteriser, case.device_name, *view)
         regrets = {}
-        # Counters do not depend on the work per fragment, so they are used once.
+        # Counters are independent of the work per fragment and used once.
         if (*conditions, case.scene) not in counted:
             counted.add((*conditions, case.scene))
             for measure in list_costs(records_ok[0].counters):
@@ -122,7 +122,7 @@ def _list_choices(records: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
     for criterion in list_predictions():
         indices = [k for k, record in enumerate(records) if criterion in record.predicted]
         values = [records[k].predicted[criterion] for k in indices]
-        if indices and min(values) < max(values):  # otherwise it has no preference
+        if indices and min(values) < max(values):  # otherwise the criterion has no preference
             yield "criterion", criterion.replace("_", "-"), indices[int(np.argmin(values))]
     for index, record in enumerate(records):
         family = get_family(record.name)
@@ -149,7 +149,7 @@ def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]
 
 
 def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `SUMMARY`: regret over polygons, with the mean's 95 % interval over them.
+    """Return `SUMMARY`: regret over polygons, with the 95 % interval of the mean.
 
     Triangulations of one family, such as random ones, count once per polygon, by their mean.
 
@@ -187,7 +187,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     """Write criteria.md and criteria.tex (booktabs): a row for each measure and criterion.
 
     Cells are the median rank correlation within polygons and, at each resolution, the mean regret,
-    both with their 95 % intervals; criteria are sorted by rank correlation.
+    both with 95 % intervals; criteria are sorted by rank correlation.
     """
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
     ranks = ranks[ranks["criterion"].map(to_column).isin(list_predictions())]

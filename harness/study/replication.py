@@ -45,7 +45,7 @@ A_TURNED = "0.99 at the worst angle (city, 512 px)"
 
 
 Evidence = dict[str, pd.DataFrame]
-"""Available tables of one data set's studies, by their names in `TABLES`."""
+"""Available tables of a data set's studies, by name in `TABLES`."""
 
 TABLES = {
     "correlations": "validate/correlations.csv",
@@ -81,7 +81,7 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """The result and its interval."""
+        """The result with the interval."""
         form = "{:.2%}" if self.percent else "{:.3f}"
         value, low, high = map(form.format, (self.value, self.low, self.high))
         is_point = np.isnan(self.low) or self.low == self.high
@@ -89,7 +89,7 @@ class Finding:
 
 
 class Claim(NamedTuple):
-    """One sentence of docs/findings.md.
+    """A sentence of docs/findings.md.
 
     reference : result in docs/findings.md
     check : evidence -> the same result on other data, or None if not available

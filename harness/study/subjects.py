@@ -37,7 +37,7 @@ MIN_VERTICES = 8
 """Smaller polygons have too few triangulations to rank (at most 42 with seven vertices)."""
 
 OPTIMISED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
-"""Criteria whose best and worst triangulations are measured."""
+"""Criteria for which the best and worst triangulations are measured."""
 
 MIN_QUADS = "optimal:exact-quads"
 """Triangulator with the minimum number of quads, for regret; large polygons are skipped."""
