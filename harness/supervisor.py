@@ -63,7 +63,7 @@ def continue_in_child() -> None:
     Without Linux, or if no process can be started, return in this process.
     """
     global _channel
-    if sys.platform != "linux":
+    if sys.platform != "linux" or not hasattr(os, "fork"):
         return
     folder = _make_folder()
     pipes = os.pipe(), os.pipe()
