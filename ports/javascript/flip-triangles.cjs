@@ -146,16 +146,18 @@
         for (let e = 0; e < count; e++) met[origin[e]] = 0;
         for (let e = 0; e < count; e += 3) {
             const row = 3 * walked[e / 3];
-            let a = origin[row], b = origin[row + 1], c = origin[row + 2];
-            if (met[c] && met[b] && !met[a]) [a, b, c] = [b, c, a];
-            else if (met[c] && !met[b]) [a, b, c] = [c, a, b];
-            met[triangles[e] = a] = met[triangles[e + 1] = b] = met[triangles[e + 2] = c] = 1;
+            const a = origin[row], b = origin[row + 1], c = origin[row + 2];
+            const shift = !met[c] ? 0 : !met[b] ? 2 : !met[a] ? 1 : 0; // the new vertex comes last
+            triangles[e] = shift === 0 ? a : shift === 1 ? b : c;
+            triangles[e + 1] = shift === 0 ? b : shift === 1 ? c : a;
+            triangles[e + 2] = shift === 0 ? c : shift === 1 ? a : b;
+            met[a] = met[b] = met[c] = 1;
         }
     }
 
-    /** The k-th half-edge of a triangle, beginning with its entry. */
-    const halfEdge = (t, k) => 3 * t + ((entry[t] < 0 ? 0 : entry[t]) + k) % 3;
-    const triangleOf = (e) => (e - e % 3) / 3;
+    /** The half-edge over which a triangle is entered; the first one of the root. */
+    const entryOf = (t) => (entry[t] < 0 ? 3 * t : entry[t]);
+    const triangleOf = (e) => e / 3 | 0;
 
     /** Append the component of `root` to `walked`, from index `done` on; return the new end. */
     function walkComponent(root, done) {
@@ -163,8 +165,8 @@
         entry[root] = ROOT;
         queue[0] = root;
         for (let head = 0; head < tail; head++) {
-            for (let k = 0; k < 3; k++) {
-                const f = twin[halfEdge(queue[head], k)];
+            for (let k = 0, e = entryOf(queue[head]); k < 3; k++, e = next(e)) {
+                const f = twin[e];
                 if (f >= 0 && entry[triangleOf(f)] === FREE) {
                     entry[triangleOf(f)] = f;
                     queue[tail++] = triangleOf(f);
@@ -175,8 +177,8 @@
         stack[0] = root;
         while (height > 0) {
             const t = walked[done++] = stack[--height], begin = height;
-            for (let k = 0; k < 3; k++) {
-                const f = twin[halfEdge(t, k)], branch = triangleOf(f);
+            for (let k = 0, e = entryOf(t); k < 3; k++, e = next(e)) {
+                const f = twin[e], branch = triangleOf(f);
                 if (f < 0 || entry[branch] !== f) continue;
                 let at = height++; // at most three branches: insertion sort, the smallest on top
                 for (; at > begin && branchSize[stack[at - 1]] < branchSize[branch]; at--) stack[at] = stack[at - 1];
