@@ -285,16 +285,8 @@ def coverage(interval: str) -> list[str]:
 
 
 def _law_coverage() -> list[str]:
-    terms, profiles = select("law-coverage.csv"), select("law-coverage-profiles.csv")
-    covered = terms.set_index("term")["covered"]
-    lost = profiles[profiles["covered"] < MIN_COVERAGE]
-    exceptions = [f"`draw` alone: {covered['draw']:.3f}"] + [
-        f"for deviations like those of {row['profile']}: {row['covered']:.3f}, a false cost in"
-        f" {format_value(1 - row['no_false_cost'], '%')} % of devices"
-        for _, row in lost.iterrows()
-    ]
-    least = min([covered["all"], *profiles["covered"].drop(lost.index)])
-    return [str(1 + len(profiles)), f"{least:.3f}", "", "; ".join(exceptions)]
+    forms = select("law-coverage.csv", term="all")
+    return [str(len(forms)), f"{forms['covered'].min():.3f}", "", ""]
 
 
 def profile_term(term: str, profile: str) -> str:

@@ -2,8 +2,10 @@
 
 placing     triangles with integer coordinates, from a seed, without overlaps
 design      the draws; each kind isolates one or two terms
+stage_draws draws that separate the stages of a GPU
 counted     exact counters of each draw, by the CPU reference
-law         the fit: seconds for each term, intervals, explained variance
+fitting     robust least squares: non-negative costs, relative errors
+law         sum or maximum of stages: seconds for each term, intervals, explained variance
 measured    the times of the design on a device
 advice      aspect ratio from which thin triangles are slow; recommended criterion
 profile     the file format

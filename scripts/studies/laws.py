@@ -55,9 +55,12 @@ COST_PROBABILITY = 0.5
 TEST = TimerTest("wall", 0.02, None, STEP_S, "synthetic")
 
 
-MISFIT, SHARED = (0.08, 0.28), (0.13, 0.56)
-"""Ranges over the published profiles of the root mean square residual and of the share of variance
-between groups; --residuals writes both."""
+MISFIT, MISFIT_OF_STAGES, SHARED = (0.08, 0.28), (0.10, 0.15), (0.13, 0.56)
+"""Ranges over the published profiles of the root mean square residual, of sums and of maxima of
+stages, and of the share of variance between groups; --residuals writes them."""
+
+MAX_IMBALANCE = 2.0
+"""Upper bound of the ratio of the median times of two stages over the design."""
 
 
 class FittedDevice(NamedTuple):
@@ -149,9 +152,10 @@ def fit_misfitting_device(layout: Design, seed: int) -> FittedDevice:
     """Make a device that deviates from a law of some form, and fit a law to the exact times."""
     random = np.random.default_rng(seed)
     form = list(law.FORMS)[seed % len(law.FORMS)]
-    truth = draw_costs(layout, random) * law.list_members(form).any(axis=0)
+    truth = draw_stage_costs(layout, form, random)
     labels = np.unique(layout.groups, return_inverse=True)[1]
-    misfit, shared = random.uniform(*MISFIT), random.uniform(*SHARED)
+    misfit = random.uniform(*(MISFIT if form == "sum" else MISFIT_OF_STAGES))
+    shared = random.uniform(*SHARED)
     common = np.sqrt(shared) * random.standard_normal(labels.max() + 1)[labels]
     errors = misfit * (common + np.sqrt(1.0 - shared) * random.standard_normal(len(labels)))
     times = law.predict_times(layout.rows, truth, form) * np.maximum(1.0 + errors, 0.2)
@@ -222,6 +226,21 @@ def draw_costs(layout: Design, random: np.random.Generator) -> NDArray[np.float6
     truth = has_cost * random.uniform(0.1, 1.0, len(TERMS)) * MAX_TERM_S / layout.rows.max(axis=0)
     truth[0] /= 10.0
     return np.asarray(truth)
+
+
+def draw_stage_costs(layout: Design, form: str, random: np.random.Generator) -> NDArray[np.float64]:
+    """Return random costs of the terms of a form, (t,); its stages take similar times.
+
+    Each stage has at least one cost.
+    """
+    costs = draw_costs(layout, random)
+    for members in law.list_members(form)[:, 1:] if form != "sum" else ():
+        stage = np.flatnonzero(members) + 1
+        if not costs[stage].any():
+            costs[stage[0]] = 1.0 / layout.rows[:, stage[0]].max()
+        times = layout.rows[:, stage] @ costs[stage]
+        costs[stage] *= MAX_TERM_S / np.median(times[times > 0]) * MAX_IMBALANCE ** -random.random()
+    return np.asarray(costs * law.list_members(form).any(axis=0))
 
 
 def main() -> None:
