@@ -12,11 +12,16 @@ from typing import Any
 import mapbox_earcut
 import numpy as np
 
+from triangulators.compute.kernels import njit
+
 _BY_TYPE: dict[Any, Any] = {
     np.dtype(np.float64): mapbox_earcut.triangulate_float64,
     np.dtype(np.int32): mapbox_earcut.triangulate_int32,
     np.dtype(np.int64): mapbox_earcut.triangulate_int64,
 }
+
+
+_FIRST = np.zeros(1, np.int64)
 
 
 def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -25,12 +30,15 @@ def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring
     """
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
-        points = points - far_offsets(points, np.zeros(1, np.int64))[0]
+        offsets = far_offsets(points, _FIRST)
+        if offsets[0, 0] or offsets[0, 1]:
+            points = points - offsets
     triangulate = _BY_TYPE.get(getattr(points, "dtype", None), mapbox_earcut.triangulate_float64)
     indices: np.ndarray = triangulate(points, ends)
     return indices
 
 
+@njit(nogil=True)
 def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the translations (k, 2) of polygons that are far from the origin.
 
@@ -41,8 +49,16 @@ def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     >>> far_offsets(points, np.array([0])).tolist()
     [[2000000.0, 0.0]]
     """
-    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
-    with np.errstate(invalid="ignore", over="ignore"):
-        extent = high.astype(np.float64) - low
-        offsets = np.where(low > extent, low, np.where(-high.astype(np.float64) > extent, high, 0))
-    return offsets.astype(points.dtype)
+    offsets = np.zeros((len(starts), 2), points.dtype)
+    for k in range(len(starts)):
+        stop = starts[k + 1] if k + 1 < len(starts) else len(points)
+        for axis in range(2):
+            low = high = points[starts[k], axis]
+            for row in range(starts[k] + 1, stop):
+                low, high = min(low, points[row, axis]), max(high, points[row, axis])
+            extent = np.float64(high) - np.float64(low)
+            if low > extent:
+                offsets[k, axis] = low
+            elif -np.float64(high) > extent:
+                offsets[k, axis] = high
+    return offsets
