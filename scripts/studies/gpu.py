@@ -97,7 +97,7 @@ def decide(table: pd.DataFrame, ns: str, invocations: str) -> Iterator[tuple[int
     walk = letters[letters["order"] == "walk"]
     low, high = WALK_BATCHES
     outside = np.maximum(low - walk["vertex_batches"], walk["vertex_batches"] - high).max()
-    yield 1, ("batches of a walk outside 480 to 485", max(0.0, float(outside)), 0.0)
+    yield 1, ("batches of a walk outside 480 to 485", float(np.maximum(0.0, outside)), 0.0)
     yield 1, ("slowest over fastest triangulator in a walk", spread(walk[ns]), 0.02)
     over_base = relative(letters, ns, triangulator="ear-clipping")
     expected = relative(letters, "predicted_ns", triangulator="ear-clipping")

@@ -98,3 +98,13 @@ def test_without_the_driver_s_statistics_a_hypothesis_is_open(folder):
     gpu.judge(folder)
     table = pd.read_csv(folder / "decisions.csv").set_index("hypothesis")
     assert table.loc[5, ["value", "holds"]].isna().all()
+
+
+def test_without_a_scene_its_hypotheses_are_open(folder):
+    write_measurements(folder)
+    for name in ("orders-glyphs", "work-glyphs"):
+        (folder / name / "summary.csv").unlink()
+    gpu.judge(folder)
+    table = pd.read_csv(folder / "decisions.csv").set_index("hypothesis")
+    assert table.loc[[1, 2, 3], ["value", "holds"]].isna().all(axis=None)
+    assert table.loc[[4, 7], "holds"].all()
