@@ -173,13 +173,6 @@ def repeated(column: str) -> float:
     }[column]
 
 
-def on_gpu(scene: str, px: int, triangulator: str, column: str = "time_ratio") -> float:
-    """Return a column of a triangulator on the H200."""
-    file = f"h200/gains-{scene}/summary.csv"
-    (value,) = csv(file, column, resolution=px, triangulator=triangulator)
-    return float(value)
-
-
 def in_order(
     scene: str, px: int, triangulator: str, order: str, base: str = "", base_order: str = ""
 ) -> float:
@@ -307,11 +300,6 @@ def profile_term(term: str, profile: str) -> str:
     return format_seconds(found["cost"]) if found["shown"] else "-"
 
 
-def cost_ps(profile: str, term: str) -> str:
-    """Return the cost of a term in picoseconds."""
-    return profile_term(term, profile).removesuffix(" ps")
-
-
 def judged(profile: str, scene: str) -> list[str]:
     """Return the row of how a device's law predicts polygons that it was not fitted to."""
     rows = select(f"profiles/{profile}-judged.csv", scene=scene).set_index("triangulator")
@@ -363,8 +351,8 @@ def time_ratio(row: pd.Series[Any]) -> Interval:
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     function.__name__: function
     for function in (
-        csv, picture, gain, prediction_error, repeated, on_gpu, in_order, arithmetic_ps,
-        walk_correlation, repeated_on_h200, equal_counters, cost_ps,
+        csv, picture, gain, prediction_error, repeated, in_order, arithmetic_ps,
+        walk_correlation, repeated_on_h200, equal_counters,
         moved_on_another_cpu, flips_ms, state, coverage, profile_term, judged,
         size_or_aspect, number_after, number_before,
     )
