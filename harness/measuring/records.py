@@ -24,7 +24,7 @@ from harness.results.record import (
     Time,
     ViewCounters,
 )
-from harness.results.run_folder import RunFolder
+from harness.results.run_writer import RunFolder
 from harness.settings import TimingSettings
 from harness.stats.run_quality import find_undisturbed
 from harness.triangulating.recipes import Recipe

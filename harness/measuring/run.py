@@ -35,14 +35,8 @@ from harness.metrics.decision import Decided, decide_all
 from harness.metrics.processors import may_be_same, read_processor
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
-from harness.results.run_folder import (
-    FACTS,
-    SCHEMA_VERSION,
-    Run,
-    RunFolder,
-    read_counted,
-    read_run,
-)
+from harness.results.run_folder import FACTS, SCHEMA_VERSION, Run, read_counted, read_run
+from harness.results.run_writer import RunFolder
 from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe

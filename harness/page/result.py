@@ -36,7 +36,8 @@ from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.parsing import parse_record, record_to_json
 from harness.results.record import Record, RunFacts, Time
-from harness.results.run_folder import Run, RunFolder, read_arrays
+from harness.results.run_folder import Run, read_arrays
+from harness.results.run_writer import RunFolder
 from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View
-from harness.results.run_folder import Run, RunFolder, read_arrays
+from harness.results.run_folder import Run, read_arrays
+from harness.results.run_writer import RunFolder
 from triangulators.polygon_arrays import PolygonArray
 
 FOLDER = "frames"

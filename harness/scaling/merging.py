@@ -14,7 +14,8 @@ from harness.metrics.processors import find_mixed_processors, format_processors
 from harness.results import drawings
 from harness.results.parsing import record_to_json
 from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
-from harness.results.run_folder import POLYGONS, Run, RunFolder, file_stem, read_arrays
+from harness.results.run_folder import POLYGONS, Run, file_stem, read_arrays
+from harness.results.run_writer import RunFolder
 
 STATUSES = ("ok", "skipped", "failed")
 """Statuses by priority: a measured record replaces a skipped or a failed record of the case."""

@@ -16,7 +16,8 @@ from shapely import box
 from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
 from harness.results import drawings
-from harness.results.run_folder import Run, RunFolder, read_run
+from harness.results.run_folder import Run, read_run
+from harness.results.run_writer import RunFolder
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import measure, plan_for

@@ -26,7 +26,8 @@ from harness.measuring.run import RunOptions, RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.results.run_folder import RunFolder, read_arrays, read_run
+from harness.results.run_folder import read_arrays, read_run
+from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import Recipe, parse_all
 from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson

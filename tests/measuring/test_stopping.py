@@ -12,7 +12,8 @@ import pytest
 
 from harness.frame import View
 from harness.measuring.pool import MeasuringPool
-from harness.results.run_folder import RunFolder, read_arrays, read_run
+from harness.results.run_folder import read_arrays, read_run
+from harness.results.run_writer import RunFolder
 from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
 from tests.mock import MockRasteriser
 from tests.paths import ROOT

@@ -15,7 +15,8 @@ from harness.metrics.per_polygon import (
     read_columns,
     spearman,
 )
-from harness.results.run_folder import Run, RunFolder
+from harness.results.run_folder import Run
+from harness.results.run_writer import RunFolder
 from tests.records import make_record
 
 

@@ -18,7 +18,8 @@ from harness.rasterisers.base import sum_per_polygon
 from harness.rasterisers.reference import predict
 from harness.report.page import write_report
 from harness.results import drawings
-from harness.results.run_folder import RunFolder, read_run
+from harness.results.run_folder import read_run
+from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.result import predict_polygons
 from harness.triangulating.triangulate import triangulate_polygons

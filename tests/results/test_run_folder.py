@@ -15,12 +15,12 @@ from harness.report.page import write_report
 from harness.results.record import Record
 from harness.results.run_folder import (
     SCHEMA_VERSION,
-    RunFolder,
     file_stem,
     read_arrays,
     read_counted,
     read_run,
 )
+from harness.results.run_writer import RunFolder
 from tests.records import lines_of, make_record
 
 

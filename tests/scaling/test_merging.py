@@ -10,7 +10,8 @@ import pytest
 
 from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
-from harness.results.run_folder import RunFolder, read_arrays, read_facts, read_run
+from harness.results.run_folder import read_arrays, read_facts, read_run
+from harness.results.run_writer import RunFolder
 from harness.scaling.merging import merge, set_host
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.measuring.test_run import measure, plan_for

@@ -174,6 +174,10 @@ def test_a_small_study_is_measured_once(harness):
     assert len(before) == 4
     assert run_command(*arguments) == 0
     assert {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")} == before
+    cases = Path("study/city-buildings-20/choice/cases.jsonl")
+    cases.write_bytes(b'{"resolution": 4}' + cases.read_bytes()[cases.read_bytes().index(b"\n") :])
+    out, err = require_ok(harness(*arguments))
+    assert "choice/cases.jsonl, line 1: " in " ".join((out + err).split())
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
